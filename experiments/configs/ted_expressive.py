@@ -1,0 +1,12 @@
+"""HA2G on TED-Expressive (43 joints, six levels), as in the paper.
+
+ha2g train --config experiments/configs/ted_expressive.py --workdir runs/ted_expressive --config.data.path=DIR
+"""
+
+from ha2g_jax import config as configs
+
+
+def get_config(size: str = "paper"):
+    config = configs.SIZES[size or "paper"](configs.paper("ted_expressive"))
+    config.model.identity.kind = "speakers"  # the published files hold no images
+    return config

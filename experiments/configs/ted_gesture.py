@@ -1,0 +1,12 @@
+"""HA2G on TED-Gesture (10 joints, three levels), as in the paper.
+
+ha2g train --config experiments/configs/ted_gesture.py --workdir runs/ted_gesture --config.data.path=DIR
+"""
+
+from ha2g_jax import config as configs
+
+
+def get_config(size: str = "paper"):
+    config = configs.SIZES[size or "paper"](configs.paper("ted_gesture"))
+    config.model.identity.kind = "speakers"  # the published files hold no images
+    return config

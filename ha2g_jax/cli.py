@@ -1,0 +1,141 @@
+"""The `ha2g` command: arguments only; each command calls one function of the package."""
+
+import argparse
+import json
+import pathlib
+import signal
+import sys
+
+from ha2g_jax.errors import UserError
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command; returns its exit code (2 for a user's mistake, 130 after Ctrl-C)."""
+    argv = sys.argv[1:] if argv is None else argv
+    try:
+        if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
+            from ha2g_jax import launch
+
+            return launch.main(["ha2g train", *argv[1:]])
+        arguments = _parser().parse_args(argv)
+        arguments.run(arguments)
+    except UserError as error:
+        print(f"ha2g: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("ha2g: interrupted", file=sys.stderr)
+        return 128 + signal.SIGINT
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="ha2g", description="Speech in, gestures out.")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    generate = commands.add_parser("generate", help="motion and a video from a speech file")
+    generate.add_argument("speech", type=pathlib.Path, help="any audio or video file with sound")
+    generate.add_argument("-o", "--out", type=pathlib.Path, help="OUT.npz and OUT.mp4 (default: beside the speech)")
+    generate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    style = generate.add_mutually_exclusive_group()
+    style.add_argument("--speaker", help="a speaker of the training data")
+    style.add_argument("--reference-image", type=pathlib.Path, nargs="+", metavar="PNG", help="frames of the speaker")
+    style.add_argument("--style-seed", type=int, help="draw a style from the prior with this seed")
+    generate.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    generate.add_argument("--fps", type=float, help="frames per second of the motion (default: the model's)")
+    generate.set_defaults(run=_generate)
+
+    commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
+
+    describe = commands.add_parser("describe", help="shapes and parameter counts of every module")
+    describe.add_argument("--config", required=True, help="FILE[:SIZE]")
+    describe.add_argument("--json", action="store_true")
+    describe.set_defaults(run=_describe)
+
+    evaluate = commands.add_parser("evaluate", help="scores of a checkpoint")
+    evaluate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    evaluate.add_argument("--data", default="talk", help="'talk' or a folder made by ha2g data make-talk")
+    evaluate.add_argument("--split", nargs="+", help="splits to score (default: train, test and test_unseen_speakers)")
+    evaluate.add_argument("--seed", type=int, default=0)
+    evaluate.add_argument("--json", action="store_true")
+    evaluate.set_defaults(run=_evaluate)
+
+    export = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
+    export.add_argument("workdir", type=pathlib.Path)
+    export.add_argument("out", type=pathlib.Path)
+    export.set_defaults(run=_export_model)
+
+    data = commands.add_parser("data", help="make and inspect data").add_subparsers(required=True, metavar="COMMAND")
+    talk = data.add_parser("make-talk", help="the Talk corpus: speech and gestures with known causes")
+    talk.add_argument("out", type=pathlib.Path)
+    talk.add_argument("--speakers", type=int, default=24)
+    talk.add_argument("--minutes", type=float, default=120)
+    talk.add_argument("--seed", type=int, default=0)
+    talk.add_argument("--workers", type=int, help="processes (default: one a core)")
+    talk.set_defaults(run=_make_talk)
+    inspect = data.add_parser("inspect-talk", help="a report on the Talk corpus, with pictures")
+    inspect.add_argument("data", type=pathlib.Path)
+    inspect.add_argument("-o", "--out", type=pathlib.Path, default=pathlib.Path("talk_report"))
+    inspect.add_argument("--recording", type=pathlib.Path, help="a BVH of a real speaker to compare with")
+    inspect.set_defaults(run=_inspect_talk)
+    return parser
+
+
+def _generate(arguments: argparse.Namespace) -> None:
+    from ha2g_jax import synthesis
+
+    paths = synthesis.generate_files(
+        arguments.speech,
+        out=arguments.out,
+        checkpoint=arguments.checkpoint,
+        speaker=arguments.speaker,
+        reference_images=arguments.reference_image,
+        style_seed=arguments.style_seed,
+        seed=arguments.seed,
+        fps=arguments.fps,
+    )
+    for path in paths:
+        print(path)
+
+
+def _describe(arguments: argparse.Namespace) -> None:
+    from ha2g_jax import launch
+    from ha2g_jax.train import describe
+
+    rows = describe.describe(launch.load_config(arguments.config))
+    print(json.dumps(rows, indent=1) if arguments.json else describe.as_table(rows))
+
+
+def _evaluate(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.study import talk
+
+    scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
+    print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
+
+
+def _export_model(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.train import model_folder
+
+    print(model_folder.export(arguments.workdir, arguments.out))
+
+
+def _make_talk(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.data.talk import build
+
+    build.make_talk(
+        arguments.out,
+        speakers=arguments.speakers,
+        minutes=arguments.minutes,
+        seed=arguments.seed,
+        workers=arguments.workers,
+    )
+    print(arguments.out)
+
+
+def _inspect_talk(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.study import talk_report
+
+    print(talk_report.write_report(arguments.data, arguments.out, recording=arguments.recording))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,112 @@
+"""The configuration of a run, as the paper has it, and its smaller sizes.
+
+`experiments/configs/*.py` start from `paper()` and change what their data set needs. A config is one
+`ml_collections.ConfigDict`; it lives at the edge (launcher, command line, checkpoint). Inside, modules take
+their own fields and functions take arguments.
+"""
+
+import ml_collections
+
+
+def paper(skeleton: str) -> ml_collections.ConfigDict:
+    """HA2G at the size and with the settings of the paper, for data on `skeleton`."""
+    config = ml_collections.ConfigDict()
+    config.name = "ha2g"
+    config.seed = 0
+    config.skeleton = skeleton
+
+    config.data = ml_collections.ConfigDict()
+    config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
+    config.data.num_frames = 34  # N
+    config.data.num_seed_frames = 4  # M
+    config.data.stride = 10  # frames between the starts of training windows
+    config.data.fps = 15
+    config.data.image_size = 224
+
+    config.model = ml_collections.ConfigDict()
+    config.model.audio = ml_collections.ConfigDict()
+    config.model.audio.blocks = (3, 4, 6, 3)
+    config.model.audio.channels = (32, 64, 128, 256)
+    config.model.audio.stem_stride = (1, 1)
+    config.model.audio.feature_dim = 32
+    config.model.text = ml_collections.ConfigDict()
+    config.model.text.embedding_dim = 300
+    config.model.text.vectors = ""  # word vectors to start from: fastText, GloVe or word2vec file
+    config.model.text.channels = 300
+    config.model.text.layers = 4
+    config.model.text.receptive_field = "centred"  # D4: "centred" (16 words) or "causal" (31, past only)
+    config.model.text.dropout = 0.3
+    config.model.identity = ml_collections.ConfigDict()
+    config.model.identity.kind = "images"  # "images" (ResNet-18) or "speakers" (a table)
+    config.model.identity.width = 64
+    config.model.identity.feature_dim = 18
+    config.model.inferer = ml_collections.ConfigDict()
+    config.model.inferer.hidden_dim = 300
+    config.model.inferer.layers = 4
+    config.model.inferer.dropout = 0.3
+    config.model.discriminator = ml_collections.ConfigDict()
+    config.model.discriminator.hidden_dim = 64
+    config.model.discriminator.layers = 1
+
+    config.loss = ml_collections.ConfigDict()
+    config.loss.weights = ml_collections.ConfigDict(
+        {"gan": 1.0, "huber": 200.0, "physical": 0.1, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
+    )
+    config.loss.huber_delta = 0.1  # D8
+    config.loss.gan = "non_saturating"  # or "minimax", Eq. 6
+    config.loss.temperature = 0.07
+    config.loss.style_clip = 1000.0
+
+    config.train = ml_collections.ConfigDict()
+    config.train.steps = 200_000
+    config.train.batch_size = 128
+    config.train.learning_rate = 1e-4
+    config.train.discriminator_learning_rate = 1e-4
+    config.train.betas = (0.5, 0.999)
+    config.train.warmup_epochs = 10  # D9: epochs before the GAN term
+    config.train.log_every = 50
+    config.train.validate_every = 1000
+    config.train.checkpoint_every = 1000
+    config.train.keep = 2
+    return config
+
+
+def small(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
+    """A size that two CPU cores train in about an hour."""
+    config.data.image_size = 64
+    config.model.audio.blocks = (1, 1, 1, 1)
+    config.model.audio.channels = (16, 32, 64, 128)
+    config.model.audio.stem_stride = (2, 1)
+    config.model.text.embedding_dim = 64
+    config.model.text.channels = 64
+    config.model.identity.width = 8
+    config.model.inferer.hidden_dim = 64
+    config.model.inferer.layers = 2
+    config.model.inferer.dropout = 0.0
+    config.train.batch_size = 64
+    config.train.learning_rate = 5e-4
+    config.train.log_every = 20
+    return config
+
+
+def debug(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
+    """The smallest size of everything, for tests: seconds, not minutes."""
+    config = small(config)
+    config.data.image_size = 32
+    config.model.audio.channels = (8, 8, 16, 32)
+    config.model.text.embedding_dim = 8
+    config.model.text.channels = 8
+    config.model.identity.width = 4
+    config.model.inferer.hidden_dim = 8
+    config.model.inferer.layers = 1
+    config.model.discriminator.hidden_dim = 8
+    config.train.steps = 2
+    config.train.batch_size = 4
+    config.train.warmup_epochs = 0
+    config.train.log_every = 1
+    config.train.validate_every = 2
+    config.train.checkpoint_every = 2
+    return config
+
+
+SIZES = {"paper": lambda config: config, "small": small, "debug": debug}

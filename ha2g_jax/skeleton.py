@@ -1,0 +1,201 @@
+"""The one table of joints, bones, levels and angle pairs, and the geometry derived from it.
+
+A pose is the set of unit direction vectors of the bones, parent to child (HA2G, section 3.1).
+Everything that depends on the skeleton - slicing a level, lifting a level into the next, mirroring,
+forward kinematics, joint angles - is derived from a `Skeleton`, so that another skeleton is a data
+change only. The functions are pure and work alike on numpy and jax arrays.
+
+Axes are those of the TED data: metres, y points down, the person's left is +x in TED-Expressive.
+"""
+
+import dataclasses
+import functools
+import importlib.resources
+import json
+from typing import Any
+
+import numpy as np
+
+SKELETONS = ("ted_expressive", "ted_gesture")
+
+_MIN_NORM = 1e-8
+# Keeps arccos, and so its gradient, finite at parallel bones.
+_MAX_COSINE = 1 - 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Skeleton:
+    """A tree of joints with the statistics of the data set it was measured on.
+
+    Attributes:
+        name: key of the skeleton file, such as "ted_expressive".
+        joints: joint names; joint 0 is the root.
+        bones: (parent joint, child joint) of each bone.
+        lengths: (bones,) mean bone lengths in metres.
+        levels: bones of each level of the motion hierarchy, coarse to fine; each contains the one before.
+        angle_pairs: pairs of bones whose angle is constrained; an index >= number of bones names a palm normal.
+        palms: pairs of finger bones whose cross product is a palm normal.
+        mean_directions: (bones, 3) mean direction vectors; not unit length.
+        mean_pose: (joints, 3) mean joint positions.
+        angle_mean, angle_variance, angle_change: (pairs,) statistics of the angles divided by pi.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    bones: tuple[tuple[int, int], ...]
+    lengths: np.ndarray
+    levels: tuple[tuple[int, ...], ...]
+    angle_pairs: tuple[tuple[int, int], ...]
+    palms: tuple[tuple[int, int], ...]
+    mean_directions: np.ndarray
+    mean_pose: np.ndarray
+    angle_mean: np.ndarray
+    angle_variance: np.ndarray
+    angle_change: np.ndarray
+
+    @property
+    def num_joints(self) -> int:
+        return len(self.joints)
+
+    @property
+    def num_bones(self) -> int:
+        return len(self.bones)
+
+    @property
+    def num_levels(self) -> int:
+        return len(self.levels)
+
+    @property
+    def pose_dim(self) -> int:
+        return 3 * self.num_bones
+
+    @property
+    def level_dims(self) -> tuple[int, ...]:
+        return tuple(3 * len(level) for level in self.levels)
+
+    @property
+    def level_channels(self) -> tuple[tuple[int, ...], ...]:
+        """Indices of each level's channels in the flat pose of `pose_dim` values."""
+        return tuple(tuple(3 * bone + axis for bone in level for axis in range(3)) for level in self.levels)
+
+    def joint(self, name: str) -> int:
+        return self.joints.index(name)
+
+    def bone(self, child: str) -> int:
+        """Index of the bone that ends in joint `child`."""
+        return [bone[1] for bone in self.bones].index(self.joint(child))
+
+    @functools.cached_property
+    def paths(self) -> np.ndarray:
+        """(joints, bones) matrix that is 1 where the bone lies between the root and the joint."""
+        paths = np.zeros((self.num_joints, self.num_bones), np.float32)
+        pending = list(enumerate(self.bones))
+        reached = {0}
+        while pending:
+            bone, (parent, child) = next(item for item in pending if item[1][0] in reached)
+            paths[child] = paths[parent]
+            paths[child, bone] = 1
+            reached.add(child)
+            pending.remove((bone, (parent, child)))
+        return paths
+
+    @functools.cached_property
+    def mirror_bones(self) -> np.ndarray:
+        """(bones,) index of the bone on the other side, itself for bones on the midline."""
+        other = {"left": "right", "right": "left"}
+        children = [self.joints[child] for _, child in self.bones]
+        swapped = ["_".join(other.get(part, part) for part in child.split("_")) for child in children]
+        return np.array([children.index(child) for child in swapped])
+
+
+@functools.cache
+def load_skeleton(name: str) -> Skeleton:
+    """The skeleton stored under `name`, one of `SKELETONS`."""
+    text = (importlib.resources.files("ha2g_jax") / "assets" / "skeletons" / f"{name}.json").read_text()
+    facts = json.loads(text)
+    num_bones = len(facts["bones"])
+    uses_palms = max(max(pair) for pair in facts["angle_pairs"]) >= num_bones
+    return Skeleton(
+        name=facts["name"],
+        joints=tuple(facts["joints"]),
+        bones=tuple((bone["parent_index"], bone["child_index"]) for bone in facts["bones"]),
+        lengths=np.array([bone["mean_length"] for bone in facts["bones"]], np.float32),
+        levels=tuple(tuple(level) for level in facts["hierarchy_bones"]),
+        angle_pairs=tuple((first, second) for first, second in facts["angle_pairs"]),
+        palms=_PALMS[name] if uses_palms else (),
+        mean_directions=np.array(facts["mean_dir_vec"], np.float32).reshape(num_bones, 3),
+        mean_pose=np.array(facts["mean_pose"], np.float32).reshape(-1, 3),
+        angle_mean=np.array(facts["angle_mean_over_pi"], np.float32),
+        angle_variance=np.array(facts["angle_variance_over_pi2"], np.float32),
+        angle_change=np.array(facts["mean_absolute_angle_change_over_pi"], np.float32),
+    )
+
+
+# Wrist-to-pinky and wrist-to-thumb bones, of the left and of the right hand.
+_PALMS = {"ted_expressive": ((11, 17), (28, 34))}
+
+
+def normalize(vectors: Any) -> Any:
+    """Vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
+    xp = vectors.__array_namespace__()
+    squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
+    return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(_MIN_NORM**2, dtype=vectors.dtype)))
+
+
+def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
+    """Forward kinematics with the mean bone lengths: root at the origin, length x direction along the tree.
+
+    Args:
+        directions: (..., bones, 3) direction vectors; normalised here (decision D1).
+
+    Returns:
+        (..., joints, 3) positions in metres.
+    """
+    xp = directions.__array_namespace__()
+    paths = xp.asarray(skeleton.paths * skeleton.lengths, dtype=directions.dtype)
+    return xp.matmul(paths, normalize(directions))
+
+
+def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
+    """Unit direction vectors (..., bones, 3) of joint positions (..., joints, 3)."""
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    return normalize(positions[..., children, :] - positions[..., parents, :])
+
+
+def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
+    """Angles between the listed bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
+
+    Args:
+        directions: (..., bones, 3) restored direction vectors, of any positive length.
+
+    Returns:
+        (..., pairs) angles in radians; the gradient is finite at parallel bones.
+    """
+    xp = directions.__array_namespace__()
+    vectors = directions
+    if skeleton.palms:
+        first, second = (list(bones) for bones in zip(*skeleton.palms, strict=True))
+        normals = _cross(xp, directions[..., first, :], directions[..., second, :])
+        vectors = xp.concat([directions, normals], axis=-2)
+    vectors = normalize(vectors)
+    first, second = (list(bones) for bones in zip(*skeleton.angle_pairs, strict=True))
+    cosine = xp.sum(vectors[..., first, :] * vectors[..., second, :], axis=-1)
+    return xp.acos(xp.clip(cosine, -_MAX_COSINE, _MAX_COSINE))
+
+
+def _cross(xp: Any, a: Any, b: Any) -> Any:
+    turn, turn_back = [1, 2, 0], [2, 0, 1]
+    return a[..., turn] * b[..., turn_back] - a[..., turn_back] * b[..., turn]
+
+
+def lift_channels(skeleton: Skeleton, level: int) -> np.ndarray:
+    """Where the channels of level `level - 1` lie within level `level` (both counted from 0)."""
+    channels = list(skeleton.level_channels[level])
+    return np.array([channels.index(channel) for channel in skeleton.level_channels[level - 1]])
+
+
+def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
+    """The pose seen in a mirror: left and right bones exchanged and x negated, (..., bones, 3)."""
+    xp = directions.__array_namespace__()
+    sign = xp.asarray([-1.0, 1.0, 1.0], dtype=directions.dtype)
+    return directions[..., skeleton.mirror_bones, :] * sign
