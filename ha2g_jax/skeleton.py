@@ -197,5 +197,5 @@ def lift_channels(skeleton: Skeleton, level: int) -> np.ndarray:
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
     """The pose seen in a mirror: left and right bones exchanged and x negated, (..., bones, 3)."""
     xp = directions.__array_namespace__()
-    sign = xp.asarray([-1.0, 1.0, 1.0], dtype=directions.dtype)
-    return directions[..., skeleton.mirror_bones, :] * sign
+    swapped = directions[..., skeleton.mirror_bones, :]
+    return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)

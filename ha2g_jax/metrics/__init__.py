@@ -1,0 +1,1 @@
+"""Scores of motion: pure numpy functions of arrays; nothing here knows a model or a file."""

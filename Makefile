@@ -1,0 +1,57 @@
+# make demo       a figure that gestures to examples/hello.wav, in out/demo.mp4
+# make test       the tests
+# make test-torch the numerics against PyTorch
+# make lint       style, types and the direction of imports
+# make notebooks  run the notebooks and store their output
+
+PYTHON ?= python3
+VENV ?= .venv
+PYTEST_WORKERS ?= 2
+
+.PHONY: demo test test-torch lint notebooks clean
+
+demo: $(VENV)/demo
+	mkdir -p out
+	$(VENV)/bin/ha2g generate examples/hello.wav --out out/demo
+
+test: $(VENV)/test
+	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS)
+
+test-torch: $(VENV)-torch/torch
+	$(VENV)-torch/bin/python -m pytest -m torch
+
+lint: $(VENV)/test $(VENV)/lint
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/lint-imports
+	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
+
+notebooks: $(VENV)/test
+	$(VENV)/bin/jupytext --sync notebooks/*.py
+	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
+
+# One stamp an extra: installed once, again when pyproject.toml changes.
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --upgrade pip
+
+$(VENV)/demo: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/test: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable '.[test]'
+	touch $@
+
+$(VENV)/lint: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable '.[lint]'
+	touch $@
+
+$(VENV)-torch/torch: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-torch
+	$(VENV)-torch/bin/python -m pip install --quiet --upgrade pip
+	$(VENV)-torch/bin/python -m pip install --quiet --editable '.[test,torch]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) $(VENV)-torch out .cache build dist

@@ -1,0 +1,75 @@
+"""Words that carry a gesture: their classes, and the hand shape and arm path of each class.
+
+The shapes are told apart by the flexion of the fingers alone, so a generated hand can be scored
+against them without knowing where the arm is.
+"""
+
+from typing import NamedTuple
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+
+WORD_CLASSES: dict[str, tuple[str, ...]] = {
+    "one": ("one", "single"),
+    "two": ("two", "both"),
+    "three": ("three", "triple"),
+    "open": ("everything", "huge"),
+    "small": ("tiny", "little"),
+    "point": ("you", "there"),
+    "fist": ("strong", "power"),
+    "round": ("ball", "circle"),
+    "negation": ("never", "nothing"),
+    "approve": ("great", "perfect"),
+}
+
+# Flexion of thumb, index, middle, ring and pinky: 0 straight, 1 closed. Any two differ by 0.7 or more (Euclidean).
+HAND_SHAPES: dict[str, tuple[float, float, float, float, float]] = {
+    "one": (0.9, 0.0, 1.0, 1.0, 1.0),
+    "two": (0.9, 0.0, 0.0, 1.0, 1.0),
+    "three": (0.9, 0.0, 0.0, 0.0, 1.0),
+    "open": (0.0, 0.0, 0.0, 0.0, 0.0),
+    "small": (0.6, 0.65, 0.1, 0.1, 0.1),
+    "point": (0.0, 0.0, 1.0, 1.0, 1.0),
+    "fist": (1.0, 1.0, 1.0, 1.0, 1.0),
+    "round": (0.6, 0.62, 0.62, 0.62, 0.62),
+    "negation": (1.0, 0.0, 0.0, 0.0, 0.0),
+    "approve": (0.0, 1.0, 1.0, 1.0, 1.0),
+}
+
+
+class ArmPath(NamedTuple):
+    """Where a gesture takes the wrist. Offsets are metres from the shoulder: outward, up, forward.
+
+    Attributes:
+        both: whether the other hand does the same, mirrored.
+        wind_up: wrist at the end of the preparation.
+        peak: wrist at the end of the stroke, where it is held.
+        pronation: roll of the forearm in degrees; 0 thumb up, 90 palm down, -60 palm up.
+        extension: bend of the wrist in degrees towards the back of the hand.
+    """
+
+    both: bool
+    wind_up: tuple[float, float, float]
+    peak: tuple[float, float, float]
+    pronation: float
+    extension: float
+
+
+ARM_PATHS: dict[str, ArmPath] = {
+    "one": ArmPath(False, (0.06, -0.15, 0.25), (0.08, -0.03, 0.28), 60, 0),
+    "two": ArmPath(False, (0.04, -0.16, 0.26), (0.11, -0.05, 0.29), 70, 0),
+    "three": ArmPath(False, (0.08, -0.17, 0.24), (0.13, -0.07, 0.30), 75, 5),
+    "open": ArmPath(True, (0.00, -0.22, 0.32), (0.22, -0.16, 0.32), -20, 5),
+    "small": ArmPath(False, (0.02, -0.20, 0.28), (-0.04, -0.10, 0.34), 40, 0),
+    "point": ArmPath(False, (0.05, -0.14, 0.26), (0.04, -0.14, 0.50), 60, 0),
+    "fist": ArmPath(False, (0.05, -0.04, 0.28), (0.04, -0.17, 0.34), 10, 0),
+    "round": ArmPath(True, (0.06, -0.14, 0.30), (-0.03, -0.17, 0.36), 20, 5),
+    "negation": ArmPath(False, (-0.10, -0.20, 0.34), (0.20, -0.24, 0.34), 80, 10),
+    "approve": ArmPath(False, (0.03, -0.24, 0.26), (0.05, -0.14, 0.38), 0, 5),
+}
+
+_CLASS_OF_WORD = {word: name for name, words in WORD_CLASSES.items() for word in words}
+
+
+def word_class(word: str) -> str:
+    """The gesture class of a word, "" for a word that carries none."""
+    return _CLASS_OF_WORD.get(word.lower(), "")

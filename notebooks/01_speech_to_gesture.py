@@ -1,0 +1,101 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Speech to gesture
+#
+# A speech file goes in, a moving upper body with fingers comes out. This notebook loads the demo model that
+# ships with the package, animates a sentence, looks at the motion as frames, curves and video, and shows what
+# the speaking style changes.
+#
+# The demo model has learned from the *Talk corpus*, a synthetic one (see `docs/talk.md`). It is a testbed, not a
+# model of people.
+
+# %%
+import pathlib
+import tempfile
+
+import matplotlib.pyplot as plt
+import numpy as np
+from IPython.display import Video
+
+import ha2g_jax
+from ha2g_jax import audio, figure
+from ha2g_jax.motion import video
+from ha2g_jax.skeleton import load_skeleton
+
+speech = pathlib.Path("../examples/hello.wav")
+model = ha2g_jax.load("demo")
+motion = model.generate(speech, seed=0)
+motion.positions.shape, motion.fps
+
+# %% [markdown]
+# `motion.directions` are unit vectors along the 42 bones, `motion.positions` the 43 joints they lead to, in
+# metres with y pointing down. There are exactly `round(duration x fps)` frames.
+
+# %%
+skeleton = load_skeleton("ted_expressive")
+frames = np.linspace(0, len(motion.positions) - 1, 6).astype(int)
+_, axes = plt.subplots(1, len(frames), figsize=(15, 3))
+for axis, frame in zip(axes, frames, strict=True):
+    axis.imshow(figure.draw_figure(motion.positions[frame], skeleton, figure.DEFAULT_LOOK, 360, 360))
+    axis.set_title(f"{frame / motion.fps:.1f} s")
+    axis.axis("off")
+plt.show()
+
+# %% [markdown]
+# ## Does the motion follow the sound?
+#
+# Wrist speed under the loudness of the speech: strokes come with stressed syllables.
+
+# %%
+samples = audio.read_audio(speech)
+loudness = audio.log_mel(samples).mean(axis=0)
+wrists = motion.positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
+speed = np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * motion.fps
+
+_, (top, bottom) = plt.subplots(2, sharex=True, figsize=(12, 4))
+top.plot(np.arange(len(loudness)) * audio.HOP_LENGTH / audio.SAMPLE_RATE, loudness, color="gray")
+top.set_ylabel("loudness (dB)")
+bottom.plot(np.arange(len(speed)) / motion.fps, speed, label=["left", "right"])
+bottom.set_ylabel("wrist speed (m/s)")
+bottom.set_xlabel("time (s)")
+bottom.legend()
+plt.show()
+
+# %% [markdown]
+# ## Style
+#
+# The same speech in the styles of several speakers. A style can also come from pictures of a person
+# (`reference_images=[...]`) or be drawn from the prior (`style_seed=7`).
+
+# %%
+speakers = model.speakers[:4]
+_, axes = plt.subplots(1, len(speakers), figsize=(12, 3))
+for axis, speaker in zip(axes, speakers, strict=True):
+    positions = model.generate(speech, speaker=speaker, seed=0).positions
+    wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
+    axis.plot(wrists[:, :, 0], -wrists[:, :, 1])
+    axis.set_title(speaker)
+    axis.set_aspect("equal")
+plt.show()
+
+# %% [markdown]
+# ## A video with sound
+#
+# The same that `ha2g generate` writes beside the `.npz`.
+
+# %%
+path = pathlib.Path(tempfile.mkdtemp()) / "hello.mp4"
+video.write_video(path, motion, samples)
+Video(path, embed=True, width=480)
