@@ -13,6 +13,7 @@ import av
 import librosa
 import numpy as np
 import soundfile
+from av.error import FFmpegError
 
 from ha2g_jax.errors import UserError
 
@@ -36,7 +37,8 @@ _logger = logging.getLogger(__name__)
 def read_audio(path: str | pathlib.Path) -> np.ndarray:
     """The sound of a file: everything that libsndfile or PyAV (FFmpeg) reads, videos included.
 
-    Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; a peak above 1 is scaled to 1.
+    Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; a peak above 1 is
+    scaled to 1.
 
     Args:
         path: the file.
@@ -54,12 +56,15 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
         raise UserError(f"{path} is an empty file; expected a recording of speech")
     try:
         samples, rate = _read_with_soundfile(path)
-    except (soundfile.SoundFileError, TypeError):  # TypeError: a name that means headerless audio, such as .raw
+    except (
+        soundfile.SoundFileError,
+        TypeError,
+        OSError,
+    ):  # TypeError: a name that means headerless audio, such as .raw
         samples, rate = _read_with_av(path)
     if rate < _MIN_SOURCE_RATE:
         raise UserError(f"{path} states a rate of {rate} samples a second; expected at least {_MIN_SOURCE_RATE}")
-    check_length(len(samples) / rate, str(path))
-    samples = _finite(samples, str(path))
+    samples = check_samples(samples, rate, str(path))
     if rate != SAMPLE_RATE:
         num_samples = round(len(samples) * SAMPLE_RATE / rate)
         samples = librosa.resample(samples, orig_sr=rate, target_sr=SAMPLE_RATE, res_type="soxr_hq")
@@ -67,17 +72,27 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
     return samples / np.maximum(1, np.max(np.abs(samples)))
 
 
-def check_length(seconds: float, name: str) -> None:
-    """Raises UserError for a duration that cannot be generated from."""
+def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
+    """Samples that motion can be generated from.
+
+    Args:
+        samples: (samples,) float32.
+        rate: samples per second.
+        name: what to call them in a message.
+
+    Returns:
+        The samples, NaN and infinite ones replaced by 0 with a warning in the log.
+
+    Raises:
+        UserError: shorter than 0.2 s, longer than 65 minutes, or nothing but NaN.
+    """
+    seconds = len(samples) / rate
     if seconds < MIN_SECONDS:
         raise UserError(f"{name} has {seconds:.3f} s of sound; expected at least {MIN_SECONDS} s of speech")
     if seconds > MAX_SECONDS:
         raise UserError(
             f"{name} has more than {MAX_SECONDS / 60:.0f} minutes of sound; cut it into parts of at most an hour"
         )
-
-
-def _finite(samples: np.ndarray, name: str) -> np.ndarray:
     is_finite = np.isfinite(samples)
     bad = len(samples) - np.count_nonzero(is_finite)
     if bad == len(samples):
@@ -89,7 +104,8 @@ def _finite(samples: np.ndarray, name: str) -> np.ndarray:
 
 
 def _read_with_soundfile(path: pathlib.Path) -> tuple[np.ndarray, int]:
-    with soundfile.SoundFile(path) as file:
+    # Opened here, because libsndfile goes by a file's name before its contents and complains on stderr.
+    with path.open("rb") as raw, soundfile.SoundFile(raw) as file:
         blocks, num_samples = [], 0
         while len(block := file.read(_BLOCK, dtype="float32", always_2d=True)):
             blocks.append(block.mean(axis=1))
@@ -103,8 +119,7 @@ def _read_with_av(path: pathlib.Path) -> tuple[np.ndarray, int]:
     try:
         with av.open(str(path)) as container:
             if not container.streams.audio:
-                kind = "a video without sound" if container.streams.video else "not an audio file"
-                raise UserError(f"{path} is {kind}; expected a recording of speech")
+                raise UserError(f"{path} has no sound; expected a recording of speech, or a video with sound")
             stream = container.streams.audio[0]
             rate = stream.codec_context.sample_rate
             to_float = av.AudioResampler(format="fltp")
@@ -115,15 +130,10 @@ def _read_with_av(path: pathlib.Path) -> tuple[np.ndarray, int]:
                     num_samples += part.samples
                 if num_samples > MAX_SECONDS * rate:
                     break
-    except (av.FFmpegError, OSError, ValueError) as error:
-        raise UserError(
-            f"{path} is not an audio file, or damaged ({_one_line(error)}); expected a recording"
-        ) from error
+    except (FFmpegError, OSError, ValueError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise UserError(f"{path} holds no sound that can be read ({reason}); expected a recording of speech") from error
     return np.concatenate([np.zeros(0, np.float32), *blocks]), rate
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 @functools.cache
@@ -152,12 +162,12 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     if reference < _SILENCE_POWER:
         return np.full(power.shape, FLOOR_DB, np.float32)
     ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
-    return (10 * np.log10(ratio)).astype(np.float32)
+    return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
 
 
 def window_column(frame: int, fps: int = 15) -> int:
     """The column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512."""
-    return (2 * frame * SAMPLE_RATE + fps * HOP_LENGTH) // (2 * fps * HOP_LENGTH)
+    return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 
 
 def mel_window(mel: np.ndarray, start_frame: int, fps: int = 15) -> np.ndarray:

@@ -4,10 +4,11 @@ import collections
 import dataclasses
 import functools
 import gzip
+import io
 import math
 import pathlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import IO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def words_to_frames(
 def read_word_vectors(path: str | pathlib.Path, vocabulary: Vocabulary, dim: int) -> np.ndarray:
     """Word vectors of a vocabulary from a fastText, GloVe or word2vec text file or a word2vec binary file.
 
-    A file whose name ends in `.gz` is unpacked while it is read, one whose name (without `.gz`) ends in `.bin` is binary.
+    A file whose name ends in `.gz` is unpacked while it is read; one whose name before that ends in `.bin` is binary.
 
     Args:
         path: the file.
@@ -117,7 +118,8 @@ def read_word_vectors(path: str | pathlib.Path, vocabulary: Vocabulary, dim: int
                     in_vocabulary_spelling[index] = word == word.lower()
     except (ValueError, EOFError, OSError) as error:
         raise UserError(
-            f"{path} is not a file of word vectors ({error}); expected fastText, GloVe or word2vec text or word2vec binary"
+            f"{path} is not a file of word vectors ({error}); "
+            "expected fastText, GloVe or word2vec text, or word2vec binary"
         ) from error
     return table
 
@@ -135,7 +137,7 @@ def _wanted_rows(
             yield word, np.asarray(values[-dim:], np.float32)
 
 
-def _text_rows(file: IO[bytes]) -> Iterator[tuple[str, list[bytes]]]:
+def _text_rows(file: io.BufferedIOBase) -> Iterator[tuple[str, list[bytes]]]:
     """Rows `word value value ...`; fastText and word2vec put a line `count dim` before them."""
     width = 0
     for number, line in enumerate(file):
@@ -150,7 +152,7 @@ def _text_rows(file: IO[bytes]) -> Iterator[tuple[str, list[bytes]]]:
         yield word.decode("utf-8", "replace"), fields[len(fields) - width :]
 
 
-def _binary_rows(file: IO[bytes]) -> Iterator[tuple[str, np.ndarray]]:
+def _binary_rows(file: io.BufferedIOBase) -> Iterator[tuple[str, np.ndarray]]:
     """A line `count dim`, then for each word its name, a space and dim little-endian float32."""
     count, dim = (int(field) for field in file.readline(100).split())
     for _ in range(count):

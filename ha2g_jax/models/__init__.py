@@ -1,0 +1,21 @@
+"""Linen modules: they declare the parameters; the mathematics is plain functions on arrays."""
+
+from ha2g_jax.models.autoencoder import LATENT_DIMS, PoseAutoencoder
+from ha2g_jax.models.discriminator import Discriminator
+from ha2g_jax.models.ha2g import HA2G, PoseStage
+from ha2g_jax.models.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.models.resnet_se import AudioEncoder, Features
+from ha2g_jax.models.tcn import TextEncoder
+
+__all__ = [
+    "HA2G",
+    "LATENT_DIMS",
+    "AudioEncoder",
+    "Discriminator",
+    "Features",
+    "ImageIdentity",
+    "PoseAutoencoder",
+    "PoseStage",
+    "SpeakerIdentity",
+    "TextEncoder",
+]

@@ -1,0 +1,240 @@
+"""A corpus on disk: ArrayRecord shards of clips and one `dataset.json` with the statistics of the training split."""
+
+import collections
+import dataclasses
+import hashlib
+import json
+import os
+import pathlib
+import shutil
+import tempfile
+from collections.abc import Sequence
+from typing import Any, overload
+
+import numpy as np
+from array_record.python import array_record_data_source, array_record_module
+
+from ha2g_jax.data import records
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.statistics import MotionStatistics
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
+from ha2g_jax.text import Vocabulary
+
+SCHEMA_VERSION = 1
+TRAIN = "train"
+
+_FILE = "dataset.json"
+_CLIPS_PER_SHARD = 1000
+# Records one by one, so that any clip is read alone; the rest are the library's defaults.
+_WRITER_OPTIONS = "group_size:1"
+
+
+class CorpusWriter:
+    """Writes a corpus into a temporary folder beside `path`, which takes its place only when all is written.
+
+    Use as a context manager; an exception inside it leaves nothing behind.
+
+    Args:
+        path: folder to make; must not exist.
+        splits: names of the splits, the training split "train" among them.
+        skeleton: name of the skeleton of the clips.
+        fps: frames per second of the positions.
+        metadata: name, source, licence and whatever else describes the corpus; stored as given.
+
+    Raises:
+        UserError: `path` exists, or at the end a split is empty.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike, *, splits: Sequence[str], skeleton: str, fps: float, metadata: dict[str, Any]
+    ):
+        self._path = pathlib.Path(path)
+        if self._path.exists():
+            raise UserError(f"{self._path} exists already; choose another folder or remove it")
+        self._skeleton, self._fps, self._metadata = load_skeleton(skeleton), fps, metadata
+        self._counts = dict.fromkeys(splits, 0)
+        self._speakers: dict[str, list[str]] = {split: [] for split in splits}
+        self._words: collections.Counter[str] = collections.Counter()
+        self._statistics = MotionStatistics(self._skeleton)
+        self._shards: dict[str, list[str]] = {split: [] for split in splits}
+        self._writer: array_record_module.ArrayRecordWriter | None = None
+        self._open_split = ""
+
+    def __enter__(self) -> "CorpusWriter":
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{self._path.name}-", dir=self._path.parent))
+        return self
+
+    def __exit__(self, error_type: type | None, *_: object) -> None:
+        try:
+            self._close_shard()
+            if error_type is None:
+                self._finish()
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def add(self, split: str, record: bytes) -> None:
+        """Appends an encoded clip; the clips of a split come one after the other."""
+        if self._open_split != split or self._counts[split] % _CLIPS_PER_SHARD == 0:
+            self._close_shard()
+            shard = f"{split}-{len(self._shards[split]):05d}.array_record"
+            self._shards[split].append(shard)
+            self._writer = array_record_module.ArrayRecordWriter(str(self._folder / shard), _WRITER_OPTIONS)
+            self._open_split = split
+        assert self._writer is not None
+        self._writer.write(record)
+        self._counts[split] += 1
+        fields = records.unpack(record)
+        if fields["speaker"] not in self._speakers[split]:
+            self._speakers[split].append(fields["speaker"])
+        if split == TRAIN:
+            self._words.update(word.text.lower() for word in fields["words"])
+            self._statistics.update(fields["positions"])
+
+    def _close_shard(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+        self._writer = None
+
+    def _finish(self) -> None:
+        if empty := [split for split, count in self._counts.items() if not count]:
+            raise UserError(f"no clips for {', '.join(empty)}; give more data")
+        speakers = [*self._speakers[TRAIN], *(name for names in self._speakers.values() for name in names)]
+        dataset = {
+            "schema_version": SCHEMA_VERSION,
+            **self._metadata,
+            "skeleton": self._skeleton.name,
+            "fps": self._fps,
+            "speakers": list(dict.fromkeys(speakers)),
+            "splits": {
+                split: {
+                    "clips": self._counts[split],
+                    "speakers": self._speakers[split],
+                    "shards": [_describe(self._folder / shard) for shard in self._shards[split]],
+                }
+                for split in self._counts
+            },
+            "statistics": self._statistics.result(),
+            "words": dict(sorted(self._words.items())),
+        }
+        (self._folder / _FILE).write_text(json.dumps(dataset, indent=1) + "\n")
+        self._folder.chmod(0o755)
+        self._folder.rename(self._path)
+
+
+def _describe(shard: pathlib.Path) -> dict[str, Any]:
+    with shard.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {"name": shard.name, "bytes": shard.stat().st_size, "sha256": digest}
+
+
+class Clips(Sequence[Clip]):
+    """The clips of one split, decoded when asked for. Can be pickled."""
+
+    def __init__(self, shards: Sequence[pathlib.Path]):
+        self._source = array_record_data_source.ArrayRecordDataSource([str(shard) for shard in shards])
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    @overload
+    def __getitem__(self, index: int) -> Clip: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Clip]: ...
+    def __getitem__(self, index: int | slice) -> Clip | list[Clip]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return records.decode_clip(self.record(range(len(self))[index]))
+
+    def record(self, index: int) -> bytes:
+        """The encoded clip."""
+        try:
+            return self._source[index]
+        except (ValueError, RuntimeError) as error:
+            raise UserError(f"clip {index} cannot be read ({error}); make or import the corpus again") from error
+
+
+@dataclasses.dataclass(frozen=True)
+class Corpus:
+    """A corpus that `CorpusWriter` wrote.
+
+    Attributes:
+        path: its folder.
+        metadata: the contents of `dataset.json`.
+    """
+
+    path: pathlib.Path
+    metadata: dict[str, Any]
+
+    @classmethod
+    def open(cls, path: str | os.PathLike) -> "Corpus":
+        """Opens the corpus in a folder.
+
+        Raises:
+            UserError: there is none, or it is incomplete or of another version.
+        """
+        path = pathlib.Path(path)
+        try:
+            metadata = json.loads((path / _FILE).read_text())
+        except (FileNotFoundError, NotADirectoryError):
+            raise UserError(f"no corpus in {path}: {_FILE} is missing; make one with `ha2g data make-talk`") from None
+        except ValueError as error:
+            raise UserError(f"{path / _FILE} is damaged ({error}); make or import the corpus again") from error
+        version = metadata.get("schema_version") if isinstance(metadata, dict) else None
+        if version != SCHEMA_VERSION:
+            raise UserError(f"{path / _FILE} has schema version {version}, not {SCHEMA_VERSION}; make the corpus again")
+        try:
+            corpus = cls(path, metadata)
+            shards = [shard for split in metadata["splits"].values() for shard in split["shards"]]
+            sizes = {path / shard["name"]: shard["bytes"] for shard in shards}
+            _ = corpus.skeleton, corpus.vocabulary(), corpus.fps, corpus.speakers
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise UserError(f"{path / _FILE} is damaged ({error!r}); make or import the corpus again") from error
+        for shard, size in sizes.items():
+            found = shard.stat().st_size if shard.is_file() else 0
+            if found != size:
+                raise UserError(f"{shard} has {found} bytes instead of {size}; make or import the corpus again")
+        return corpus
+
+    @property
+    def fps(self) -> float:
+        return self.metadata["fps"]
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        return tuple(self.metadata["splits"])
+
+    @property
+    def speakers(self) -> tuple[str, ...]:
+        """Names of all speakers, those of the training split first; the index is the speaker's id."""
+        return tuple(self.metadata["speakers"])
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The skeleton with the statistics of this corpus' training split."""
+        if self.metadata["skeleton"] not in SKELETONS:
+            raise UserError(f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}")
+        statistics = {name: np.array(values, np.float32) for name, values in self.metadata["statistics"].items()}
+        return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **statistics)
+
+    def speakers_of(self, split: str) -> tuple[str, ...]:
+        """Names of the speakers of one split."""
+        return tuple(self._split(split)["speakers"])
+
+    def vocabulary(self) -> Vocabulary:
+        """The words of the training split."""
+        return Vocabulary.from_words(collections.Counter(self.metadata["words"]).elements())
+
+    def clips(self, split: str) -> Clips:
+        """The clips of one split.
+
+        Raises:
+            UserError: there is no such split.
+        """
+        return Clips([self.path / shard["name"] for shard in self._split(split)["shards"]])
+
+    def _split(self, split: str) -> dict[str, Any]:
+        if split not in self.splits:
+            raise UserError(f"{self.path} has no split {split!r}; it has {', '.join(self.splits)}")
+        return self.metadata["splits"][split]

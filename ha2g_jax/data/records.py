@@ -1,0 +1,134 @@
+"""One clip of speech and motion, and its bytes: the record that every source of data becomes."""
+
+import dataclasses
+import io
+from typing import Any, NamedTuple
+
+import msgpack
+import numpy as np
+import soundfile
+from PIL import Image
+
+from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.errors import UserError
+from ha2g_jax.text import Word
+
+_JPEG_QUALITY = 90
+
+
+class Stroke(NamedTuple):
+    """A gesture whose cause is known; times in seconds.
+
+    Attributes:
+        time: when the stroke hits.
+        start, end: of its preparation and of its retraction.
+        kind: "beat", "semantic", "posture" or "nod".
+        hand: "left", "right", "both", or "" where no hand moves.
+        amplitude: size relative to an average stroke.
+        word_class: class of the word that caused it, "" if none did.
+    """
+
+    time: float
+    start: float
+    end: float
+    kind: str
+    hand: str
+    amplitude: float
+    word_class: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Clip:
+    """Speech with its words and the motion that goes with it.
+
+    Attributes:
+        id: unique within the corpus.
+        speaker: name of the speaker.
+        talk: the recording that the clip was cut from; splits never divide one.
+        audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
+        words: in order of time.
+        positions: (T, joints, 3) float32 in metres, y down.
+        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None where the source has none.
+        source_time: start in the talk, in seconds.
+        window_starts: frames at which a training window may start.
+        strokes: the true gestures, for a corpus that knows them.
+        style: the speaker's true style vector, for a corpus that knows it.
+    """
+
+    id: str
+    speaker: str
+    talk: str
+    audio: np.ndarray
+    words: tuple[Word, ...]
+    positions: np.ndarray
+    reference_frames: np.ndarray | None
+    source_time: float
+    window_starts: tuple[int, ...]
+    strokes: tuple[Stroke, ...] = ()
+    style: tuple[float, ...] = ()
+
+
+def encode_clip(clip: Clip) -> bytes:
+    """The clip as msgpack: audio in FLAC (16 bit), frames in JPEG, positions in float32. Equal clips, equal bytes."""
+    flac = io.BytesIO()
+    soundfile.write(flac, clip.audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
+    fields = {field.name: getattr(clip, field.name) for field in dataclasses.fields(Clip)}
+    fields["audio"] = flac.getvalue()
+    fields["positions"] = {
+        "shape": list(clip.positions.shape),
+        "data": np.ascontiguousarray(clip.positions, "<f4").tobytes(),
+    }
+    if clip.reference_frames is not None:
+        fields["reference_frames"] = [_to_jpeg(frame) for frame in clip.reference_frames]
+    return msgpack.packb(fields)
+
+
+def decode_clip(record: bytes) -> Clip:
+    """The clip that `encode_clip` wrote.
+
+    Raises:
+        UserError: the bytes are not a whole record.
+    """
+    fields = unpack(record)
+    try:
+        audio, rate = soundfile.read(io.BytesIO(fields["audio"]), dtype="float32")
+        frames = fields["reference_frames"]
+        if frames is not None:
+            frames = np.stack([np.asarray(Image.open(io.BytesIO(frame)).convert("RGB")) for frame in frames])
+    except (soundfile.SoundFileError, OSError, ValueError, TypeError) as error:
+        raise _corrupt(error) from error
+    if rate != SAMPLE_RATE or audio.ndim != 1:
+        raise _corrupt(f"audio at {rate} Hz of shape {audio.shape}")
+    return Clip(**{**fields, "audio": audio, "reference_frames": frames})
+
+
+def unpack(record: bytes) -> dict[str, Any]:
+    """The fields of a clip with audio and frames still compressed; quick where only motion or words are wanted.
+
+    Raises:
+        UserError: the bytes are not a whole record.
+    """
+    try:
+        fields = msgpack.unpackb(record)
+        positions = fields["positions"]
+        fields["positions"] = np.frombuffer(positions["data"], "<f4").reshape(positions["shape"]).copy()
+        fields["words"] = tuple(Word(*word) for word in fields["words"])
+        fields["strokes"] = tuple(Stroke(*stroke) for stroke in fields["strokes"])
+        fields["window_starts"] = tuple(fields["window_starts"])
+        fields["style"] = tuple(fields["style"])
+    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+        raise _corrupt(error) from error
+    names = {field.name for field in dataclasses.fields(Clip)}
+    if set(fields) != names:
+        raise _corrupt(f"fields {sorted(set(fields) ^ names)} are missing or unknown")
+    return fields
+
+
+def _to_jpeg(frame: np.ndarray) -> bytes:
+    jpeg = io.BytesIO()
+    Image.fromarray(frame).save(jpeg, "JPEG", quality=_JPEG_QUALITY)
+    return jpeg.getvalue()
+
+
+def _corrupt(reason: object) -> UserError:
+    return UserError(f"a record of the corpus is damaged ({reason}); make or import the corpus again")

@@ -1,0 +1,92 @@
+"""Random sentences of the Talk corpus, marked up for emphasis, pauses, rate and pitch.
+
+The words come from a context-free grammar. The markup is drawn independently of the words, so that loudness and
+pitch carry information that the words do not.
+"""
+
+import collections
+from collections.abc import Iterator
+
+import numpy as np
+
+from ha2g_jax.data.talk.vocabulary import CARRIERS, RULES
+
+# Share of clauses that carry a gesture-bearing word; sets about one such word in two and a half seconds.
+_CARRIER_SHARE = 0.8
+_OPENER_SHARE = 0.35
+_CLAUSES = (1, 1, 2, 2, 2, 3)
+
+# Words that speakers hardly ever emphasise.
+_FUNCTION_WORDS = frozenset("a an and at because but by for if in is it of on or so that the to was were with".split())
+
+# Share of the content words and prosody, relative to the clause: (volume, pitch, range, rate) in percent.
+_EMPHASIS = ((0.10, (90, 22, 50, 84)), (0.15, (45, 10, 25, 93)), (0.15, (-35, -5, -20, 106)))
+
+
+def sentences(rng: np.random.Generator) -> Iterator[str]:
+    """Endless sentences as SSML, to be spoken one by one.
+
+    Gesture-bearing words are dealt like cards: each occurs once before any occurs again.
+    """
+    deck: collections.deque[str] = collections.deque()
+    while True:
+        clauses = []
+        for _ in range(rng.choice(_CLAUSES)):
+            if rng.random() < _CARRIER_SHARE:
+                if not deck:
+                    deck.extend(rng.permutation(list(CARRIERS)).tolist())
+                pattern = str(rng.choice(CARRIERS[deck.popleft()]))
+            else:
+                pattern = "MAIN"
+            clauses.append(pattern)
+        parts = ["OPENER"] if rng.random() < _OPENER_SHARE else []
+        for index, clause in enumerate(clauses):
+            parts += ["LINK"] * (index > 0) + [clause]
+        yield _mark_up(_expand(" ".join(parts), rng), rng)
+
+
+def _expand(pattern: str, rng: np.random.Generator) -> list[str]:
+    """The pattern as words and commas, every symbol replaced."""
+    tokens: list[str] = []
+    for token in pattern.replace(",", " ,").split():
+        if token.isupper():
+            options = RULES[token]
+            tokens += _expand(options[rng.integers(len(options))], rng)
+        else:
+            tokens.append(token)
+    vowel = tuple("aeio")
+    for index, (token, following) in enumerate(zip(tokens, tokens[1:])):
+        if token == "a" and following.startswith((*vowel, "un")) and following != "one":
+            tokens[index] = "an"
+    return tokens
+
+
+def _mark_up(tokens: list[str], rng: np.random.Generator) -> str:
+    """One sentence with a prosody for each phrase, emphasised words and pauses."""
+    phrases: list[list[str]] = [[]]
+    for token in tokens:
+        if token == ",":
+            phrases.append([])
+        else:
+            phrases[-1].append(token)
+    marked = []
+    for phrase in filter(None, phrases):
+        volume, pitch, rate = rng.integers(-25, 26), rng.integers(-12, 13), rng.integers(90, 113)
+        words = " ".join(_emphasise(word, rng) for word in phrase)
+        marked.append(f'<prosody volume="{volume:+d}%" pitch="{pitch:+d}%" rate="{rate}%">{words}</prosody>')
+    return f', <break time="{rng.integers(50, 350)}ms"/> '.join(marked) + "."
+
+
+def _emphasise(word: str, rng: np.random.Generator) -> str:
+    # The same number of draws for every word keeps words and markup independent.
+    draw, hesitation, length = rng.random(3)
+    text = word
+    if word not in _FUNCTION_WORDS:
+        for share, (volume, pitch, span, rate) in _EMPHASIS:
+            if 0 <= draw < share:
+                prosody = f'volume="{volume:+d}%" pitch="{pitch:+d}%" range="{span:+d}%" rate="{rate}%"'
+                text = f"<prosody {prosody}>{word}</prosody>"
+            draw -= share
+    if hesitation < 0.03:
+        text = f'<break time="{150 + 250 * length:.0f}ms"/> {text}'
+    return text

@@ -1,0 +1,142 @@
+"""Strokes: which cues and words become movement, and the smooth tracks between their key poses."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.data.talk import lexicon
+from ha2g_jax.data.talk.cues import Cues
+from ha2g_jax.text import Word
+
+LATENCY = 0.06  # seconds later or earlier at either end of the style
+_BEAT_GAP = 0.42
+_WEAKEST_BEAT = 0.55
+_RISE, _REST, _RELAX = 0.32, 0.08, 0.4
+_HOLD = 0.55
+
+
+class Beat(NamedTuple):
+    """A beat of the hands: raised at `apex`, down at `hit` (seconds); loudness of its syllable."""
+
+    apex: float
+    hit: float
+    loudness: float
+
+
+class WordGesture(NamedTuple):
+    """A gesture of a word: wound up at `ready`, at its peak from `peak` to `release` (seconds)."""
+
+    word_class: str
+    start: float
+    ready: float
+    peak: float
+    release: float
+    end: float
+
+
+def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
+    """Minimum-jerk movement through key poses, at rest in each: x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
+
+    Args:
+        times: (T,) seconds.
+        keys: (time, value) pairs in order of time; values are numbers or (D,) vectors.
+
+    Returns:
+        (T,) or (T, D); the first and last key are held outside.
+    """
+    moments = np.array([moment for moment, _ in keys])
+    values = np.array([value for _, value in keys], float)
+    after = np.clip(np.searchsorted(moments, times), 1, len(keys) - 1) if len(keys) > 1 else np.zeros(len(times), int)
+    before = np.maximum(after - 1, 0)
+    length = np.maximum(moments[after] - moments[before], 1e-3)
+    u = np.clip((times - moments[before]) / length, 0, 1)
+    blend = u**3 * (10 - 15 * u + 6 * u**2)
+    blend = blend.reshape(-1, *[1] * (values.ndim - 1))
+    return values[before] + (values[after] - values[before]) * blend
+
+
+def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
+    """The loud syllables that the hands beat, at most one in `_BEAT_GAP` seconds, louder ones first."""
+    chosen: list[np.ndarray] = []
+    for nucleus in cues.nuclei[np.argsort(-cues.nuclei[:, 1], kind="stable")]:
+        if nucleus[1] >= _WEAKEST_BEAT and all(abs(nucleus[0] - other[0]) >= _BEAT_GAP for other in chosen):
+            chosen.append(nucleus)
+    beats = []
+    last = -np.inf
+    for moment, loudness in sorted(tuple(nucleus) for nucleus in chosen):
+        hit = moment + latency
+        # A crowded stroke is quicker; it is never so quick that a frame cannot show it.
+        stroke = np.clip(0.45 * (hit - last), 0.17, 0.22)
+        beats.append(Beat(hit - stroke, hit, loudness))
+        last = hit
+    return tuple(beats)
+
+
+def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float, float]]:
+    """Key values of the height of a beating hand: up by its size at the apex, a little below rest at the hit."""
+    keys = [(-1.0, 0.0)]
+    settled = -np.inf
+    for beat, size in zip(beats, sizes, strict=True):
+        rise = beat.apex - _RISE
+        if rise > settled + _RELAX:
+            keys += [(settled + _RELAX, 0.0)] * np.isfinite(settled) + [(rise, 0.0)]
+        elif rise > settled:
+            keys += [(rise, keys[-1][1])]  # co-articulation: the next stroke starts from where this one ended
+        settled = beat.hit + _REST
+        keys += [(beat.apex, size), (beat.hit, -0.25 * size), (settled, -0.25 * size)]
+    return [*keys, (keys[-1][0] + _RELAX, 0.0)]
+
+
+def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGesture, ...]:
+    """The words that carry a gesture, in order; each is prepared before its onset and held after it."""
+    onsets = [(word.start, lexicon.word_class(word.text)) for word in words if lexicon.word_class(word.text)]
+    peaks = [onset + latency + 0.12 for onset, _ in onsets]
+    gestures = []
+    for index, ((_, word_class), peak) in enumerate(zip(onsets, peaks, strict=True)):
+        following = peaks[index + 1] if index + 1 < len(peaks) else np.inf
+        release = min(peak + _HOLD, max(following - 0.45, peak + 0.07))
+        earliest = gestures[-1].release + 0.12 if gestures else -np.inf
+        gestures.append(WordGesture(word_class, peak - 0.62, max(peak - 0.24, earliest), peak, release, release + 0.5))
+    return tuple(gestures)
+
+
+def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequence) -> tuple[list, list]:
+    """Keys of a gesture's share (0 or 1) and of its value, which moves on from gesture to gesture.
+
+    Args:
+        gestures: in order of time.
+        ready: value of each gesture at the end of its preparation.
+        peak: value of each gesture while it is held.
+    """
+    share: list[tuple[float, float]] = [(-1.0, 0.0)]
+    value: list[tuple[float, Sequence[float]]] = []
+    for index, gesture in enumerate(gestures):
+        linked = index > 0 and gestures[index - 1].end > gesture.start
+        if linked:
+            share.pop()  # the hand goes straight to the next gesture instead of home
+            share.append((gesture.ready, 1.0))
+        else:
+            share += [(gesture.start, 0.0), (gesture.ready, 1.0)]
+            value.append((gesture.start, ready[index]))
+        share += [(gesture.release, 1.0), (gesture.end, 0.0)]
+        value += [(gesture.ready, ready[index]), (gesture.peak, peak[index]), (gesture.release, peak[index])]
+    return _in_order(share), _in_order(value)
+
+
+def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
+    """Keys of the side the body leans to: it changes over each pause, more after a long one."""
+    keys = [(-1.0, 0.7)]
+    side = -1.0
+    for start, end in pauses:
+        keys += [(start + 0.05, keys[-1][1]), (end + 0.25, side * np.clip(0.5 + 0.6 * (end - start), 0.6, 1.0))]
+        side = -side
+    return _in_order(keys)
+
+
+def _in_order(keys: list) -> list:
+    """The keys with times that never step back."""
+    if not keys:
+        return keys
+    moments = np.maximum.accumulate([moment for moment, _ in keys])
+    return [(float(moment), value) for moment, (_, value) in zip(moments, keys, strict=True)]

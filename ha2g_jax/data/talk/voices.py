@@ -1,0 +1,39 @@
+"""Voices of the speakers of the Talk corpus."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+LANGUAGES = ("en-us", "en-us", "en-us", "en", "en-gb-x-rp", "en-gb-scotland")
+MALE_VARIANTS = ("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "adam", "david", "edward", "robert", "paul", "Gene")
+FEMALE_VARIANTS = ("f1", "f2", "f3", "f4", "f5", "steph", "linda", "belinda", "Annie", "anika")
+
+
+class Voice(NamedTuple):
+    """A speaker's voice in the terms of espeak-ng.
+
+    Attributes:
+        language: accent, espeak-ng's name of a variety of English, such as "en-us".
+        variant: timbre, one of espeak-ng's voice variants.
+        pitch: base pitch, 0 to 100 with 50 the variant's own.
+        pitch_range: liveliness of the intonation, 0 (monotone) to 100.
+        rate: words per minute, pauses apart.
+    """
+
+    language: str
+    variant: str
+    pitch: int
+    pitch_range: int
+    rate: int
+
+
+def sample_voice(rng: np.random.Generator) -> Voice:
+    """A random voice; women's and men's are equally likely."""
+    variants = MALE_VARIANTS if rng.random() < 0.5 else FEMALE_VARIANTS
+    return Voice(
+        language=str(rng.choice(LANGUAGES)),
+        variant=str(rng.choice(variants)),
+        pitch=int(rng.integers(25, 76)),
+        pitch_range=int(rng.integers(45, 100)),
+        rate=int(rng.integers(130, 171)),
+    )

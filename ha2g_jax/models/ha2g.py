@@ -1,0 +1,124 @@
+"""HA2G, the generator: hierarchical audio learner and hierarchical pose inferer (HA2G, section 3)."""
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.models import initializers
+from ha2g_jax.models.gru import BiGRU
+from ha2g_jax.models.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.models.resnet_se import AudioEncoder, Features
+from ha2g_jax.models.tcn import TextEncoder
+
+
+class PoseStage(nn.Module):
+    """One stage h of the pose inferer (Eq. 4).
+
+    Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output.
+
+    Attributes:
+        pose_dim: d^h, values of the stage's pose.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    pose_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+
+    @nn.compact
+    def __call__(self, previous: jax.Array, audio: jax.Array, is_seed: jax.Array, *, train: bool) -> jax.Array:
+        """Maps p^(h-1) (B, N, d^(h-1)), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
+        inputs = jnp.concatenate([previous, audio, is_seed], axis=-1)
+        hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(inputs, train=train)
+        outputs = jnp.concatenate([hidden, previous, audio], axis=-1)
+        return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear")(outputs)
+
+
+class HA2G(nn.Module):
+    """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
+
+    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
+    Only `encode_audio` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream
+    "dropout" in training.
+
+    Attributes:
+        audio: E_a.
+        text: E_t; its features serve the contrastive loss only, never the poses.
+        identity: E_ID.
+        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`).
+        num_seed_frames: M.
+        hidden_dim, layers, dropout: of each stage's GRU.
+    """
+
+    audio: AudioEncoder
+    text: TextEncoder
+    identity: ImageIdentity | SpeakerIdentity
+    level_channels: tuple[tuple[int, ...], ...]
+    num_seed_frames: int = 4
+    hidden_dim: int = 300
+    layers: int = 4
+    dropout: float = 0.3
+
+    def setup(self) -> None:
+        num_levels = len(self.level_channels)
+        self.coordinator = nn.Dense(len(Features._fields) * num_levels, kernel_init=initializers.LINEAR)
+        self.stages = [
+            PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout) for channels in self.level_channels
+        ]
+
+    def __call__(
+        self, mel: jax.Array, words: jax.Array, identity: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
+        features = self.encode_audio(mel, train=train)
+        self.encode_text(words, train=train)
+        mean, _ = self.encode_identity(identity, train=train)
+        return self.infer(features, mean, seed, train=train)
+
+    def encode_audio(self, mel: jax.Array, *, train: bool) -> Features:
+        """Maps the mel (B, 128, 70) in dB to f_low, f_mid and f_high, each (B, N, 32)."""
+        return self.audio(mel, train=train)
+
+    def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
+        """Maps word indices on frames (B, N) to f_t (B, N, 32)."""
+        return self.text(words, train=train)
+
+    def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3) or speaker indices (B,) to mean and log-variance of f_id, each (B, 18)."""
+        return self.identity(identity, train=train)
+
+    def coordinate(self, f_id: jax.Array) -> jax.Array:
+        """Style coordinator: f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
+        scores = self.coordinator(f_id)
+        return nn.softmax(scores.reshape(f_id.shape[0], len(Features._fields), len(self.level_channels)), axis=1)
+
+    def infer(
+        self, features: tuple[jax.Array, jax.Array, jax.Array], f_id: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Pose inferer, coarse to fine (Eq. 3 and 4).
+
+        Args:
+            features: f_low, f_mid, f_high, each (B, N, 32).
+            f_id: (B, 18) identity, sampled or the mean.
+            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+
+        Returns:
+            Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
+        """
+        blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
+        batch, num_frames = features[0].shape[:2]
+        num_free = num_frames - self.num_seed_frames
+        is_seed = jnp.concatenate([jnp.ones((batch, self.num_seed_frames, 1)), jnp.zeros((batch, num_free, 1))], axis=1)
+
+        poses: list[jax.Array] = []
+        for level, stage in enumerate(self.stages):
+            if level:
+                known = seed[..., self.level_channels[level - 1]]
+                free = poses[-1][:, self.num_seed_frames :]
+            else:
+                known = seed[..., self.level_channels[0]]
+                free = jnp.zeros((batch, num_free, known.shape[-1]))
+            previous = jnp.concatenate([known, free], axis=1)
+            poses.append(stage(previous, blended[level], is_seed, train=train))
+        return tuple(poses)

@@ -1,0 +1,58 @@
+"""Speaker identity encoders E_ID: mean and log-variance of f_id, from images or from a table of speakers."""
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.models import initializers
+from ha2g_jax.models.resnet import ResNet18
+
+
+class ImageIdentity(nn.Module):
+    """Reference frames to the distribution of f_id (HA2G, supplement B).
+
+    Decision D6: one ResNet-18 for the M frames, whose feature maps are averaged, flattened and mapped linearly.
+
+    Attributes:
+        width: channels of the ResNet's first stage.
+        feature_dim: values of f_id.
+    """
+
+    width: int = 64
+    feature_dim: int = 18
+
+    @nn.compact
+    def __call__(self, frames: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3), uint8 RGB, to mean and log-variance, each (B, feature_dim)."""
+        batch, count = frames.shape[:2]
+        images = frames.reshape(batch * count, *frames.shape[2:]).astype(jnp.float32) / 127.5 - 1
+        x = ResNet18(self.width, name="resnet")(images, train=train)
+        x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
+        # Channel-major, as PyTorch flattens (C, H, W).
+        return _heads(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)
+
+
+class SpeakerIdentity(nn.Module):
+    """A table of speakers with the outputs of `ImageIdentity`, for data sets without images.
+
+    Attributes:
+        num_speakers: rows of the table.
+        feature_dim: values of f_id.
+    """
+
+    num_speakers: int
+    feature_dim: int = 18
+
+    @nn.compact
+    def __call__(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
+        del train  # The table has no training behaviour; the argument is that of `ImageIdentity`.
+        normal = nn.initializers.normal(1.0)
+        x = nn.Embed(self.num_speakers, self.feature_dim, embedding_init=normal, name="embedding")(speaker)
+        return _heads(x, self.feature_dim)
+
+
+def _heads(x: jax.Array, feature_dim: int) -> tuple[jax.Array, jax.Array]:
+    mean = nn.Dense(feature_dim, kernel_init=initializers.LINEAR, name="mean")(x)
+    log_variance = nn.Dense(feature_dim, kernel_init=initializers.LINEAR, name="log_variance")(x)
+    return mean, log_variance

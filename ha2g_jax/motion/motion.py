@@ -1,0 +1,104 @@
+"""The value that generation returns, and its file."""
+
+import dataclasses
+import json
+import pathlib
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.whole_file import whole_file
+from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """Poses over time, in the axes of the TED data: metres, root at the origin, y points down.
+
+    Attributes:
+        directions: (T, bones, 3) float32 unit direction vectors, parent to child.
+        positions: (T, joints, 3) float32 positions in metres.
+        fps: frames per second; frame k shows the time k / fps.
+        joint_names: names of the joints; joint 0 is the root.
+        meta: how the motion was made; everything in it can be written as JSON. "skeleton" names the skeleton.
+    """
+
+    directions: np.ndarray
+    positions: np.ndarray
+    fps: float
+    joint_names: tuple[str, ...]
+    meta: dict[str, Any]
+
+    @classmethod
+    def from_directions(
+        cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None
+    ) -> "Motion":
+        """The motion of direction vectors (T, bones, 3), which are normalised, with the skeleton's bone lengths."""
+        directions = normalize(np.asarray(directions, np.float32))
+        axes = {"units": "metres", "x": "the person's left" if skeleton.name == "ted_expressive" else "", "y": "down"}
+        return cls(
+            directions=directions,
+            positions=directions_to_positions(skeleton, directions),
+            fps=float(fps),
+            joint_names=skeleton.joints,
+            meta={"skeleton": skeleton.name, "axes": axes, **(meta or {})},
+        )
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The skeleton that `meta` names."""
+        return load_skeleton(self.meta["skeleton"])
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.directions)
+
+    def save(self, path: str | pathlib.Path) -> None:
+        """Writes a numpy `.npz` without pickle: directions, positions, fps, joint_names and meta (JSON text).
+
+        The same motion gives the same bytes. The file is whole or not there.
+
+        Raises:
+            UserError: the name does not end in `.npz`, or the place cannot be written.
+        """
+        path = pathlib.Path(path)
+        if path.suffix != ".npz":
+            raise UserError(
+                f"motion is saved as .npz, not {path.suffix or 'without a suffix'}; name it {path.stem}.npz"
+            )
+        with whole_file(path) as temporary, temporary.open("wb") as file:
+            np.savez(
+                file,
+                directions=self.directions,
+                positions=self.positions,
+                fps=np.float64(self.fps),
+                joint_names=np.array(self.joint_names),
+                meta=np.array(json.dumps(self.meta, indent=1, sort_keys=True)),
+            )
+
+    @classmethod
+    def load(cls, path: str | pathlib.Path) -> "Motion":
+        """Reads what `save` wrote.
+
+        Raises:
+            UserError: the file is missing or is not such a motion.
+        """
+        path = pathlib.Path(path)
+        if not path.is_file():
+            raise UserError(f"no motion at {path}; give an .npz that ha2g generate wrote")
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                motion = cls(
+                    directions=arrays["directions"],
+                    positions=arrays["positions"],
+                    fps=float(arrays["fps"]),
+                    joint_names=tuple(str(name) for name in arrays["joint_names"]),
+                    meta=json.loads(str(arrays["meta"])),
+                )
+            if motion.meta["skeleton"] not in SKELETONS:
+                raise ValueError(f"unknown skeleton {motion.meta['skeleton']!r}")  # noqa: TRY301
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise UserError(f"{path} is not a motion ({error}); give an .npz that ha2g generate wrote") from error
+        return motion
