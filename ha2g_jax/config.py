@@ -5,10 +5,17 @@
 their own fields and functions take arguments.
 """
 
+from typing import Any, TypeAlias
+
 import ml_collections
 
+from ha2g_jax.errors import UserError
 
-def paper(skeleton: str) -> ml_collections.ConfigDict:
+# An ml_collections.ConfigDict, whose settings have no types that a checker could know.
+Config: TypeAlias = Any
+
+
+def paper(skeleton: str) -> Config:
     """HA2G at the size and with the settings of the paper, for data on `skeleton`."""
     config = ml_collections.ConfigDict()
     config.name = "ha2g"
@@ -19,7 +26,7 @@ def paper(skeleton: str) -> ml_collections.ConfigDict:
     config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
     config.data.num_frames = 34  # N
     config.data.num_seed_frames = 4  # M
-    config.data.stride = 10  # frames between the starts of training windows
+    config.data.jitter = 0  # most frames by which a training window may start late, at random
     config.data.fps = 15
     config.data.image_size = 224
 
@@ -67,16 +74,18 @@ def paper(skeleton: str) -> ml_collections.ConfigDict:
     config.train.log_every = 50
     config.train.validate_every = 1000
     config.train.checkpoint_every = 1000
-    config.train.keep = 2
+    config.train.keep = 2  # latest checkpoints to keep, besides the best
+    config.train.best_by = "loss/huber"  # which mean over the validation split decides on the best checkpoint
+    config.train.devices = 0  # how many to use; 0 for all
     return config
 
 
-def small(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
+def small(config: Config) -> Config:
     """A size that two CPU cores train in about an hour."""
-    config.data.image_size = 64
+    config.data.image_size = 32
     config.model.audio.blocks = (1, 1, 1, 1)
     config.model.audio.channels = (16, 32, 64, 128)
-    config.model.audio.stem_stride = (2, 1)
+    config.model.audio.stem_stride = (4, 1)
     config.model.text.embedding_dim = 64
     config.model.text.channels = 64
     config.model.identity.width = 8
@@ -89,7 +98,7 @@ def small(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
     return config
 
 
-def debug(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
+def debug(config: Config) -> Config:
     """The smallest size of everything, for tests: seconds, not minutes."""
     config = small(config)
     config.data.image_size = 32
@@ -106,7 +115,19 @@ def debug(config: ml_collections.ConfigDict) -> ml_collections.ConfigDict:
     config.train.log_every = 1
     config.train.validate_every = 2
     config.train.checkpoint_every = 2
+    config.train.devices = 1
     return config
 
 
 SIZES = {"paper": lambda config: config, "small": small, "debug": debug}
+
+
+def sized(config: Config, size: str) -> Config:
+    """The config at one of `SIZES`, "" for the paper's.
+
+    Raises:
+        UserError: there is no such size.
+    """
+    if size and size not in SIZES:
+        raise UserError(f"the config has no size {size!r}; expected one of {', '.join(SIZES)}")
+    return SIZES[size or "paper"](config)

@@ -22,11 +22,12 @@ _MIN_STYLE_DISTANCE = 1e-5
 def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta: float = 0.1) -> jax.Array:
     """Reconstruction loss (Eq. 5), the mean over levels, frames and dimensions of
 
-        h(x) = x^2 / 2                  for |x| <= delta
-               delta (|x| - delta / 2)  beyond
+        h(x) = x^2 / (2 delta)  for |x| <= delta
+               |x| - delta / 2  beyond
 
-    Each level counts equally, whatever its number of dimensions. This is Huber's own scale (D8); the
-    "smooth L1" with beta = delta that some implementations call Huber is h(x) / delta.
+    Each level counts equally, whatever its number of dimensions. D8: delta is 0.1, and the line has slope 1
+    (Huber's function over delta, also called smooth L1). With Huber's own scale the weight of 200 would leave
+    this term weaker than the physical one (Eq. 8), which then holds every joint at its mean angle.
 
     Args:
         predictions, targets: H arrays (B, N, d^h) of mean-subtracted direction vectors.
@@ -142,7 +143,7 @@ def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array) -> jax.Arr
 
 def _huber(difference: jax.Array, delta: float) -> jax.Array:
     inside = jnp.clip(difference, -delta, delta)
-    return inside * (difference - 0.5 * inside)
+    return inside * (difference - 0.5 * inside) / delta
 
 
 def _unit(vectors: jax.Array) -> jax.Array:

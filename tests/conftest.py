@@ -33,3 +33,41 @@ def tiny_talk(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     path = tmp_path_factory.mktemp("talk") / "tiny"
     build.make_talk(path, speakers=4, minutes=2, seed=0, workers=1)
     return path
+
+
+@pytest.fixture(scope="session")
+def debug_model():
+    """A model of the debug size with random weights, two speakers and three start poses."""
+    import numpy as np
+
+    from ha2g_jax import config as configs
+    from ha2g_jax.skeleton import load_skeleton, normalize
+    from ha2g_jax.synthesis import Model
+    from ha2g_jax.text import Vocabulary
+    from ha2g_jax.train.assets import Assets
+    from ha2g_jax.train.task import build_task, example_batch, subtract_mean
+
+    skeleton = load_skeleton("ted_expressive")
+    config = configs.debug(configs.paper("ted_expressive"))
+    vocabulary = Vocabulary(("one", "two"))
+    task = build_task(config, skeleton, len(vocabulary), 2)
+    batch = example_batch(task)
+    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
+    shapes = jax.eval_shape(
+        lambda key: task.generator.init(key, batch["mel"], batch["words"], batch["frames"], seed, train=False),
+        jax.random.key(0),
+    )
+    random = np.random.default_rng(0)  # drawn here, because compiling the initialisation takes long
+    variables = {
+        "params": jax.tree.map(lambda x: random.normal(0, 0.1, x.shape).astype(np.float32), shapes["params"]),
+        "batch_stats": jax.tree.map(lambda x: np.ones(x.shape, np.float32), shapes["batch_stats"]),
+    }
+    starts = skeleton.mean_directions + random.normal(0, 0.05, (3, task.num_seed_frames, skeleton.num_bones, 3))
+    assets = Assets(
+        skeleton=skeleton,
+        vocabulary=vocabulary,
+        speakers={name: random.normal(size=18).astype(np.float32) for name in ("ada", "ben")},
+        seed_poses=normalize(starts.astype(np.float32)),
+        hash="0123456789abcdef",
+    )
+    return Model(task, variables, assets, config)

@@ -6,7 +6,7 @@ ha2g train --config experiments/configs/ted_expressive.py --workdir runs/ted_exp
 from ha2g_jax import config as configs
 
 
-def get_config(size: str = "paper"):
-    config = configs.SIZES[size or "paper"](configs.paper("ted_expressive"))
+def get_config(size: str = "paper") -> configs.Config:
+    config = configs.sized(configs.paper("ted_expressive"), size)
     config.model.identity.kind = "speakers"  # the published files hold no images
     return config

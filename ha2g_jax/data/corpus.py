@@ -12,7 +12,10 @@ from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
-from array_record.python import array_record_data_source, array_record_module
+from array_record.python import (
+    array_record_data_source,
+    array_record_module,  # pyright: ignore[reportAttributeAccessIssue]
+)
 
 from ha2g_jax.data import records
 from ha2g_jax.data.records import Clip
@@ -51,7 +54,7 @@ class CorpusWriter:
     ):
         self._path = pathlib.Path(path)
         if self._path.exists():
-            raise UserError(f"{self._path} exists already; choose another folder or remove it")
+            raise _exists(self._path)
         self._skeleton, self._fps, self._metadata = load_skeleton(skeleton), fps, metadata
         self._counts = dict.fromkeys(splits, 0)
         self._speakers: dict[str, list[str]] = {split: [] for split in splits}
@@ -120,7 +123,16 @@ class CorpusWriter:
         }
         (self._folder / _FILE).write_text(json.dumps(dataset, indent=1) + "\n")
         self._folder.chmod(0o755)
-        self._folder.rename(self._path)
+        try:
+            self._folder.rename(self._path)
+        except OSError as error:
+            if self._path.exists():  # made by another process meanwhile
+                raise _exists(self._path) from error
+            raise
+
+
+def _exists(path: pathlib.Path) -> UserError:
+    return UserError(f"{path} exists already; choose another folder or remove it")
 
 
 def _describe(shard: pathlib.Path) -> dict[str, Any]:
@@ -133,7 +145,10 @@ class Clips(Sequence[Clip]):
     """The clips of one split, decoded when asked for. Can be pickled."""
 
     def __init__(self, shards: Sequence[pathlib.Path]):
-        self._source = array_record_data_source.ArrayRecordDataSource([str(shard) for shard in shards])
+        try:
+            self._source = array_record_data_source.ArrayRecordDataSource([str(shard) for shard in shards])
+        except (ValueError, RuntimeError) as error:
+            raise _unreadable(f"{shards[0].parent}", error) from error
 
     def __len__(self) -> int:
         return len(self._source)
@@ -152,7 +167,12 @@ class Clips(Sequence[Clip]):
         try:
             return self._source[index]
         except (ValueError, RuntimeError) as error:
-            raise UserError(f"clip {index} cannot be read ({error}); make or import the corpus again") from error
+            raise _unreadable(f"clip {index}", error) from error
+
+
+def _unreadable(what: str, error: Exception) -> UserError:
+    reason = str(error).splitlines()[0]
+    return UserError(f"{what} cannot be read ({reason}); make or import the corpus again")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -214,7 +234,9 @@ class Corpus:
     def skeleton(self) -> Skeleton:
         """The skeleton with the statistics of this corpus' training split."""
         if self.metadata["skeleton"] not in SKELETONS:
-            raise UserError(f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}")
+            raise UserError(
+                f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}"
+            )
         statistics = {name: np.array(values, np.float32) for name, values in self.metadata["statistics"].items()}
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **statistics)
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import io
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import msgpack
 import numpy as np
@@ -44,7 +44,6 @@ class Clip:
     Attributes:
         id: unique within the corpus.
         speaker: name of the speaker.
-        talk: the recording that the clip was cut from; splits never divide one.
         audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
         words: in order of time.
         positions: (T, joints, 3) float32 in metres, y down.
@@ -53,11 +52,11 @@ class Clip:
         window_starts: frames at which a training window may start.
         strokes: the true gestures, for a corpus that knows them.
         style: the speaker's true style vector, for a corpus that knows it.
+        talk: name of the recording that the clip was cut from; splits never divide one.
     """
 
     id: str
     speaker: str
-    talk: str
     audio: np.ndarray
     words: tuple[Word, ...]
     positions: np.ndarray
@@ -66,6 +65,7 @@ class Clip:
     window_starts: tuple[int, ...]
     strokes: tuple[Stroke, ...] = ()
     style: tuple[float, ...] = ()
+    talk: str = ""
 
 
 def encode_clip(clip: Clip) -> bytes:
@@ -80,7 +80,7 @@ def encode_clip(clip: Clip) -> bytes:
     }
     if clip.reference_frames is not None:
         fields["reference_frames"] = [_to_jpeg(frame) for frame in clip.reference_frames]
-    return msgpack.packb(fields)
+    return cast(bytes, msgpack.packb(fields))
 
 
 def decode_clip(record: bytes) -> Clip:

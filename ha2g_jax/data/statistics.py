@@ -37,6 +37,9 @@ class MotionStatistics:
 
     def result(self) -> dict[str, Any]:
         """Nested lists, ready for JSON, under the field names of `Skeleton`."""
-        means = {name: total / (self._steps if name == "angle_change" else self._frames) for name, total in self._sums.items()}
+        means = {
+            name: total / (self._steps if name == "angle_change" else self._frames)
+            for name, total in self._sums.items()
+        }
         means["angle_variance"] = np.maximum(means.pop("angle_square") - means["angle_mean"] ** 2, 0)
         return {name: mean.astype(np.float32).tolist() for name, mean in means.items()}

@@ -1,9 +1,9 @@
-"""Do the hands stop when the voice strikes? Motion beats, and how they meet strokes or onsets.
+"""Do the hands strike when the voice does? Motion beats, and how they meet strokes or onsets.
 
-Two questions, one detector. Where the strokes that the speech causes are known (the Talk corpus), beats are matched
-with them one to one. Where only the sound is known (a recording), onsets of the sound stand in and a Gaussian kernel
-scores the distance, both ways; dense random beats are near some onset by chance, so such a score means something only
-as the gain over the same motion with mismatched speech.
+Two questions, one detector. Where the strokes that the speech causes are known (the Talk corpus), motion beats are
+matched with them one to one. Where only the sound is known (a recording), its onsets stand in and a Gaussian kernel
+scores the distances, both ways. Dense random beats are near some stroke or onset by chance, so either score means
+something only beside that of the same motion with mismatched speech.
 """
 
 from typing import NamedTuple
@@ -14,54 +14,107 @@ from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is matched with
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
-RISE = 0.1  # m/s that the speed of the wrist rises on both sides of a motion beat
-SEED_SECONDS = 4 / 15  # given to the model, so never scored
+RISE = 0.1  # m/s by which a downward stroke is faster than what is around it
+HIT_DELAY = 0.13  # seconds from the fastest moment of a stroke to its end, half a stroke
+
+_ONSET_RATE = 16000
 
 
-def wrist_speeds(skeleton: Skeleton, directions: np.ndarray, fps: float) -> np.ndarray:
-    """Speeds of the left and the right wrist in m/s, (T - 1, 2); entry t lies at time (t + 1/2) / fps."""
+class Matches(NamedTuple):
+    """Counts of one clip, from which recall, precision and F1 of any set of clips follow.
+
+    Attributes:
+        strokes: true strokes of the kind that is scored.
+        met: those that a motion beat meets, one to one.
+        beats: motion beats.
+        known: those that meet a true movement of any kind, one to one.
+    """
+
+    strokes: int
+    met: int
+    beats: int
+    known: int
+
+
+class Kernels(NamedTuple):
+    """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches follows.
+
+    Attributes:
+        onsets, beats: how many there are.
+        heard: sum over onsets of the kernel to the nearest motion beat.
+        meant: sum over motion beats of the kernel to the nearest onset.
+    """
+
+    onsets: int
+    beats: int
+    heard: float
+    meant: float
+
+
+def wrists(skeleton: Skeleton, directions: np.ndarray) -> np.ndarray:
+    """Positions (T, 2, 3) in metres of the left and the right wrist, from direction vectors (T, bones, 3)."""
     positions = directions_to_positions(skeleton, directions.astype(np.float64))
-    wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
-    return np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * fps
+    return positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
 
 
-def motion_beats(skeleton: Skeleton, directions: np.ndarray, fps: float, rise: float = RISE) -> np.ndarray:
-    """Times in seconds, (n,), at which the hands come to a stop.
+def motion_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.ndarray:
+    """Times in seconds, (n,), at which a downward stroke of a hand hits.
 
-    A motion beat is a strict local minimum of the faster wrist's speed, from which the speed rises by at least `rise`
-    to the nearest local maximum on both sides; a parabola through the minimum and its neighbours places it between
-    frames. Motion that stands still has none.
+    The speed v(t + 1/2) = max over wrists of (y(t + 1) - y(t)) fps is downward, y pointing down. A stroke is a strict
+    local maximum of v that stands out by at least `rise` from the nearest local minimum on both sides; a parabola
+    through the maximum and its neighbours places it between frames, and it hits half a stroke later. Motion that
+    stands still has none, and raising the hand, which prepares a stroke, is none.
+
+    Chosen on the Talk corpus, where every stroke is known: the teacher that performs again with other noise finds 0.97
+    of its strokes, and 0.31 with mismatched speech. Other simple definitions find fewer or cannot tell: 0.73 (0.44) the
+    minima of the wrists' speed, as a hand also stands still before it strikes; 0.97 (0.50) the maxima of the speed
+    in any direction. From 0.05 to 0.3 m/s the order is the same; the rise is small so that small strokes count.
 
     Args:
-        skeleton: with joints `left_wrist` and `right_wrist`.
-        directions: (T, bones, 3) direction vectors.
+        positions: (T, 2, 3) wrists in metres.
         fps: frames per second of the motion.
         rise: m/s.
     """
-    if len(directions) < 4:
+    if len(positions) < 4:
         return np.zeros(0)
-    speed = wrist_speeds(skeleton, directions, fps).max(axis=1)
-    return (deep_minima(speed, rise) + 0.5) / fps
+    down = np.diff(positions[..., 1], axis=0).max(axis=1) * fps
+    return (deep_minima(-down, rise) + 0.5) / fps + HIT_DELAY
 
 
 def deep_minima(curve: np.ndarray, rise: float) -> np.ndarray:
-    """Positions, between samples, of strict local minima of `curve` (T,) that rise by `rise` on both sides."""
+    """Positions, between samples, of strict local minima of `curve` (T,) that rise by `rise` on both sides.
+
+    The rise is measured to the nearest local maximum on that side.
+    """
     lowest = 1 + np.flatnonzero((curve[1:-1] < curve[:-2]) & (curve[1:-1] < curve[2:]))
     steps = np.diff(curve)
     positions = []
     for index in lowest:
-        before = steps[:index][::-1] >= 0  # where walking back meets the top
-        after = steps[index:] <= 0
-        left = curve[index - (np.argmax(before) if before.any() else index)]
-        right = curve[index + (np.argmax(after) if after.any() else len(after))]
+        falls_before = np.flatnonzero(steps[:index] >= 0)
+        falls_after = np.flatnonzero(steps[index:] <= 0)
+        left = curve[falls_before[-1] + 1 if len(falls_before) else 0]
+        right = curve[index + falls_after[0] if len(falls_after) else -1]
         if min(left, right) - curve[index] >= rise:
             below, middle, above = curve[index - 1 : index + 2]
             positions.append(index + 0.5 * (below - above) / (below - 2 * middle + above))
     return np.array(positions)
 
 
+def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
+    """Counts of one clip.
+
+    Args:
+        strokes: (n,) ascending times of the strokes to be found.
+        causes: (m,) ascending times of all true movements that a motion beat may answer to, the strokes among them.
+        beats: (k,) ascending times of the motion beats.
+        tolerance: seconds.
+    """
+    met, known = (matched_pairs(times, beats, tolerance) for times in (strokes, causes))
+    return Matches(len(strokes), met, len(beats), known)
+
+
 def matched_pairs(first: np.ndarray, second: np.ndarray, tolerance: float = TOLERANCE) -> int:
-    """The most one-to-one pairs of two sorted lists of times that lie within `tolerance` of each other."""
+    """The most one-to-one pairs of two ascending lists of times that lie within `tolerance` of each other."""
     pairs = i = j = 0
     while i < len(first) and j < len(second):
         if abs(first[i] - second[j]) <= tolerance:
@@ -71,3 +124,65 @@ def matched_pairs(first: np.ndarray, second: np.ndarray, tolerance: float = TOLE
         else:
             j += 1
     return pairs
+
+
+def recall(counts: np.ndarray) -> float:
+    """Share of the strokes that a motion beat meets, over rows of `Matches` (n, 4); 0 without strokes."""
+    strokes, met, _, _ = np.sum(counts, axis=0)
+    return float(met / strokes) if strokes else 0.0
+
+
+def precision(counts: np.ndarray) -> float:
+    """Share of the motion beats with a true cause, over rows of `Matches` (n, 4); 0 without motion beats."""
+    _, _, beats, known = np.sum(counts, axis=0)
+    return float(known / beats) if beats else 0.0
+
+
+def f1(counts: np.ndarray) -> float:
+    """Harmonic mean of recall and precision over rows of `Matches` (n, 4); 0 for motion that stands still."""
+    r, q = recall(counts), precision(counts)
+    return 2 * r * q / (r + q) if r + q else 0.0
+
+
+def strict_f1(counts: np.ndarray) -> float:
+    """F1 that takes a motion beat with another cause for wrong, over rows of `Matches` (n, 4)."""
+    strokes, met, beats, _ = np.sum(counts, axis=0)
+    return float(2 * met / (strokes + beats)) if strokes + beats else 0.0
+
+
+def onsets(audio: np.ndarray) -> np.ndarray:
+    """Times in seconds, (n,), of the onsets of samples at 16 kHz: librosa's detector with its defaults."""
+    import librosa  # slow to import, and Talk does without it
+
+    return librosa.onset.onset_detect(y=audio, sr=_ONSET_RATE, units="time")
+
+
+def kernels(
+    onset_times: np.ndarray, beats: np.ndarray, start: float = -np.inf, end: float = np.inf, sigma: float = SIGMA
+) -> Kernels:
+    """The kernel exp(-d^2 / (2 sigma^2)) of the distance d to the nearest on the other side, summed from start to end.
+
+    Args:
+        onset_times, beats: (n,) and (m,) seconds; the nearest may lie outside of start and end.
+        start, end: seconds.
+        sigma: seconds.
+    """
+    inside = [(times >= start) & (times < end) for times in (onset_times, beats)]
+    if not len(onset_times) or not len(beats):
+        return Kernels(int(inside[0].sum()), int(inside[1].sum()), 0.0, 0.0)
+    squares = np.square(onset_times[:, None] - beats[None])
+    nearest = [np.exp(-squares.min(axis=axis) / (2 * sigma**2)) for axis in (1, 0)]
+    sums = [float(values[mask].sum()) for values, mask in zip(nearest, inside, strict=True)]
+    return Kernels(int(inside[0].sum()), int(inside[1].sum()), sums[0], sums[1])
+
+
+def alignment(sums: np.ndarray) -> float:
+    """Beat alignment F = 2 R Q / (R + Q) over rows of `Kernels` (n, 4).
+
+    R is the mean kernel of the onsets and Q that of the motion beats. Onsets without motion beats score 0.
+    """
+    num_onsets, num_beats, heard, meant = np.sum(sums, axis=0)
+    if not heard or not meant:
+        return 0.0
+    r, q = heard / num_onsets, meant / num_beats
+    return float(2 * r * q / (r + q))

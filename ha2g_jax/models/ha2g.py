@@ -35,6 +35,23 @@ class PoseStage(nn.Module):
         return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear")(outputs)
 
 
+class StyleCoordinator(nn.Module):
+    """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2).
+
+    Attributes:
+        num_levels: H.
+    """
+
+    num_levels: int
+
+    @nn.compact
+    def __call__(self, f_id: jax.Array) -> jax.Array:
+        """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
+        num_audio = len(Features._fields)
+        scores = nn.Dense(num_audio * self.num_levels, kernel_init=initializers.LINEAR, name="linear")(f_id)
+        return nn.softmax(scores.reshape(f_id.shape[0], num_audio, self.num_levels), axis=1)
+
+
 class HA2G(nn.Module):
     """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
 
@@ -61,10 +78,10 @@ class HA2G(nn.Module):
     dropout: float = 0.3
 
     def setup(self) -> None:
-        num_levels = len(self.level_channels)
-        self.coordinator = nn.Dense(len(Features._fields) * num_levels, kernel_init=initializers.LINEAR)
+        self.coordinator = StyleCoordinator(len(self.level_channels))
         self.stages = [
-            PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout) for channels in self.level_channels
+            PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout, name=f"pose_{level}")
+            for level, channels in enumerate(self.level_channels, 1)
         ]
 
     def __call__(
@@ -89,9 +106,8 @@ class HA2G(nn.Module):
         return self.identity(identity, train=train)
 
     def coordinate(self, f_id: jax.Array) -> jax.Array:
-        """Style coordinator: f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
-        scores = self.coordinator(f_id)
-        return nn.softmax(scores.reshape(f_id.shape[0], len(Features._fields), len(self.level_channels)), axis=1)
+        """Maps f_id (B, 18) to the style coordinator C (B, 3, H)."""
+        return self.coordinator(f_id)
 
     def infer(
         self, features: tuple[jax.Array, jax.Array, jax.Array], f_id: jax.Array, seed: jax.Array, *, train: bool

@@ -79,6 +79,7 @@ class Stage(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
         for index in range(self.blocks):
             stride = self.stride if index == 0 else 1
             x = BasicBlock(self.channels, stride, name=f"block_{index}")(x, train=train)
@@ -93,6 +94,7 @@ class Stem(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, 1) to (B, H / stride, W / stride, channels), rounded up."""
         x = _conv(self.channels, (3, 3), self.stride, 1, use_bias=True, name="conv")(x)
         return BatchNorm(name="norm")(nn.relu(x), train=train)
 

@@ -48,8 +48,11 @@ class Motion:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The skeleton that `meta` names."""
-        return load_skeleton(self.meta["skeleton"])
+        """The skeleton that `meta` names, with the bone lengths of this motion."""
+        skeleton = load_skeleton(self.meta["skeleton"])
+        parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+        lengths = np.linalg.norm(self.positions[0, children] - self.positions[0, parents], axis=-1)
+        return dataclasses.replace(skeleton, lengths=lengths)
 
     @property
     def num_frames(self) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
@@ -28,8 +29,8 @@ def data_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
 
 
 def replicate(mesh: Mesh, tree: Any) -> Any:
-    """Every leaf of `tree` whole on every device."""
-    return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
+    """A copy of `tree` whole on every device; `compile_step` may give it up, the original stays valid."""
+    return jax.device_put(jax.tree.map(jnp.copy, tree), NamedSharding(mesh, PartitionSpec()))
 
 
 def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array]:
@@ -46,8 +47,8 @@ def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array
     num_devices = mesh.local_mesh.size
     if size % num_devices:
         raise UserError(
-            f"a batch of {size} does not split over {num_devices} devices: set --config.train.batch_size to a multiple of "
-            f"{num_devices * jax.process_count()}"
+            f"a batch of {size} does not split over {num_devices} devices: "
+            f"set --config.train.batch_size to a multiple of {num_devices * jax.process_count()}"
         )
     sharding = NamedSharding(mesh, PartitionSpec(AXIS))
     return {name: jax.make_array_from_process_local_data(sharding, array) for name, array in batch.items()}

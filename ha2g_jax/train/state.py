@@ -1,5 +1,6 @@
 """What training carries from step to step: two networks, each with its parameters, statistics and optimiser."""
 
+import functools
 from typing import Any
 
 import flax.struct
@@ -24,35 +25,28 @@ class Network(flax.struct.PyTreeNode):
 
 
 class TrainState(flax.struct.PyTreeNode):
-    """Attributes:
-    step: () int32, the number of steps taken.
-    generator, discriminator: the two networks of Eq. 6.
-    """
+    """The two networks of Eq. 6 after `step` () int32 steps."""
 
     step: jax.Array
     generator: Network
     discriminator: Network
 
 
+@functools.partial(jax.jit, static_argnums=0)
 def init_state(task: Task, key: jax.Array) -> TrainState:
-    """Fresh networks; word vectors of the task, where it has them, are put in place of random ones."""
-
-    @jax.jit
-    def init(key):
-        generator_key, discriminator_key = jax.random.split(key)
-        batch = example_batch(task)
-        generator = task.generator.init(
-            generator_key,
-            batch["mel"],
-            batch["words"],
-            batch[task.identity_input],
-            jnp.zeros((1, task.num_seed_frames, task.skeleton.pose_dim)),
-            train=False,
-        )
-        poses = jnp.zeros((1, task.num_frames, task.skeleton.pose_dim))
-        return generator, task.discriminator.init(discriminator_key, poses, train=False)
-
-    generator, discriminator = init(key)
+    """Fresh networks; the task's word vectors, where it has them, take the place of random ones."""
+    generator_key, discriminator_key = jax.random.split(key)
+    batch = example_batch(task)
+    poses = jnp.zeros((1, task.num_frames, task.skeleton.pose_dim))
+    generator = task.generator.init(
+        generator_key,
+        batch["mel"],
+        batch["words"],
+        batch[task.identity_input],
+        poses[:, : task.num_seed_frames],
+        train=False,
+    )
+    discriminator = task.discriminator.init(discriminator_key, poses, train=False)
     return TrainState(
         step=jnp.zeros((), jnp.int32),
         generator=_network(set_word_vectors(task, generator), task.generator_optimizer),

@@ -75,7 +75,9 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
     is_warm = state.step >= task.warmup_steps
 
     outputs, pull_back, (generator_stats, contrast) = jax.vjp(
-        lambda params: generate(task, state.generator.replace(params=params), batch, keys), state.generator.params, has_aux=True
+        lambda params: generate(task, state.generator.replace(params=params), batch, keys),
+        state.generator.params,
+        has_aux=True,
     )
 
     discriminator, discriminator_metrics = _update_discriminator(
@@ -181,12 +183,8 @@ def loss_terms(
     return {
         "gan": losses.gan_generator(fake_logits, kind=settings.gan),
         "huber": losses.huber(outputs.poses, split_levels(task, targets), settings.huber_delta),
-        "physical": losses.physical(
-            angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)
-        ),
-        "style": losses.style(
-            outputs.poses[-1], *contrast, delta=settings.huber_delta, clip=settings.style_clip
-        ),
+        "physical": losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
+        "style": losses.style(outputs.poses[-1], *contrast, delta=settings.huber_delta, clip=settings.style_clip),
         "kld": losses.kld(outputs.mean, outputs.log_variance),
         "contrastive": losses.contrastive(outputs.text, *outputs.features, temperature=settings.temperature),
     }

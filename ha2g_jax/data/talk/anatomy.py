@@ -4,6 +4,7 @@ Both arms are computed as left arms and the right one is mirrored. Within the tr
 (to the person's left), y down, and the person faces -z.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +132,7 @@ def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.
     for side, name in enumerate(("left", "right")):
         for finger, finger_name in enumerate(lexicon.FINGERS):
             bones = [unit[..., skeleton.bone(f"{name}_{finger_name}_{part}"), :] for part in (1, 2, 3)]
-            cosines = [np.sum(a * b, axis=-1) for a, b in zip(bones[:-1], bones[1:], strict=True)]
+            cosines = [np.sum(a * b, axis=-1) for a, b in itertools.pairwise(bones)]
             bend = sum(np.arccos(np.clip(cosine, -1, 1)) for cosine in cosines)
             flexions[..., side, finger] = np.rad2deg(bend) / FINGER_BEND[finger].sum()
     return flexions

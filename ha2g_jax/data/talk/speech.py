@@ -132,6 +132,7 @@ def _fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
                 f"espeak-ng cannot read its voices in {folder} (a path of at most 150 characters works); "
                 "reinstall it, in a folder with a shorter name: pip install espeakng-loader"
             )
+        library.espeak_ng_SetRandSeed(ctypes.c_long(0))  # else breath depends on the time of day
         yield library, rate
         library.espeak_Terminate()
     finally:

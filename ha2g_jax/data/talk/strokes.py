@@ -10,9 +10,9 @@ from ha2g_jax.data.talk.cues import Cues
 from ha2g_jax.text import Word
 
 LATENCY = 0.06  # seconds later or earlier at either end of the style
-_BEAT_GAP = 0.42
-_WEAKEST_BEAT = 0.55
-_RISE, _REST, _RELAX = 0.32, 0.08, 0.4
+_BEAT_GAP = 0.5
+WEAKEST_BEAT = 0.75
+_RISE, _REST, _REBOUND = 0.42, 0.03, 0.22
 _HOLD = 0.55
 
 
@@ -60,14 +60,14 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
     """The loud syllables that the hands beat, at most one in `_BEAT_GAP` seconds, louder ones first."""
     chosen: list[np.ndarray] = []
     for nucleus in cues.nuclei[np.argsort(-cues.nuclei[:, 1], kind="stable")]:
-        if nucleus[1] >= _WEAKEST_BEAT and all(abs(nucleus[0] - other[0]) >= _BEAT_GAP for other in chosen):
+        if nucleus[1] >= WEAKEST_BEAT and all(abs(nucleus[0] - other[0]) >= _BEAT_GAP for other in chosen):
             chosen.append(nucleus)
     beats = []
     last = -np.inf
     for moment, loudness in sorted(tuple(nucleus) for nucleus in chosen):
         hit = moment + latency
         # A crowded stroke is quicker; it is never so quick that a frame cannot show it.
-        stroke = np.clip(0.45 * (hit - last), 0.17, 0.22)
+        stroke = np.clip(0.48 * (hit - last), 0.20, 0.24)
         beats.append(Beat(hit - stroke, hit, loudness))
         last = hit
     return tuple(beats)
@@ -76,16 +76,15 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
 def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float, float]]:
     """Key values of the height of a beating hand: up by its size at the apex, a little below rest at the hit."""
     keys = [(-1.0, 0.0)]
-    settled = -np.inf
     for beat, size in zip(beats, sizes, strict=True):
         rise = beat.apex - _RISE
-        if rise > settled + _RELAX:
-            keys += [(settled + _RELAX, 0.0)] * np.isfinite(settled) + [(rise, 0.0)]
-        elif rise > settled:
-            keys += [(rise, keys[-1][1])]  # co-articulation: the next stroke starts from where this one ended
-        settled = beat.hit + _REST
-        keys += [(beat.apex, size), (beat.hit, -0.25 * size), (settled, -0.25 * size)]
-    return [*keys, (keys[-1][0] + _RELAX, 0.0)]
+        if rise > keys[-1][0]:
+            keys.append((rise, 0.0))
+        elif len(keys) > 1 and beat.apex < keys[-1][0] + 0.12:
+            keys.pop()  # co-articulation: the next stroke is prepared from where this one ended
+        keys += [(beat.apex, size), (beat.hit - _REST, -0.3 * size), (beat.hit + _REST, -0.3 * size)]
+        keys.append((beat.hit + _REBOUND, 0.0))
+    return keys
 
 
 def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGesture, ...]:

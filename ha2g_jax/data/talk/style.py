@@ -26,5 +26,7 @@ class Style(NamedTuple):
 
 
 def sample_style(rng: np.random.Generator) -> Style:
-    """A style drawn uniformly from the cube."""
-    return Style(*(float(value) for value in rng.uniform(-1, 1, len(Style._fields))))
+    """A style drawn uniformly from the cube, but two of three people are right-handed and none is two-handed."""
+    style = Style(*(float(value) for value in rng.uniform(-1, 1, len(Style._fields))))
+    side = 1.0 if rng.random() < 2 / 3 else -1.0
+    return style._replace(handedness=side * (0.3 + 0.7 * abs(style.handedness)))

@@ -25,8 +25,10 @@ from ha2g_jax.text import Word
 SKELETON = "ted_expressive"
 
 _RATE = 60  # frames a second at which movement is composed
-_JITTER = 0.008  # seconds of a stroke's timing that nothing explains
+_JITTER = 0.008  # seconds of a performance's latency that nothing explains
 _FOREARM = 0.33  # metres from elbow to wrist
+_AVERAGE_BEAT = 0.10  # metres that the wrist is raised
+_AVERAGE_NOD = 5.0  # degrees
 
 
 class Performance(NamedTuple):
@@ -50,7 +52,7 @@ def perform(
         audio: (samples,) float32 at 16 kHz.
         words: the words of the speech in order of time; seconds from the start of the audio.
         style: who moves.
-        rng: source of the little that speech and style leave open: idle sway and a few ms of timing.
+        rng: source of the little that speech and style leave open: idle sway and a few milliseconds of latency.
         fps: frames a second of the result.
 
     Returns:
@@ -84,7 +86,7 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
         trunk + 0.5 * _sway(rng, trunk.shape),
         head + 0.6 * _sway(rng, head.shape),
         shrug,
-        arms + 0.7 * _sway(rng, arms.shape),
+        arms + 1.2 * _sway(rng, arms.shape),
         fingers + 0.006 * _sway(rng, fingers.shape),
     )
     return body, arm_strokes + body_strokes
@@ -96,34 +98,34 @@ def _arms(skeleton, times, heard, beats, gestures, style) -> tuple[np.ndarray, l
     size = 2.0 ** (0.6 * style.amplitude)
     beat_size = 2.0 ** (0.4 * style.mixing) * size
     # Low-level causes: each syllable's loudness sets the size of its beat, slow loudness lifts the arms.
-    heights = [beat_size * (0.05 + 0.11 * np.clip((beat.loudness - 0.55) / 0.55, 0, 1)) for beat in beats]
+    heights = [
+        beat_size * (0.05 + 0.11 * np.clip((beat.loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1)) for beat in beats
+    ]
     height = strokes.track(times, strokes.beat_keys(beats, heights))
-    lift = _sample(ndimage.gaussian_filter1d(heard.loudness, 0.45 * cues.RATE), times * cues.RATE)
-    lift = np.clip(1.6 * lift, 0, 1)
+    lift = _sample(ndimage.gaussian_filter1d(heard.loudness, 0.25 * cues.RATE), times * cues.RATE)
+    lift = np.minimum(1.2 * lift, 1.2)
     arms = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
     performed = []
     for side, gain in enumerate(gains):
-        arm = _rest_arm(style)[None] + (0.35 + 0.65 * gain) * lift[:, None] * np.array([4, 3, 2, 26, 8, 6, 0])[None]
+        arm = _rest_arm(style)[None] + (0.35 + 0.65 * gain) * lift[:, None] * np.array([7, 6, 13, 24, 10, 8, 0])[None]
         arm = _blend_gestures(skeleton, arm, times, gestures, style, side)
         arms[:, side] = arm + _beat_angles(gain * height)
     dominant = int(style.handedness >= 0)
     names = ("left", "right")
     hand = names[dominant] if gains.min() < 0.5 else "both"
     performed += [
-        Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, float(size), "")
-        for beat, size in zip(beats, heights, strict=True)
+        Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, float(height / _AVERAGE_BEAT), "")
+        for beat, height in zip(beats, heights, strict=True)
     ]
     for gesture in gestures:
         hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else names[dominant]
-        performed.append(
-            Stroke(gesture.peak, gesture.start, gesture.end, "semantic", hand, 1.0, gesture.word_class)
-        )
+        performed.append(Stroke(gesture.peak, gesture.start, gesture.end, "semantic", hand, 1.0, gesture.word_class))
     return arms, performed
 
 
 def _rest_arm(style: Style) -> np.ndarray:
     """Angles (7,) of a resting arm: bent in front of the trunk, higher and wider with the style's elbow."""
-    rest = np.array([-8.0, 12.0, -16.0, 78.0, 28.0, -12.0, 0.0])
+    rest = np.array([-3.0, 13.0, -15.0, 84.0, 10.0, -12.0, 3.0])
     return rest + style.elbow * np.array([3.0, 7.0, -5.0, 9.0, 14.0, 0.0, 0.0])
 
 
@@ -154,7 +156,8 @@ def _beat_angles(height: np.ndarray) -> np.ndarray:
     behind[:3] = turn[0]
     zeros = np.zeros_like(turn)
     return np.stack(
-        [0.25 * turn * large, 0.15 * turn, -0.3 * turn, 0.75 * turn, -0.5 * turn, 1.2 * (behind - turn), zeros], axis=-1
+        [0.25 * turn * large, 0.15 * turn, -0.5 * turn, 0.75 * turn, -0.5 * turn, 1.8 * (behind - turn), zeros],
+        axis=-1,
     )
 
 
@@ -170,15 +173,14 @@ def _trunk_and_head(times, heard, style, latency) -> tuple[np.ndarray, np.ndarra
         if hit - 0.3 < nods[-1][0]:
             nods.pop()
         nods += [(hit - 0.28, 0.0), (hit, depth), (hit + 0.4, 0.0)]
-        performed.append(Stroke(hit, hit - 0.28, hit + 0.4, "nod", "", float(depth), ""))
+        performed.append(Stroke(hit, hit - 0.28, hit + 0.4, "nod", "", float(depth / _AVERAGE_NOD), ""))
     nod = strokes.track(times, nods)
     keys = strokes.plan_posture(heard.pauses)
     side = strokes.track(times, keys)
     for start, end in zip(keys[1::2], keys[2::2], strict=True):
-        performed.append(Stroke(end[0], start[0], end[0], "posture", "", float(size * abs(end[1] - start[1])), ""))
-    zeros = np.zeros_like(times)
+        performed.append(Stroke(end[0], start[0], end[0], "posture", "", float(size), ""))
     excited = np.clip(pitch, -3, 6)
-    trunk = size * np.stack([1.5 * zeros - 0.3 * excited, 4.0 * side, 2.2 * side], axis=-1)
+    trunk = size * np.stack([-0.3 * excited, 4.0 * side, 2.2 * side], axis=-1)
     head = np.stack([nod - size * 1.0 * excited, 7.0 * size * side, -4.0 * size * side], axis=-1)
     shrug = np.stack([size * (0.7 * excited + 1.2 * side), size * (0.7 * excited - 1.2 * side)], axis=-1)
     return trunk, head, shrug, performed

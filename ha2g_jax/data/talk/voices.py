@@ -29,11 +29,12 @@ class Voice(NamedTuple):
 
 def sample_voice(rng: np.random.Generator) -> Voice:
     """A random voice; women's and men's are equally likely."""
-    variants = MALE_VARIANTS if rng.random() < 0.5 else FEMALE_VARIANTS
+    is_male = rng.random() < 0.5
     return Voice(
         language=str(rng.choice(LANGUAGES)),
-        variant=str(rng.choice(variants)),
-        pitch=int(rng.integers(25, 76)),
+        variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
+        # The variants of women are tuned high already.
+        pitch=int(rng.integers(25, 76) if is_male else rng.integers(15, 51)),
         pitch_range=int(rng.integers(45, 100)),
-        rate=int(rng.integers(130, 171)),
+        rate=int(rng.integers(150, 196)),
     )

@@ -1,0 +1,81 @@
+"""Outlines in the picture: perspective, capsules, smooth curves, light."""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+
+Colour = tuple[int, int, int]
+
+_CAMERA = 3.2  # metres in front of the spine
+_ARC = np.linspace(-np.pi / 2, np.pi / 2, 9)
+
+
+class Look(NamedTuple):
+    """Who is drawn: colours as RGB from 0 to 255, `build` 1 for average and more for broader, `hair_length` 0 to 1."""
+
+    skin: Colour
+    hair: Colour
+    shirt: Colour
+    background: Colour
+    build: float = 1.0
+    hair_length: float = 0.4
+
+
+class Shape(NamedTuple):
+    """A filled outline (n, 2) in metres of the picture plane."""
+
+    outline: np.ndarray
+    colour: Colour
+
+
+def project(points: np.ndarray) -> np.ndarray:
+    """Picture coordinates (..., 2) of points (..., 3): the camera looks along +z from `_CAMERA` metres ahead."""
+    return points[..., :2] * (_CAMERA / (_CAMERA + points[..., 2:]))
+
+
+def capsules(starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray) -> np.ndarray:
+    """Outlines (n, 18, 2) in the picture of tapered capsules between points (n, 3) with radii (n,) in metres."""
+    first, last = project(starts), project(ends)
+    wide = wide * _CAMERA / (_CAMERA + starts[:, 2])
+    narrow = narrow * _CAMERA / (_CAMERA + ends[:, 2])
+    along = last - first
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    near, far = angle[:, None] + np.pi + _ARC[None], angle[:, None] + _ARC[None]
+    outline_near = first[:, None] + wide[:, None, None] * np.stack([np.cos(near), np.sin(near)], axis=-1)
+    outline_far = last[:, None] + narrow[:, None, None] * np.stack([np.cos(far), np.sin(far)], axis=-1)
+    return np.concatenate([outline_near, outline_far], axis=1)
+
+
+def smooth(outline: np.ndarray, steps: int = 5) -> np.ndarray:
+    """A closed Catmull-Rom curve through points (n, 2)."""
+    u = (np.arange(steps) / steps)[None, :, None]
+    before, here, after, later = (np.roll(outline, shift, axis=0)[:, None] for shift in (1, 0, -1, -2))
+    curve = 2 * here + (after - before) * u + (2 * before - 5 * here + 4 * after - later) * u**2
+    return (0.5 * (curve + (3 * here - before - 3 * after + later) * u**3)).reshape(-1, 2)
+
+
+@functools.lru_cache(maxsize=8)
+def backdrop(colour: Colour, width: int, height: int) -> Image.Image:
+    """A soft light behind the figure that darkens towards the corners."""
+    x, y = np.linspace(-1, 1, width)[None], np.linspace(-1, 1, height)[:, None]
+    light = 1.05 - 0.20 * np.clip(0.7 * x**2 + 0.5 * (y + 0.25) ** 2, 0, 1.2)
+    return Image.fromarray(np.clip(light[..., None] * np.array(colour), 0, 255).astype(np.uint8))
+
+
+def shade(colour: Colour, factor: float) -> Colour:
+    """The colour, lighter for a factor above 1."""
+    red, green, blue = (int(np.clip(channel * factor, 0, 255)) for channel in colour)
+    return red, green, blue
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """The vector (3,) at length 1."""
+    return vector / max(float(np.linalg.norm(vector)), 1e-8)
+
+
+def facing(points: dict[str, np.ndarray]) -> np.ndarray:
+    """The direction in which the trunk faces."""
+    up, across = points["neck"] - points["spine"], points["left_shoulder"] - points["right_shoulder"]
+    return unit(np.cross(across, up))

@@ -1,0 +1,109 @@
+"""Starts a training run from the command line: absl flags and ml_collections' configs with overrides."""
+
+import pathlib
+import re
+import sys
+from collections.abc import Sequence
+
+import ml_collections
+from absl import flags
+from ml_collections import config_flags
+
+from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
+
+_USAGE = """\
+usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...]
+
+Trains the model of a config. The same command continues a run that was stopped.
+
+  --config FILE[:SIZE]   such as experiments/configs/talk.py:small; sizes are paper, small and debug
+  --workdir DIR          where checkpoints, metrics.jsonl and config.json go
+  --config.KEY=VALUE     changes one setting, such as --config.train.batch_size=64
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one training from flags; returns its exit code.
+
+    Args:
+        argv: name of the program, then its flags; by default those of this process.
+
+    Raises:
+        UserError: a flag, config or data set that cannot be used.
+    """
+    argv = list(sys.argv if argv is None else argv)
+    if {"--help", "-help", "-h"} & set(argv[1:]):
+        sys.stdout.write(_USAGE.format(program=argv[0]))
+        return 0
+    config, workdir = _parse(argv)
+
+    from ha2g_jax.train.loop import train  # JAX starts here, after the flags were read
+
+    train(config, workdir)
+    sys.stdout.write(f"{workdir}\n")
+    return 0
+
+
+def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
+    """The config of "FILE" or "FILE:SIZE", locked.
+
+    Args:
+        spec: path of a Python file with `get_config(size)`, and a size.
+        overrides: such as "--config.train.steps=10".
+
+    Raises:
+        UserError: no such file or size, or an override that does not fit.
+    """
+    config, _ = _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides])
+    return config
+
+
+def _parse(argv: list[str]) -> tuple[Config, str]:
+    """The config with its overrides, and the workdir."""
+    values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
+    config_flags.DEFINE_config_file("config", flag_values=values, sys_argv=argv)
+    flags.DEFINE_string("workdir", None, "", flag_values=values)
+    _check_file(argv)
+    try:
+        rest = values(argv)
+        config = values.config
+        is_config = isinstance(config, ml_collections.ConfigDict)
+    except flags.UnrecognizedFlagError as error:
+        raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
+    except (KeyError, AttributeError) as error:  # ml_collections' for a key that the config does not have
+        raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
+    except (flags.Error, TypeError, ValueError) as error:
+        raise UserError(_one_line(error)) from error
+    if config is None or not values.workdir:
+        missing = "--config" if config is None else "--workdir"
+        raise UserError(f"{missing} is missing; see {argv[0]} --help")
+    if rest[1:]:
+        raise UserError(f"unexpected argument {rest[1]!r}; see {argv[0]} --help")
+    if not is_config:
+        raise UserError("get_config of the config file gives no ml_collections.ConfigDict; see experiments/configs")
+    return config, values.workdir
+
+
+def _check_file(argv: list[str]) -> None:
+    """Looks at the config file before ml_collections does, whose report of a missing one comes late and is long."""
+    for flag, following in zip(argv, [*argv[1:], ""]):
+        match = re.fullmatch(r"--?config(?:=(.*))?", flag)
+        if match is None:
+            continue
+        name = (following if match[1] is None else match[1]).split(":")[0]
+        path = pathlib.Path(name)
+        if not path.is_file():
+            raise UserError(f"no config file {name!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
+        try:
+            has_config = "def get_config" in path.read_text()
+        except UnicodeDecodeError:
+            has_config = False
+        if not has_config:
+            raise UserError(f"{path} is no config: it defines no get_config(size); see experiments/configs")
+
+
+def _one_line(error: Exception) -> str:
+    # ml_collections quotes the message of a misspelt key, line breaks and all.
+    message = str(error).replace("\\n", ". ").replace("\\'", "").replace("'", "")
+    return " ".join(message.split())

@@ -1,0 +1,69 @@
+"""Speech file in, motion file and video out."""
+
+import dataclasses
+import pathlib
+from collections.abc import Sequence
+
+from ha2g_jax.audio import read_audio
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.video import write_video
+from ha2g_jax.motion.whole_file import whole_file
+from ha2g_jax.synthesis.model import load
+
+
+def generate_files(
+    speech: str | pathlib.Path,
+    out: str | pathlib.Path | None = None,
+    checkpoint: str | pathlib.Path = "demo",
+    *,
+    speaker: str | None = None,
+    reference_images: str | pathlib.Path | Sequence[str | pathlib.Path] | None = None,
+    style_seed: int | None = None,
+    seed: int = 0,
+    fps: float | None = None,
+) -> tuple[pathlib.Path, pathlib.Path]:
+    """Writes the motion (`.npz`) and a video of the figure with the sound (`.mp4`): both, or neither.
+
+    Args:
+        speech: a file with sound.
+        out: the name of both files, with or without `.npz` or `.mp4`, or a folder to put them in; by default
+            they lie beside the speech, with `_gestures` after its name.
+        checkpoint: see `load`.
+        speaker, reference_images, style_seed, seed, fps: see `Model.generate`.
+
+    Returns:
+        The paths of the `.npz` and the `.mp4`.
+
+    Raises:
+        UserError: as `load` and `Model.generate`, or the place cannot be written.
+    """
+    speech = pathlib.Path(speech)
+    npz, mp4 = out_paths(speech, out)
+    audio = read_audio(speech)
+    model = load(checkpoint)
+    # Opened before the work, so that a place that cannot be written is noticed in time.
+    with whole_file(npz) as temporary_npz, whole_file(mp4) as temporary_mp4:
+        motion = model.generate(
+            audio, speaker=speaker, reference_images=reference_images, style_seed=style_seed, seed=seed, fps=fps
+        )
+        motion = dataclasses.replace(motion, meta=motion.meta | {"speech": speech.name})
+        motion.save(temporary_npz)
+        write_video(temporary_mp4, motion, audio)
+    return npz, mp4
+
+
+def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, pathlib.Path]:
+    """Where `generate_files` writes the `.npz` and the `.mp4`.
+
+    Raises:
+        UserError: one of them would overwrite the speech.
+    """
+    if out is None or pathlib.Path(out).is_dir():
+        stem = (speech.parent if out is None else pathlib.Path(out)) / f"{speech.stem}_gestures"
+    else:
+        out = pathlib.Path(out)
+        stem = out.with_suffix("") if out.suffix in (".npz", ".mp4") else out
+    npz, mp4 = (stem.with_name(stem.name + suffix) for suffix in (".npz", ".mp4"))
+    if speech.resolve() in (npz.resolve(), mp4.resolve()):
+        raise UserError(f"the result would overwrite {speech}; choose another name with --out")
+    return npz, mp4

@@ -1,0 +1,103 @@
+"""What a config builds: shapes and parameter counts of every module, without computing anything."""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import ml_collections
+from flax import linen as nn
+from flax import traverse_util
+
+from ha2g_jax import models
+from ha2g_jax.models.norm import BatchNorm
+from ha2g_jax.models.resnet import ResNet18
+from ha2g_jax.models.resnet_se import Head, Stage, Stem
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train.task import build_task, example_batch
+
+Row = dict[str, Any]
+
+_DEPTH = 2
+# Modules whose shapes the paper's tables print channels first; sequences are frames x values.
+_CHANNELS_FIRST = (Stem, Stage, Head, ResNet18, BatchNorm, nn.Conv, nn.ConvTranspose)
+
+
+def describe(config: ml_collections.ConfigDict) -> list[Row]:
+    """Rows for the generator, the discriminator and the pose auto-encoder, and for their parts, two levels down.
+
+    Feature maps and convolutions are channels first, as in Tables 6 to 9; sequences are frames x values; the batch
+    axis is left out. Tables of words and speakers grow with the data and are not counted.
+
+    Returns:
+        Rows with "module" (dotted path), "input" and "output" (such as "64x64x35"; several are joined by ", "),
+        "input_shapes" and "output_shapes" (lists) and "parameters" (of the module with its parts).
+    """
+    skeleton = load_skeleton(config.skeleton)
+    task = build_task(config, skeleton, vocabulary_size=1, num_speakers=1)
+    batch = example_batch(task)
+    poses = jnp.zeros((1, task.num_frames, skeleton.pose_dim))
+    seed = poses[:, : task.num_seed_frames]
+    autoencoder = models.PoseAutoencoder(skeleton.pose_dim, models.LATENT_DIMS[skeleton.name])
+    return [
+        *_rows("generator", task.generator, batch["mel"], batch["words"], batch[task.identity_input], seed),
+        *_rows("discriminator", task.discriminator, poses),
+        *_rows("autoencoder", autoencoder, poses),
+    ]
+
+
+def as_table(rows: list[Row]) -> str:
+    """The rows of `describe` as aligned text, with the total of all networks below."""
+    header = ("module", "input", "output", "parameters")
+    cells = [
+        ("  " * row["module"].count(".") + row["module"].rpartition(".")[2], row["input"], row["output"], _count(row))
+        for row in rows
+    ]
+    total = sum(row["parameters"] for row in rows if "." not in row["module"])
+    cells = [header, *cells, ("total", "", "", f"{total:,}")]
+    widths = [max(len(line[column]) for line in cells) for column in range(len(header))]
+    lines = [
+        "  ".join([*(cell.ljust(width) for cell, width in zip(line[:-1], widths)), line[-1].rjust(widths[-1])])
+        for line in cells
+    ]
+    rule = "-" * len(lines[0])
+    note = "Shapes without the batch axis. Word and speaker tables, which grow with the data, are not counted."
+    return "\n".join([lines[0], rule, *lines[1:-1], rule, lines[-1], note])
+
+
+def _rows(name: str, module: nn.Module, *inputs: jax.Array) -> list[Row]:
+    rows: dict[tuple[str, ...], Row] = {}
+
+    def record(call, args, kwargs, context):
+        path = context.module.path
+        if context.method_name != "__call__" or len(path) > _DEPTH:
+            return call(*args, **kwargs)
+        row = rows.setdefault(path, {"module": ".".join((name, *path))})  # parents first: before their parts run
+        output = call(*args, **kwargs)
+        channels_first = isinstance(context.module, _CHANNELS_FIRST)
+        for key, arrays in (("input", args), ("output", output)):
+            shapes = [_shape(array, channels_first) for array in jax.tree.leaves(arrays)]
+            row[key] = ", ".join("x".join(map(str, shape)) for shape in shapes)
+            row[f"{key}_shapes"] = shapes
+        return output
+
+    with nn.intercept_methods(record):
+        variables = jax.eval_shape(lambda key: module.init(key, *inputs, train=False), jax.random.key(0))
+    sizes = {path: math.prod(jnp.shape(leaf)) for path, leaf in traverse_util.flatten_dict(variables["params"]).items()}
+    for path, row in rows.items():
+        row["parameters"] = sum(
+            size for leaf, size in sizes.items() if leaf[: len(path)] == path and leaf[-1] != "embedding"
+        )
+    return [row for row in rows.values() if row["parameters"]]
+
+
+def _shape(array: jax.Array, channels_first: bool) -> list[int]:
+    shape = list(array.shape[1:])
+    if channels_first and len(shape) > 1:
+        # A head takes a feature map but returns a sequence; both have their channels last in the code.
+        shape = [shape[-1], *shape[:-1]]
+    return shape or [1]
+
+
+def _count(row: Row) -> str:
+    return f"{row['parameters']:,}"

@@ -1,0 +1,47 @@
+"""The objective on held-out windows: how far a run has come, and which of its checkpoints is the best."""
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+
+from ha2g_jax.data.windows import Windows
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import sharding
+from ha2g_jax.train.state import TrainState
+from ha2g_jax.train.task import Task
+
+
+class Validation:
+    """The mean terms of the objective over a split, in the same batches every time.
+
+    Args:
+        task: static.
+        mesh: from `sharding.data_mesh`.
+        windows: of the split; those that do not fill a batch are left out.
+        batch_size: at most; less where there are fewer windows.
+
+    Raises:
+        UserError: there are fewer windows than devices.
+    """
+
+    def __init__(self, task: Task, mesh: Mesh, windows: Windows, batch_size: int):
+        self._mesh, self._windows = mesh, windows
+        self._step = sharding.compile_validation_step(task, mesh)
+        size = min(batch_size, len(windows) // mesh.size * mesh.size)
+        if not size:
+            raise UserError(
+                f"the validation split has {len(windows)} windows for {mesh.size} devices: "
+                "take more data or set --config.train.devices=1"
+            )
+        order = np.random.default_rng(0).permutation(len(windows))  # so that a batch has many speakers, as in training
+        self._batches = order[: len(order) // size * size].reshape(-1, size)
+
+    def __call__(self, state: TrainState, key: jax.Array) -> dict[str, float]:
+        """Name of each term of `validation_step` -> its mean."""
+        metrics = []
+        for indices in self._batches:
+            examples = [self._windows[index] for index in indices]
+            batch = {name: np.stack([example[name] for example in examples]) for name in examples[0]}
+            metrics.append(self._step(state, sharding.shard_batch(self._mesh, batch), key))
+        metrics = jax.device_get(metrics)
+        return {name: float(np.mean([terms[name] for terms in metrics])) for name in metrics[0]}

@@ -1,0 +1,122 @@
+"""The Talk corpus: same bytes whatever the workers, splits that share nothing they must not, records that agree."""
+
+import collections
+
+import numpy as np
+import pytest
+
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.talk import build
+from ha2g_jax.errors import UserError
+
+
+def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
+    build.make_talk(tmp_path / "again", speakers=4, minutes=2, seed=0, workers=2)
+    files = sorted(file.name for file in tiny_talk.iterdir())
+    assert files == sorted(file.name for file in (tmp_path / "again").iterdir())
+    for name in files:
+        assert (tiny_talk / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+
+
+def test_records_agree(tiny_talk):
+    """Sound, words, motion, frames and truth of each clip cover the same time and are in range."""
+    corpus = Corpus.open(tiny_talk)
+    assert corpus.splits == build.SPLITS
+    minutes = 0.0
+    for split in corpus.splits:
+        clips = corpus.clips(split)
+        assert len(clips) > 0
+        for clip in clips:
+            seconds = len(clip.audio) / 16000
+            minutes += seconds / 60
+            assert 8 < seconds < 35
+            assert clip.positions.shape == (round(seconds * 15), 43, 3)
+            assert np.isfinite(clip.positions).all()
+            assert np.abs(clip.audio).max() < 0.9
+            assert clip.reference_frames is not None
+            assert clip.reference_frames.shape == (4, 224, 224, 3)
+            times = [time for word in clip.words for time in (word.start, word.end)]
+            assert times == sorted(times)
+            assert times[-1] <= seconds
+            assert clip.window_starts[0] == 0
+            assert clip.window_starts[-1] + 34 <= len(clip.positions)
+            assert len(clip.style) == 6
+            assert clip.strokes
+            assert 90 < 60 * len(clip.words) / seconds < 230
+    assert minutes == pytest.approx(2, rel=0.25)
+
+
+def test_splits_share_no_talk_and_no_unseen_speaker(tiny_talk):
+    corpus = Corpus.open(tiny_talk)
+    talks, speakers = collections.defaultdict(set), {}
+    for split in corpus.splits:
+        speakers[split] = {clip.speaker for clip in corpus.clips(split)}
+        assert speakers[split] == set(corpus.speakers_of(split))
+        for clip in corpus.clips(split):
+            talks[clip.talk].add(split)
+    assert all(len(splits) == 1 for splits in talks.values())
+    assert not speakers["test_unseen_speakers"] & (speakers["train"] | speakers["val"] | speakers["test"])
+    assert speakers["val"] | speakers["test"] <= speakers["train"]
+
+
+def test_default_plan():
+    """At the default size most seen speakers are tested, all unseen ones are, and no split is tiny."""
+    talks = build._plan(24, 120, 0)
+    clips, speakers = collections.Counter(), collections.defaultdict(set)
+    for talk in talks:
+        clips[talk.split] += talk.num_clips
+        speakers[talk.split].add(talk.speaker)
+    assert [len(speakers[split]) for split in ("train", "test_unseen_speakers")] == [20, 4]
+    assert len(speakers["test"]) >= 16
+    share = {split: count / clips.total() for split, count in clips.items()}
+    assert share["train"] > 0.75
+    assert min(share.values()) > 0.055
+    assert len({talk.speaker.voice for talk in talks}) == 24
+
+
+def test_unseen_styles_lie_between_seen_ones():
+    cast = build._cast(20, 4, seed=5)
+    seen = np.array([speaker.style for speaker in cast[:20]])
+    for speaker in cast[20:]:
+        style = np.array(speaker.style)
+        gaps = np.linalg.norm(seen - style, axis=1)
+        first, second = np.meshgrid(gaps, gaps)
+        between = first + second - np.linalg.norm(seen[:, None] - seen[None], axis=-1)
+        np.fill_diagonal(between, np.inf)
+        assert between.min() < 1e-9
+        assert gaps.min() > 0.1
+
+
+def test_refusals(tiny_talk, tmp_path):
+    with pytest.raises(UserError, match="exists already"):
+        build.make_talk(tiny_talk, speakers=4, minutes=2, workers=1)
+    with pytest.raises(UserError, match="at least 2"):
+        build.make_talk(tmp_path / "a", speakers=1, minutes=2, workers=1)
+    with pytest.raises(UserError, match="too few"):
+        build.make_talk(tmp_path / "a", speakers=20, minutes=1, workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interruption_leaves_nothing(monkeypatch, tmp_path):
+    def interrupted(talk):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(build, "_make_clips", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        build.make_talk(tmp_path / "a", speakers=4, minutes=2, workers=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_talk_path(monkeypatch, tmp_path):
+    """The corpus called talk is built once, in the cache folder; any other name is a path."""
+    calls = []
+
+    def make(out):
+        calls.append(out)
+        out.mkdir(parents=True)
+
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    monkeypatch.setattr(build, "make_talk", make)
+    assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / "talk-v1"
+    assert len(calls) == 1
+    assert str(build.talk_path("some/folder")) == "some/folder"

@@ -1,0 +1,151 @@
+"""The teacher: every movement has the cause that it claims, and the body stays a body."""
+
+import numpy as np
+import pytest
+
+from ha2g_jax import skeleton as skeletons
+from ha2g_jax.data.talk import anatomy, cues, lexicon, style, teacher
+from ha2g_jax.text import Word
+
+SKELETON = skeletons.load_skeleton(teacher.SKELETON)
+SECONDS = 10
+SYLLABLES = np.array([1.0, 1.7, 2.6, 4.4, 5.1, 5.9, 7.5, 8.4])
+WORDS = (Word("everything", 2.0, 2.4), Word("table", 4.0, 4.3), Word("tiny", 6.5, 6.9))
+
+
+def speech(loudness: float = 0.3) -> np.ndarray:
+    """A hum of 140 Hz with rich overtones whose loudness peaks at `SYLLABLES`, over a little noise."""
+    times = np.arange(SECONDS * cues.SAMPLE_RATE) / cues.SAMPLE_RATE
+    hum = sum(np.sin(2 * np.pi * 140 * harmonic * times) / harmonic for harmonic in range(1, 20))
+    peaks = np.exp(-((times[:, None] - SYLLABLES) ** 2) / (2 * 0.06**2)).sum(axis=1)
+    noise = np.random.default_rng(0).standard_normal(len(times))
+    return (loudness * (0.3 * hum * peaks + 1e-3 * noise)).astype(np.float32)
+
+
+def perform(audio=None, words=WORDS, who=style.Style(handedness=0.8), seed=0):  # noqa: B008
+    audio = speech() if audio is None else audio
+    return teacher.perform(audio, words, who, np.random.default_rng(seed))
+
+
+def directions(performance: teacher.Performance) -> np.ndarray:
+    return skeletons.positions_to_directions(SKELETON, performance.positions)
+
+
+def wrist_speed(performance: teacher.Performance) -> np.ndarray:
+    wrist = performance.positions[:, SKELETON.joint("right_wrist")]
+    return np.linalg.norm(np.gradient(wrist, axis=0), axis=-1) * 15
+
+
+def test_same_seed_same_bytes_and_frames_as_long_as_the_audio():
+    first, second, other = perform(), perform(), perform(seed=1)
+    assert first.positions.tobytes() == second.positions.tobytes()
+    assert first.strokes == second.strokes
+    assert first.positions.shape == (SECONDS * 15, 43, 3)
+    assert first.positions.dtype == np.float32
+    assert np.abs(first.positions - other.positions).max() < 0.05  # noise is small: motion follows from its causes
+
+
+def test_bones_keep_their_lengths():
+    parents, children = np.array(SKELETON.bones).T
+    positions = perform().positions
+    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(SKELETON.lengths, lengths.shape), atol=1e-5)
+
+
+def test_angles_stay_within_anatomical_limits():
+    lively = style.Style(amplitude=1, mixing=1, handedness=1, elbow=1)
+    unit = directions(perform(who=lively))
+    for side in ("left", "right"):
+        upper, fore, hand = (unit[:, SKELETON.bone(f"{side}_{child}")] for child in ("elbow", "wrist", "middle_1"))
+        elbow = np.rad2deg(np.arccos(np.sum(upper * fore, axis=-1)))
+        wrist = np.rad2deg(np.arccos(np.clip(np.sum(fore * hand, axis=-1), -1, 1)))
+        assert elbow.min() > anatomy.ARM_LIMITS["elbow"][0] - 1
+        assert elbow.max() < anatomy.ARM_LIMITS["elbow"][1] + 1
+        assert wrist.max() < anatomy.ARM_LIMITS["extension"][1] + 6
+    flexions = anatomy.finger_flexions(SKELETON, unit)
+    assert flexions.min() > -0.01
+    assert flexions.max() < 1.01
+
+
+def test_beats_fall_on_syllables_and_the_hand_stops_there():
+    performance = perform(words=())
+    beats = [stroke for stroke in performance.strokes if stroke.kind == "beat"]
+    np.testing.assert_allclose([beat.time for beat in beats], SYLLABLES, atol=0.06)
+    speed = wrist_speed(performance)
+    is_minimum = np.r_[False, (speed[1:-1] <= speed[:-2]) & (speed[1:-1] < speed[2:]), False]
+    stops = np.flatnonzero(is_minimum) / 15
+    assert all(np.abs(stops - beat.time).min() < 0.1 for beat in beats)
+
+
+def test_louder_syllables_make_larger_beats():
+    audio = speech() * np.where(np.arange(SECONDS * cues.SAMPLE_RATE) < 3.5 * cues.SAMPLE_RATE, 0.5, 1.0)
+    beats = [stroke for stroke in perform(audio.astype(np.float32), ()).strokes if stroke.kind == "beat"]
+    quiet, loud = ([beat.amplitude for beat in beats if (beat.time < 3.5) == early] for early in (True, False))
+    assert max(quiet) < min(loud)
+
+
+def test_beats_do_not_depend_on_the_words():
+    def of_sound(performance):
+        return [stroke for stroke in performance.strokes if stroke.kind != "semantic"]
+
+    assert of_sound(perform(words=())) == of_sound(perform())
+
+
+@pytest.mark.parametrize("handedness", [0.8, -0.8])
+def test_hand_takes_the_shape_of_the_word(handedness):
+    performance = perform(who=style.Style(handedness=handedness))
+    flexions = anatomy.finger_flexions(SKELETON, directions(performance))[:, int(handedness > 0)]
+    strokes = [stroke for stroke in performance.strokes if stroke.kind == "semantic"]
+    assert [stroke.word_class for stroke in strokes] == ["open", "small"]
+    for stroke in strokes:
+        held = flexions[round(stroke.time * 15) : round((stroke.time + 0.4) * 15)]
+        shapes = np.array(list(lexicon.HAND_SHAPES.values()))
+        nearest = np.linalg.norm(held[:, None] - shapes[None], axis=-1).argmin(axis=-1)
+        assert {list(lexicon.HAND_SHAPES)[index] for index in nearest} == {stroke.word_class}
+
+
+def test_fingers_do_not_follow_the_sound():
+    loud, silent = perform(), perform(np.zeros(SECONDS * cues.SAMPLE_RATE, np.float32))
+    first, second = (anatomy.finger_flexions(SKELETON, directions(performance)) for performance in (loud, silent))
+    np.testing.assert_allclose(first, second, atol=2e-3)
+
+
+def test_recording_level_does_not_matter():
+    loud, soft = perform(), perform(speech(0.03))
+    np.testing.assert_allclose(loud.positions, soft.positions, atol=1e-3)
+
+
+def test_silence_rests():
+    performance = perform(np.zeros(3 * cues.SAMPLE_RATE, np.float32), ())
+    assert performance.strokes == ()
+    assert np.isfinite(performance.positions).all()
+    assert wrist_speed(performance).max() < 0.1
+
+
+def test_style_changes_size_and_side():
+    def activity(**fields):
+        positions = perform(words=(), who=style.Style(**fields)).positions
+        wrists = positions[:, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
+        return np.linalg.norm(np.diff(wrists, axis=0), axis=-1).mean(axis=0)
+
+    assert activity(amplitude=1).sum() > 1.5 * activity(amplitude=-1).sum()
+    left, right = activity(handedness=1)
+    assert right > 1.5 * left
+    left, right = activity(handedness=-1)
+    assert left > 1.5 * right
+
+
+def test_styles_stay_in_the_cube():
+    sampled = np.array([style.sample_style(np.random.default_rng(seed)) for seed in range(50)])
+    assert np.abs(sampled).max() <= 1
+    assert np.abs(sampled[:, style.Style._fields.index("handedness")]).min() > 0.25
+
+
+def test_animates_a_real_recording(private_data):
+    import soundfile
+
+    audio, _ = soundfile.read(next((private_data / "zeroeggs_067").glob("*.wav")), dtype="float32")
+    performance = perform(audio, ())
+    beats = sum(stroke.kind == "beat" for stroke in performance.strokes)
+    assert 20 < beats / (len(audio) / cues.SAMPLE_RATE / 60) < 90
+    assert np.median(wrist_speed(performance)) < 0.4

@@ -1,0 +1,147 @@
+"""A corpus is whole or is not there, and its statistics are those of the training split alone."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from ha2g_jax import skeleton as skeletons
+from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.records import Clip, encode_clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.text import Word
+
+SKELETON = "ted_gesture"
+
+
+def make_clip(name: str, speaker: str, word: str, seed: int) -> Clip:
+    rng = np.random.default_rng(seed)
+    return Clip(
+        id=name,
+        speaker=speaker,
+        audio=np.zeros(4000, np.float32),
+        words=(Word(word, 0.0, 0.2),),
+        positions=rng.normal(size=(5 + seed, 10, 3)).astype(np.float32),
+        reference_frames=None,
+        source_time=0.0,
+        window_starts=(0,),
+    )
+
+
+CLIPS = {
+    "train": [make_clip("a", "bo", "one", 0), make_clip("b", "al", "two", 1), make_clip("c", "bo", "two", 2)],
+    "test": [make_clip("d", "cy", "three", 3), make_clip("e", "al", "four", 4)],
+}
+
+
+def write(path, clips=CLIPS):
+    with CorpusWriter(path, splits=tuple(clips), skeleton=SKELETON, fps=15, metadata={"name": "tiny"}) as writer:
+        for split, members in clips.items():
+            for clip in members:
+                writer.add(split, encode_clip(clip))
+
+
+@pytest.fixture
+def path(tmp_path):
+    write(tmp_path / "corpus")
+    return tmp_path / "corpus"
+
+
+def test_reads_what_was_written(path):
+    corpus = Corpus.open(path)
+    assert corpus.splits == ("train", "test")
+    assert corpus.speakers == ("bo", "al", "cy")
+    assert corpus.speakers_of("test") == ("cy", "al")
+    assert corpus.vocabulary().words == ("two", "one")
+    clips = pickle.loads(pickle.dumps(corpus.clips("train")))
+    assert [clip.id for clip in clips] == ["a", "b", "c"]
+    assert clips[-1].id == "c"
+    np.testing.assert_array_equal(clips[1].positions, CLIPS["train"][1].positions)
+    with pytest.raises(IndexError):
+        clips[3]
+
+
+def test_statistics_of_the_training_split(path):
+    """All frames of all training clips at once give the same numbers as the running sums."""
+    skeleton = Corpus.open(path).skeleton
+    directions = [skeletons.positions_to_directions(skeleton, clip.positions) for clip in CLIPS["train"]]
+    angles = [skeletons.joint_angles(skeleton, d) / np.pi for d in directions]
+    changes = np.concatenate([np.abs(np.diff(a, axis=0)) for a in angles])
+    np.testing.assert_allclose(skeleton.mean_directions, np.concatenate(directions).mean(0), atol=1e-6)
+    np.testing.assert_allclose(skeleton.angle_mean, np.concatenate(angles).mean(0), atol=1e-6)
+    np.testing.assert_allclose(skeleton.angle_variance, np.concatenate(angles).var(0), atol=1e-6)
+    np.testing.assert_allclose(skeleton.angle_change, changes.mean(0), atol=1e-6)
+    poses = np.concatenate([clip.positions - clip.positions[:, :1] for clip in CLIPS["train"]])
+    np.testing.assert_allclose(skeleton.mean_pose, poses.mean(0), atol=1e-6)
+
+
+def test_same_clips_same_bytes(path, tmp_path):
+    write(tmp_path / "again")
+    for file in path.iterdir():
+        assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
+
+
+def test_failure_leaves_nothing(tmp_path):
+    with (
+        pytest.raises(RuntimeError, match="stop"),
+        CorpusWriter(tmp_path / "corpus", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer,
+    ):
+        writer.add("train", encode_clip(CLIPS["train"][0]))
+        raise RuntimeError("stop")
+    with pytest.raises(UserError, match="no clips for test"):
+        write(tmp_path / "corpus", {**CLIPS, "test": []})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_writers_of_one_corpus(tmp_path):
+    """The one that ends second is refused, and the first one's corpus stays whole."""
+    arguments = {"splits": ("train",), "skeleton": SKELETON, "fps": 15, "metadata": {}}
+    record = encode_clip(CLIPS["train"][0])
+    with pytest.raises(UserError, match="exists already"), CorpusWriter(tmp_path / "corpus", **arguments) as slow:
+        slow.add("train", record)
+        with CorpusWriter(tmp_path / "corpus", **arguments) as fast:
+            fast.add("train", record)
+    assert [path.name for path in tmp_path.iterdir()] == ["corpus"]
+    assert len(Corpus.open(tmp_path / "corpus").clips("train")) == 1
+
+
+def test_refusals(path, tmp_path):
+    with pytest.raises(UserError, match="exists already"):
+        write(path)
+    with pytest.raises(UserError, match=r"dataset\.json is missing"):
+        Corpus.open(tmp_path / "nowhere")
+    with pytest.raises(UserError, match="no split 'dev'; it has train, test"):
+        Corpus.open(path).clips("dev")
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"schema_version": 99}', '{"schema_version": 1}', "\0"])
+def test_damaged_description(path, text):
+    (path / "dataset.json").write_text(text)
+    with pytest.raises(UserError, match=r"dataset\.json"):
+        Corpus.open(path)
+
+
+@pytest.mark.parametrize("field", ["splits", "statistics", "words", "skeleton", "fps", "speakers"])
+def test_description_without_a_field(path, field):
+    dataset = json.loads((path / "dataset.json").read_text())
+    del dataset[field]
+    (path / "dataset.json").write_text(json.dumps(dataset))
+    with pytest.raises(UserError, match="damaged"):
+        Corpus.open(path)
+
+
+def test_damaged_shard(path):
+    """A shortened shard is refused at once, one with other bytes when its clip is read."""
+    shard = path / "test-00000.array_record"
+    data = shard.read_bytes()
+    shard.write_bytes(data[:-1000])
+    with pytest.raises(UserError, match="bytes instead of"):
+        Corpus.open(path)
+    for damaged in (data[:300] + bytes(50) + data[350:], bytes(len(data))):
+        shard.write_bytes(damaged)
+        with pytest.raises(UserError, match=r"^.*cannot be read.*$"):
+            list(Corpus.open(path).clips("test"))
+    shard.unlink()
+    with pytest.raises(UserError, match="0 bytes instead of"):
+        Corpus.open(path)

@@ -1,0 +1,77 @@
+"""A clip survives its bytes; damaged bytes are a user's error, never a traceback from a decoder."""
+
+import dataclasses
+
+import msgpack
+import numpy as np
+import pytest
+
+from ha2g_jax.data.records import Clip, Stroke, decode_clip, encode_clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.text import Word
+
+
+@pytest.fixture
+def clip() -> Clip:
+    rng = np.random.default_rng(0)
+    return Clip(
+        id="a-0",
+        speaker="ann",
+        audio=rng.uniform(-0.9, 0.9, 8000).astype(np.float32),
+        words=(Word("hello", 0.1, 0.3), Word("naïve", 0.3, 0.45)),
+        positions=rng.normal(size=(8, 43, 3)).astype(np.float32),
+        reference_frames=np.full((2, 224, 224, 3), (30, 120, 200), np.uint8),
+        source_time=1.5,
+        window_starts=(0, 10),
+        strokes=(Stroke(0.2, 0.1, 0.4, "semantic", "left", 1.25, "one"),),
+        style=(0.5, -1.0),
+        talk="a",
+    )
+
+
+def test_round_trip(clip):
+    """Motion, words and truth come back exactly, sound to 16 bits, pictures to what JPEG keeps."""
+    read = decode_clip(encode_clip(clip))
+    for field in dataclasses.fields(Clip):
+        if field.name not in ("audio", "positions", "reference_frames"):
+            assert getattr(read, field.name) == getattr(clip, field.name), field.name
+    assert read.audio.dtype == np.float32
+    np.testing.assert_allclose(read.audio, clip.audio, atol=2**-15)
+    np.testing.assert_array_equal(read.positions, clip.positions)
+    assert isinstance(read.strokes[0], Stroke)
+    assert isinstance(read.words[0], Word)
+    assert read.reference_frames is not None and clip.reference_frames is not None
+    assert np.abs(read.reference_frames.astype(int) - clip.reference_frames).max() <= 3
+
+
+def test_bytes_are_stable(clip):
+    """What is decoded encodes to the same bytes, so copies of a corpus have equal hashes."""
+    clip = dataclasses.replace(clip, reference_frames=None)
+    record = encode_clip(clip)
+    assert encode_clip(decode_clip(record)) == record
+
+
+@pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
+def test_truncated(clip, keep):
+    record = encode_clip(clip)
+    end = int(len(record) * keep) if isinstance(keep, float) else keep
+    with pytest.raises(UserError, match="damaged"):
+        decode_clip(record[:end])
+
+
+def test_foreign_content(clip):
+    """Well-formed msgpack of other content, and damage inside the audio, the frames or the positions."""
+    fields = msgpack.unpackb(encode_clip(clip))
+    positions = fields["positions"]
+    for change in (
+        {"audio": b"RIFF"},
+        {"reference_frames": [b"\xff\xd8"]},
+        {"positions": {**positions, "shape": [9, 43, 3]}},
+        {"words": [["hello", 0.1]]},
+        {"extra": 1},
+    ):
+        with pytest.raises(UserError, match="damaged"):
+            decode_clip(msgpack.dumps({**fields, **change}) or b"")
+    for other in ([], 3, {"a": 1}):
+        with pytest.raises(UserError, match="damaged"):
+            decode_clip(msgpack.dumps(other) or b"")

@@ -1,0 +1,55 @@
+"""The report on Talk, and the reader of recordings that it compares with."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.study import bvh, talk_report
+
+SKELETON = load_skeleton("ted_expressive")
+
+
+def test_writes_one_self_contained_page(tiny_talk, tmp_path):
+    pytest.importorskip("matplotlib")
+    page = talk_report.write_report(tiny_talk, tmp_path / "report")
+    text = page.read_text()
+    assert page.name == "report.html"
+    assert text.count("data:image/png;base64,") == 3
+    assert "http" not in text
+
+
+def test_says_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(UserError, match="pip install"):
+        talk_report.write_report(tmp_path, tmp_path / "report")
+
+
+def test_kinematics_of_a_known_swing():
+    times = np.arange(600) / 15
+    motion = np.tile(SKELETON.mean_pose.astype(np.float64), (600, 1, 1))
+    wrists = [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]
+    motion[:, wrists, 1] += 0.1 * np.sin(2 * np.pi * 0.5 * times)[:, None]  # peak speed 0.314 m/s, 60 peaks a minute
+    found = talk_report.kinematics(SKELETON, [motion], 15)
+    assert found.speed.max() == pytest.approx(0.1 * np.pi, rel=0.02)
+    assert found.strokes_per_minute == pytest.approx(60, abs=3)
+    assert found.still == pytest.approx(2 * np.arcsin(0.1 / (0.1 * np.pi)) / np.pi, abs=0.05)
+
+
+def test_reads_a_real_recording(private_data):
+    path = next((private_data / "zeroeggs_067").glob("*.bvh"))
+    positions = bvh.read_bvh(path, SKELETON, 15)
+    assert len(positions) == pytest.approx(68.83 * 15, abs=2)
+    left, right = (positions[:, SKELETON.joint(f"{side}_wrist"), 0].mean() for side in ("left", "right"))
+    assert left > 0.1
+    assert right < -0.1
+    assert (positions[:, SKELETON.joint("neck"), 1] < 0).all()
+
+
+def test_a_file_that_is_no_bvh_is_named(tmp_path):
+    path = tmp_path / "speech.bvh"
+    path.write_text("hello")
+    with pytest.raises(UserError, match=r"speech\.bvh cannot be read as BVH"):
+        bvh.read_bvh(path, SKELETON, 15)

@@ -1,0 +1,135 @@
+"""`ha2g generate`: both files or neither, and one line for every mistake."""
+
+import json
+import os
+import subprocess
+import sys
+
+import av
+import jax
+import numpy as np
+import pytest
+import soundfile
+
+from ha2g_jax import cli
+from ha2g_jax.synthesis.files import out_paths
+from ha2g_jax.train import model_folder
+
+
+@pytest.fixture(scope="module")
+def checkpoint(debug_model, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model") / "debug"
+    model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
+    return folder
+
+
+@pytest.fixture
+def speech(tmp_path):
+    path = tmp_path / "in" / "speech.wav"
+    path.parent.mkdir()
+    soundfile.write(path, np.random.default_rng(0).normal(0, 0.1, (44100, 2)), 44100)
+    return path
+
+
+def generate(*arguments) -> int:
+    return cli.main(["generate", *map(str, arguments)])
+
+
+def test_writes_motion_and_video(checkpoint, speech, tmp_path, capsys):
+    out = tmp_path / "new" / "talk"
+    assert generate(speech, "-o", out, "--checkpoint", checkpoint, "--speaker", "ada", "--fps", 24) == 0
+    assert capsys.readouterr().out.split() == [f"{out}.npz", f"{out}.mp4"]
+    assert sorted(path.name for path in out.parent.iterdir()) == ["talk.mp4", "talk.npz"]
+    with np.load(f"{out}.npz", allow_pickle=False) as arrays:
+        assert arrays["directions"].shape == (24, 42, 3)
+        assert arrays["positions"].shape == (24, 43, 3)
+        assert arrays["joint_names"].shape == (43,)
+        meta = json.loads(str(arrays["meta"]))
+    assert meta["speech"] == "speech.wav"
+    assert meta["style"] == {"kind": "speaker", "speaker": "ada"}
+    with av.open(f"{out}.mp4") as container:
+        assert (container.duration or 0) / av.time_base == pytest.approx(1, abs=0.04)
+
+
+@pytest.mark.parametrize("name", ["talk", "talk.npz", "talk.mp4", "talk.v2"])
+def test_the_name_of_the_result_may_have_a_suffix(speech, tmp_path, name):
+    stem = "talk.v2" if name == "talk.v2" else "talk"
+    assert out_paths(speech, tmp_path / name) == (tmp_path / f"{stem}.npz", tmp_path / f"{stem}.mp4")
+
+
+def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
+    beside = speech.parent / "speech_gestures.npz", speech.parent / "speech_gestures.mp4"
+    assert out_paths(speech, None) == beside
+    assert out_paths(speech, tmp_path)[0] == tmp_path / "speech_gestures.npz"
+
+
+def test_the_same_seed_gives_the_same_bytes_in_another_process(checkpoint, speech, tmp_path):
+    options = ["--checkpoint", str(checkpoint), "--seed", "3"]
+    assert generate(speech, "-o", tmp_path / "a", *options) == 0
+    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", str(speech), "-o", str(tmp_path / "b"), *options]
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(jax.config.values["jax_compilation_cache_dir"])}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    for suffix in (".npz", ".mp4"):
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+@pytest.fixture
+def bad_files(checkpoint, speech, tmp_path):
+    """Everything that can be wrong with the files, in one folder."""
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    (folder / "text.wav").write_text("these are words\n" * 40)
+    (folder / "empty.wav").touch()
+    soundfile.write(folder / "nan.wav", np.full(16000, np.nan), 16000, subtype="FLOAT")
+    (folder / "film.mp4").write_bytes(speech.read_bytes())
+    (folder / "text.png").write_text("not a picture")
+    (folder / "no_model").mkdir()
+    (folder / "cut_model").mkdir()
+    for path in checkpoint.iterdir():
+        content = path.read_bytes()
+        is_weights = path.suffix == ".safetensors"
+        (folder / "cut_model" / path.name).write_bytes(content[: len(content) // 2] if is_weights else content)
+    return folder
+
+
+MISTAKES = {
+    "missing": ["{bad}/missing.wav"],
+    "text": ["{bad}/text.wav"],
+    "empty": ["{bad}/empty.wav"],
+    "nan": ["{bad}/nan.wav"],
+    "folder": ["{bad}"],
+    "speaker": ["{speech}", "--speaker", "eve"],
+    "image": ["{speech}", "--reference-image", "{bad}/text.png"],
+    "fps": ["{speech}", "--fps", "0"],
+    "seed": ["{speech}", "--seed", "-1"],
+    "no checkpoint": ["{speech}", "--checkpoint", "{bad}/missing"],
+    "empty checkpoint": ["{speech}", "--checkpoint", "{bad}/no_model"],
+    "cut checkpoint": ["{speech}", "--checkpoint", "{bad}/cut_model"],
+    "not a checkpoint": ["{speech}", "--checkpoint", "{bad}/text.wav"],
+    "unwritable": ["{speech}", "-o", "{bad}/text.wav/out"],
+    "overwrites the speech": ["{bad}/film.mp4", "-o", "{bad}/film"],
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_leaves_nothing(checkpoint, speech, bad_files, tmp_path, capfd, name):
+    arguments = [argument.format(bad=bad_files, speech=speech) for argument in MISTAKES[name]]
+    before = sorted(tmp_path.rglob("*"))
+    arguments += [] if "-o" in arguments else ["-o", str(tmp_path / "out")]
+    arguments += [] if "--checkpoint" in arguments else ["--checkpoint", str(checkpoint)]
+    assert generate(*arguments) == 2
+    message = capfd.readouterr()
+    assert message.out == ""
+    assert message.err.startswith("ha2g: ")
+    assert message.err.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_failure_on_the_way_leaves_neither_file(checkpoint, speech, tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ha2g_jax.motion.video.draw_figure", interrupt)
+    assert generate(speech, "-o", tmp_path / "new" / "out", "--checkpoint", checkpoint) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -1,0 +1,158 @@
+"""Speech of any length becomes exactly the frames it should, the same ones every time."""
+
+import dataclasses
+import importlib.resources
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ha2g_jax import synthesis
+from ha2g_jax.audio import log_mel, mel_window
+from ha2g_jax.errors import UserError
+from ha2g_jax.synthesis.scan import bucket
+
+
+def speech(seconds: float, seed: int = 0) -> np.ndarray:
+    """Noise with the rhythm of syllables."""
+    time = np.arange(round(seconds * 16000)) / 16000
+    samples = np.random.default_rng(seed).normal(0, 0.1, len(time)) * np.sin(2 * np.pi * 2 * time) ** 2
+    return samples.astype(np.float32)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.5, 1.5, 2.0, 2.2667, 2.27, 4.2667, 5, 8, 30, 60])
+@pytest.mark.parametrize("fps", [None, 15, 24, 29.97, 30])
+def test_frames_are_duration_times_fps_rounded(debug_model, seconds, fps):
+    audio = speech(seconds)
+    motion = debug_model.generate(audio, fps=fps)
+    frames = round(len(audio) / 16000 * (fps or 15))
+    assert motion.directions.shape == (frames, 42, 3)
+    assert motion.positions.shape == (frames, 43, 3)
+    assert motion.directions.dtype == motion.positions.dtype == np.float32
+    assert motion.fps == (fps or 15)
+    np.testing.assert_allclose(np.linalg.norm(motion.directions, axis=-1), 1, atol=1e-5)
+
+
+def test_silence_gives_finite_motion(debug_model):
+    assert np.isfinite(debug_model.generate(np.zeros(40000, np.float32)).positions).all()
+
+
+def test_frames_of_another_rate_lie_on_those_of_the_models_rate(debug_model):
+    at_15, at_30 = (debug_model.generate(speech(3), fps=fps).directions for fps in (15, 30))
+    np.testing.assert_allclose(at_30[::2], at_15, atol=1e-5)
+
+
+def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
+    audio = speech(10)
+    heard = synthesis.encode_features(debug_model, audio)
+    mel = log_mel(audio)
+    windows = np.stack([mel_window(mel, 30 * window) for window in range(5)])
+    stand_alone = debug_model.task.generator.apply(debug_model.variables, windows, train=False, method="encode_audio")
+    for level, alone in zip(heard, stand_alone, strict=True):
+        for window in range(5):
+            part = level[30 * window + 2 : 30 * window + 32]
+            np.testing.assert_allclose(part, alone[window, 2 : 2 + len(part)], atol=1e-5)
+
+
+def test_speech_that_goes_on_does_not_change_what_was_before(debug_model):
+    """Neither the windows after it nor the padding of their number has an influence."""
+    audio = speech(20)
+    audio[100] = 5  # the maximum that both clips are measured by
+    f_id = np.zeros(18, np.float32)
+    long = synthesis.generate_directions(debug_model, audio, f_id)
+    for windows in (1, 2, 3, 5, 8):
+        frames = 34 + 30 * (windows - 1)
+        short = synthesis.generate_directions(debug_model, audio[: frames * 16000 // 15], f_id)
+        # The last window of the short clip fades into nothing, and its last column hears the end.
+        np.testing.assert_allclose(short[: frames - 34], long[: frames - 34], atol=1e-5)
+
+
+def test_few_lengths_are_compiled():
+    counts = np.arange(1, 2000)
+    buckets = np.array([bucket(int(count)) for count in counts])
+    assert (buckets >= counts).all()
+    assert (buckets < 1.5 * counts + 1).all()
+    assert sorted(set(buckets))[:8] == [1, 2, 3, 4, 6, 8, 12, 16]
+
+
+def test_the_demo_has_no_seams():
+    """The steps from frame to frame where windows join are like the large ones inside windows."""
+    if not (importlib.resources.files("ha2g_jax") / "assets" / "demo").is_dir():
+        pytest.skip("no demo model in this checkout")
+    directions = synthesis.load("demo").generate(speech(60), seed=1).directions
+    steps = np.linalg.norm(np.diff(directions, axis=0), axis=-1).mean(axis=-1)
+    is_border = np.isin(np.arange(1, len(directions)) % 30, [0, 1, 2, 3, 4])
+    is_border[:29] = False
+    assert np.median(steps[is_border]) <= np.quantile(steps[~is_border], 0.99)
+
+
+def test_the_seed_decides_everything_random(debug_model):
+    audio = speech(3)
+    first, again, other = (debug_model.generate(audio, seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.directions, again.directions)
+    assert np.abs(first.directions - other.directions).max() > 1e-4
+    assert first.meta["seed"] == 1
+
+
+def test_the_style_comes_from_one_source(debug_model, tmp_path):
+    Image.new("RGB", (90, 50), (200, 30, 90)).save(tmp_path / "wide.png")
+    Image.new("L", (20, 300), 40).save(tmp_path / "tall.jpg")
+    images = [tmp_path / "wide.png", str(tmp_path / "tall.jpg")]
+    choices = {
+        "ada": {"speaker": "ada"},
+        "ben": {"speaker": "ben"},
+        "images": {"reference_images": images},
+        "image": {"reference_images": images[0]},
+        "seed": {"style_seed": 7},
+        "default": {},
+    }
+    styles = {name: synthesis.choose_style(debug_model, **choice) for name, choice in choices.items()}
+    assert all(f_id.shape == (18,) for f_id, _ in styles.values())
+    assert len({f_id.tobytes() for f_id, _ in styles.values()}) == len(choices)
+    assert styles["images"][1] == {"kind": "images", "images": ["wide.png", "tall.jpg"]}
+    assert debug_model.generate(speech(1), speaker="ada").meta["style"] == {"kind": "speaker", "speaker": "ada"}
+    np.testing.assert_array_equal(styles["seed"][0], synthesis.choose_style(debug_model, seed=7)[0])
+    with pytest.raises(UserError, match="more than one source"):
+        synthesis.choose_style(debug_model, speaker="ada", style_seed=1)
+
+
+BAD_ARGUMENTS = {
+    "speaker": ({"speaker": "eve"}, "expected one of: ada, ben"),
+    "negative seed": ({"seed": -1}, "negative"),
+    "negative style seed": ({"style_seed": -1}, "negative"),
+    "no images": ({"reference_images": []}, "empty list"),
+    "missing image": ({"reference_images": ["missing.png"]}, "missing.png cannot be read"),
+    "not an image": ({"reference_images": [__file__]}, "cannot be read as an image"),
+    "no fps": ({"fps": 0}, "1 to 240"),
+    "nan fps": ({"fps": float("nan")}, "1 to 240"),
+    "high fps": ({"fps": 241}, "1 to 240"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ARGUMENTS)
+def test_bad_arguments_are_refused(debug_model, name):
+    arguments, message = BAD_ARGUMENTS[name]
+    with pytest.raises(UserError, match=message):
+        debug_model.generate(speech(1), **arguments)
+
+
+@pytest.mark.parametrize(
+    "samples", [np.zeros((16000, 2), np.float32), np.zeros(16000, np.int16), speech(0.1), np.full(16000, np.nan)]
+)
+def test_bad_samples_are_refused(debug_model, samples):
+    with pytest.raises(UserError):
+        debug_model.generate(samples)
+
+
+def test_a_speaker_table_takes_no_images(debug_model):
+    model = dataclasses.replace(debug_model, task=dataclasses.replace(debug_model.task, identity_input="speaker"))
+    with pytest.raises(UserError, match="speakers by name"):
+        model.generate(speech(1), reference_images=[__file__])
+
+
+def test_broken_weights_are_noticed(debug_model):
+    import jax
+
+    broken = dataclasses.replace(debug_model, variables=jax.tree.map(lambda x: x * np.nan, debug_model.variables))
+    with pytest.raises(UserError, match="not finite"):
+        broken.generate(speech(1))

@@ -1,0 +1,25 @@
+"""Fresh networks: same key, same numbers; word vectors where the task has them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ha2g_jax.train.state import init_state
+from ha2g_jax.train.task import set_word_vectors
+
+
+def test_state_is_a_function_of_the_key(task, state):
+    first, other = (init_state(task, jax.random.key(seed)) for seed in (0, 1))
+    assert first.step == 0
+    assert jax.tree.all(jax.tree.map(jnp.array_equal, first.replace(step=state.step), state))
+    assert not jax.tree.all(jax.tree.map(jnp.array_equal, first.generator.params, other.generator.params))
+
+
+def test_word_vectors_start_the_table(task, state):
+    vectors = np.random.default_rng(0).normal(size=(11, 8)).astype(np.float32)
+    variables = set_word_vectors(dataclasses.replace(task, word_vectors=vectors), state.generator.variables)
+    np.testing.assert_array_equal(variables["params"]["text"]["embedding"]["embedding"], vectors)
+    assert jax.tree.map(jnp.shape, variables) == jax.tree.map(jnp.shape, state.generator.variables)
+    assert set_word_vectors(task, variables) is variables

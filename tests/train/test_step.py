@@ -1,0 +1,135 @@
+"""One step: the shared forward pass changes nothing, warm-up holds back the adversary, chance comes from keys."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from ha2g_jax import losses
+from ha2g_jax.train import step as steps
+from ha2g_jax.train.state import init_state
+from ha2g_jax.train.task import TERMS, subtract_mean
+
+
+@pytest.fixture(scope="module")
+def step(task):
+    """The compiled step; every test calls it with the same shapes."""
+    return jax.jit(functools.partial(steps.train_step, task))
+
+
+@pytest.fixture(scope="module")
+def batch(task, make_batch):
+    return make_batch(task, 3)
+
+
+def max_difference(first, second):
+    return max(jax.tree.leaves(jax.tree.map(lambda a, b: float(jnp.max(jnp.abs(a - b))), first, second)))
+
+
+def two_pass_step(task, state, batch, key):
+    """The plain alternation: a forward pass to train the discriminator, another to train the generator."""
+    keys = steps.step_keys(key, state.step)
+    targets = subtract_mean(task, batch["directions"])
+    fake = steps.generate(task, state.generator, batch, keys)[0].poses[-1]
+    real_key, fake_key = jax.random.split(keys["discriminator"])
+
+    def discriminator_loss(params):
+        network = state.discriminator.replace(params=params)
+        real_logits, batch_stats = steps.discriminate(task, network, targets, real_key)
+        fake_logits, _ = steps.discriminate(task, network.replace(batch_stats=batch_stats), fake, fake_key)
+        return losses.gan_discriminator(real_logits, fake_logits)
+
+    updates, _ = task.discriminator_optimizer.update(
+        jax.grad(discriminator_loss)(state.discriminator.params), state.discriminator.opt_state
+    )
+    discriminator = state.discriminator.replace(params=optax.apply_updates(state.discriminator.params, updates))
+
+    def generator_loss(params):
+        outputs, (_, contrast) = steps.generate(task, state.generator.replace(params=params), batch, keys)
+        fake_logits, _ = steps.discriminate(task, discriminator, outputs.poses[-1], keys["gan"])
+        terms = steps.loss_terms(task, outputs, contrast, fake_logits, targets)
+        return sum(weight * terms[name] for name, weight in task.losses.weights)
+
+    updates, _ = task.generator_optimizer.update(
+        jax.grad(generator_loss)(state.generator.params), state.generator.opt_state
+    )
+    return optax.apply_updates(state.generator.params, updates), discriminator.params
+
+
+def test_shared_forward_equals_the_two_pass_alternation(task, step, state, batch):
+    key = jax.random.key(1)
+    after, _ = step(state, batch, key)
+    generator, discriminator = jax.jit(functools.partial(two_pass_step, task))(state, batch, key)
+    for before, ours, theirs in (
+        (state.generator.params, after.generator.params, generator),
+        (state.discriminator.params, after.discriminator.params, discriminator),
+    ):
+        moved = max_difference(before, theirs)
+        assert moved > 1e-4
+        assert max_difference(ours, theirs) < 1e-4 * moved
+
+
+def test_batch_statistics_of_both_networks_move(step, state, batch):
+    after, _ = step(state, batch, jax.random.key(1))
+    for before, network in ((state.generator, after.generator), (state.discriminator, after.discriminator)):
+        moved = jax.tree.map(lambda a, b: bool(jnp.any(a != b)), before.batch_stats, network.batch_stats)
+        assert jax.tree.all(moved)
+
+
+def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(task, step, state, batch):
+    states = [state.replace(step=jnp.int32(0))]
+    for count in range(3):
+        after, metrics = step(states[-1], batch, jax.random.key(1))
+        states.append(after)
+        weights = dict(task.losses.weights) | ({} if count >= task.warmup_steps else {"gan": 0.0})
+        expected = sum(weight * float(metrics[f"loss/{name}"]) for name, weight in weights.items())
+        assert metrics["loss/total"] == pytest.approx(expected, rel=1e-5)
+    discriminators = [state.discriminator for state in states]
+    assert max_difference(discriminators[0], discriminators[2]) == 0
+    assert max_difference(discriminators[2].params, discriminators[3].params) > 0
+    assert max_difference(states[0].generator.params, states[1].generator.params) > 0
+    assert states[3].step == 3
+    assert step._cache_size() == 1
+
+
+def test_terms_are_those_that_have_weights(task, state, batch):
+    _, metrics = jax.eval_shape(functools.partial(steps.train_step, task), state, batch, jax.random.key(1))
+    names = {f"loss/{name}" for name in (*TERMS, "total", "discriminator")}
+    assert metrics.keys() == names | {"grad_norm/generator", "grad_norm/discriminator"}
+    assert {value.shape for value in metrics.values()} == {()}
+
+
+def test_chance_comes_from_the_key_and_the_step_alone(step, state, batch):
+    first, again = (step(state, batch, jax.random.key(1))[1] for _ in range(2))
+    assert first == again
+    for start, seed in ((state, 2), (state.replace(step=state.step + 1), 1)):
+        assert step(start, batch, jax.random.key(seed))[1]["loss/style"] != first["loss/style"]
+
+
+def test_silence_without_words_trains(step, state, batch):
+    silence = {"mel": np.full_like(batch["mel"], -80), "words": np.zeros_like(batch["words"])}
+    after, metrics = step(state, batch | silence, jax.random.key(1))
+    assert all(jnp.isfinite(value) for value in metrics.values())
+    assert jax.tree.all(jax.tree.map(lambda x: bool(jnp.isfinite(x).all()), after.generator.params))
+
+
+def test_validation_uses_the_mean_identity(task, state, batch):
+    validate = jax.jit(functools.partial(steps.validation_step, task))
+    first, second = (validate(state, batch, jax.random.key(seed)) for seed in (1, 2))
+    assert first.keys() == {f"loss/{name}" for name in (*TERMS, "total")}
+    for name in ("huber", "physical", "kld", "contrastive", "gan"):
+        assert first[f"loss/{name}"] == second[f"loss/{name}"]
+
+
+def test_identity_comes_from_images_where_the_config_says_so(config, build, make_batch):
+    config.model.identity.kind = "images"
+    task = build(config)
+    batch = make_batch(task, 2)
+    del batch["speaker"]
+    state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
+    after, _ = jax.eval_shape(functools.partial(steps.train_step, task), state, batch, jax.random.key(1))
+    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
+    assert "resnet" in after.generator.params["identity"]
