@@ -1,7 +1,7 @@
 """Speech in, gestures out: HA2G (Liu et al., CVPR 2022) in JAX."""
 
 __version__ = "0.1.0"
-__all__ = ["load"]
+__all__ = ["load"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str):

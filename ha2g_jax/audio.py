@@ -165,12 +165,12 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
 
 
-def window_column(frame: int, fps: int = 15) -> int:
+def window_column(frame: int, fps: float = 15) -> int:
     """The column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512."""
     return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 
 
-def mel_window(mel: np.ndarray, start_frame: int, fps: int = 15) -> np.ndarray:
+def mel_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
     """The spectrogram of the window that starts at a frame.
 
     Args:

@@ -54,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate = commands.add_parser("evaluate", help="scores of a checkpoint")
     evaluate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
     evaluate.add_argument("--data", default="talk", help="'talk' or a folder made by ha2g data make-talk")
+    evaluate.add_argument("--speech", type=pathlib.Path, help="score the beats on this recording instead of --data")
     evaluate.add_argument("--split", nargs="+", help="splits to score (default: train, test and test_unseen_speakers)")
     evaluate.add_argument("--seed", type=int, default=0)
     evaluate.add_argument("--json", action="store_true")
@@ -106,8 +107,12 @@ def _describe(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import talk
+    from ha2g_jax.study import recording, talk
 
+    if arguments.speech:
+        scores = recording.evaluate_recording(arguments.checkpoint, arguments.speech, seed=arguments.seed)
+        print(json.dumps(scores, indent=1))
+        return
     scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
     print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
 

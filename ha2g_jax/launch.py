@@ -2,6 +2,7 @@
 
 import pathlib
 import re
+import runpy
 import sys
 from collections.abc import Sequence
 
@@ -61,46 +62,52 @@ def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
 
 def _parse(argv: list[str]) -> tuple[Config, str]:
     """The config with its overrides, and the workdir."""
+    spec, argv = _take_spec(argv)
     values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
-    config_flags.DEFINE_config_file("config", flag_values=values, sys_argv=argv)
     flags.DEFINE_string("workdir", None, "", flag_values=values)
-    _check_file(argv)
     try:
+        if spec:
+            config_flags.DEFINE_config_dict("config", _read(spec), flag_values=values, sys_argv=argv)
         rest = values(argv)
-        config = values.config
-        is_config = isinstance(config, ml_collections.ConfigDict)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # ml_collections' for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
     except (flags.Error, TypeError, ValueError) as error:
         raise UserError(_one_line(error)) from error
-    if config is None or not values.workdir:
-        missing = "--config" if config is None else "--workdir"
-        raise UserError(f"{missing} is missing; see {argv[0]} --help")
+    if not spec or not values.workdir:
+        raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument {rest[1]!r}; see {argv[0]} --help")
-    if not is_config:
-        raise UserError("get_config of the config file gives no ml_collections.ConfigDict; see experiments/configs")
-    return config, values.workdir
+    return values.config, values.workdir
 
 
-def _check_file(argv: list[str]) -> None:
-    """Looks at the config file before ml_collections does, whose report of a missing one comes late and is long."""
-    for flag, following in zip(argv, [*argv[1:], ""]):
-        match = re.fullmatch(r"--?config(?:=(.*))?", flag)
-        if match is None:
-            continue
-        name = (following if match[1] is None else match[1]).split(":")[0]
-        path = pathlib.Path(name)
-        if not path.is_file():
-            raise UserError(f"no config file {name!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
-        try:
-            has_config = "def get_config" in path.read_text()
-        except UnicodeDecodeError:
-            has_config = False
-        if not has_config:
-            raise UserError(f"{path} is no config: it defines no get_config(size); see experiments/configs")
+def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
+    """The value of --config, "" without one, and the other arguments.
+
+    `config_flags` would read the file by a way that Python is about to remove, and report a missing one late.
+    """
+    for index, argument in enumerate(argv):
+        if match := re.fullmatch(r"--?config=(.*)", argument):
+            return match[1], argv[:index] + argv[index + 1 :]
+        if re.fullmatch(r"--?config", argument):
+            return "".join(argv[index + 1 : index + 2]), argv[:index] + argv[index + 2 :]
+    return "", argv
+
+
+def _read(spec: str) -> Config:
+    """What `get_config` of "FILE[:SIZE]" gives."""
+    path, _, size = spec.partition(":")
+    if not pathlib.Path(path).is_file():
+        raise UserError(f"no config file {path!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
+    try:
+        get_config = runpy.run_path(path).get("get_config")
+    except SyntaxError as error:
+        raise UserError(f"{path} is no Python file ({_one_line(error)}); see experiments/configs") from error
+    config = get_config(*([size] if size else [])) if get_config else None
+    if not isinstance(config, ml_collections.ConfigDict):
+        raise UserError(f"{path} has no get_config(size) that gives a ConfigDict; see experiments/configs")
+    return config
 
 
 def _one_line(error: Exception) -> str:

@@ -80,7 +80,7 @@ plt.show()
 # (`reference_images=[...]`) or be drawn from the prior (`style_seed=7`).
 
 # %%
-speakers = model.speakers[:4]
+speakers = list(model.assets.speakers)[:4]
 _, axes = plt.subplots(1, len(speakers), figsize=(12, 3))
 for axis, speaker in zip(axes, speakers, strict=True):
     positions = model.generate(speech, speaker=speaker, seed=0).positions

@@ -88,10 +88,9 @@ class BiGRU(nn.Module):
         return jnp.swapaxes(forward + backward, 0, 1)
 
     def _layer(self, x: jax.Array, layer: int) -> tuple[jax.Array, jax.Array]:
-        gates, kernels, biases = zip(
-            self._direction(x, f"_l{layer}"), self._direction(x[::-1], f"_l{layer}_reverse"), strict=True
-        )
-        forward, backward = gru_scan(gates, kernels, biases)
+        gates, kernels, bias = self._direction(x, f"_l{layer}")
+        back_gates, back_kernels, back_bias = self._direction(x[::-1], f"_l{layer}_reverse")
+        forward, backward = gru_scan((gates, back_gates), (kernels, back_kernels), (bias, back_bias))
         return forward, backward[::-1]
 
     def _direction(self, x: jax.Array, suffix: str) -> tuple[Gates, Gates, jax.Array]:

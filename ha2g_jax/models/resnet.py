@@ -23,7 +23,8 @@ class ResNet18(nn.Module):
         """Maps (B, S, S, 3) to (B, S / 32, S / 32, 8 * width), sizes rounded up."""
         x = _conv(self.width, 7, 2, name="conv")(images)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
-        x = nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))
+        # Flax declares the padding as a string only, but takes pairs.
+        x = nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
         for stage, blocks in enumerate(_STAGES):
             for block in range(blocks):
                 stride = 2 if stage and not block else 1

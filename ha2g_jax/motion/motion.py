@@ -15,7 +15,7 @@ from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Poses over time, in the axes of the TED data: metres, root at the origin, y points down.
+    """Poses over time, in the axes of the TED data: metres, root at the origin, y down; `meta` says where x points.
 
     Attributes:
         directions: (T, bones, 3) float32 unit direction vectors, parent to child.
@@ -37,7 +37,8 @@ class Motion:
     ) -> "Motion":
         """The motion of direction vectors (T, bones, 3), which are normalised, with the skeleton's bone lengths."""
         directions = normalize(np.asarray(directions, np.float32))
-        axes = {"units": "metres", "x": "the person's left" if skeleton.name == "ted_expressive" else "", "y": "down"}
+        left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
+        axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
         return cls(
             directions=directions,
             positions=directions_to_positions(skeleton, directions),

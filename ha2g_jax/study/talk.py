@@ -166,5 +166,5 @@ def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
 def _hear(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
     """The clips with their f_high."""
     for clip in clips:
-        yield clip, synthesis.encode_features(model, clip.audio).high
+        yield clip, np.asarray(synthesis.encode_features(model, clip.audio).high)
         progress.update()

@@ -5,11 +5,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import ml_collections
 from flax import linen as nn
 from flax import traverse_util
 
 from ha2g_jax import models
+from ha2g_jax.config import Config
 from ha2g_jax.models.norm import BatchNorm
 from ha2g_jax.models.resnet import ResNet18
 from ha2g_jax.models.resnet_se import Head, Stage, Stem
@@ -23,7 +23,7 @@ _DEPTH = 2
 _CHANNELS_FIRST = (Stem, Stage, Head, ResNet18, BatchNorm, nn.Conv, nn.ConvTranspose)
 
 
-def describe(config: ml_collections.ConfigDict) -> list[Row]:
+def describe(config: Config) -> list[Row]:
     """Rows for the generator, the discriminator and the pose auto-encoder, and for their parts, two levels down.
 
     Feature maps and convolutions are channels first, as in Tables 6 to 9; sequences are frames x values; the batch
@@ -83,7 +83,8 @@ def _rows(name: str, module: nn.Module, *inputs: jax.Array) -> list[Row]:
 
     with nn.intercept_methods(record):
         variables = jax.eval_shape(lambda key: module.init(key, *inputs, train=False), jax.random.key(0))
-    sizes = {path: math.prod(jnp.shape(leaf)) for path, leaf in traverse_util.flatten_dict(variables["params"]).items()}
+    leaves: dict[Any, Any] = traverse_util.flatten_dict(variables["params"])
+    sizes = {path: math.prod(leaf.shape) for path, leaf in leaves.items()}
     for path, row in rows.items():
         row["parameters"] = sum(
             size for leaf, size in sizes.items() if leaf[: len(path)] == path and leaf[-1] != "embedding"

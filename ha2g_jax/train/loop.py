@@ -212,7 +212,7 @@ def _word_vectors(config: Config, vocabulary: Vocabulary) -> np.ndarray | None:
     return read_word_vectors(text.vectors, vocabulary, text.embedding_dim) if text.vectors else None
 
 
-def _devices(count: int) -> list[jax.Device]:
+def _devices(count: int) -> list:
     devices = jax.devices()
     if not 0 <= count <= len(devices):
         raise UserError(f"there are {len(devices)} devices, not {count}: set --config.train.devices=0 for all")

@@ -21,8 +21,8 @@ from ha2g_jax.train.task import Task
 AXIS = "data"
 
 
-def data_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
-    """The mesh of `devices`, by default all devices of all hosts."""
+def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
+    """The mesh of `devices` (of `jax.devices()`), by default all devices of all hosts."""
     devices = jax.devices() if devices is None else devices
     # Auto axes: the compiler places collectives, so that a mean over the batch is a global mean.
     return jax.make_mesh((len(devices),), (AXIS,), axis_types=(AxisType.Auto,), devices=devices)

@@ -1,6 +1,7 @@
 """What training carries from step to step: two networks, each with its parameters, statistics and optimiser."""
 
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import flax.struct
@@ -54,6 +55,6 @@ def init_state(task: Task, key: jax.Array) -> TrainState:
     )
 
 
-def _network(variables: dict[str, Any], optimizer: optax.GradientTransformation) -> Network:
+def _network(variables: Mapping[str, Any], optimizer: optax.GradientTransformation) -> Network:
     params = variables["params"]
     return Network(params=params, batch_stats=variables.get("batch_stats", {}), opt_state=optimizer.init(params))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
+from flax import linen as nn
 
 from ha2g_jax import losses
 from ha2g_jax.skeleton import joint_angles
@@ -153,25 +154,15 @@ def generate(
         outputs = Outputs(tuple(pair[:, 0] for pair in pairs), tuple(features), text, mean, log_variance)
         return outputs, Contrast(pairs[-1][:, 1], f_id, other_f_id)
 
-    if not train:
-        outputs, contrast = task.generator.apply(network.variables, method=run)
-        return outputs, (network.batch_stats, contrast)
-    (outputs, contrast), updates = task.generator.apply(
-        network.variables, method=run, mutable=["batch_stats"], rngs={"dropout": keys["dropout"]}
-    )
-    return outputs, (updates["batch_stats"], contrast)
+    (outputs, contrast), batch_stats = _apply(task.generator, network, keys["dropout"], train, method=run)
+    return outputs, (batch_stats, contrast)
 
 
 def discriminate(
     task: Task, network: Network, poses: jax.Array, key: jax.Array, *, train: bool = True
 ) -> tuple[jax.Array, Any]:
     """Logits (B,) of poses (B, N, pose_dim), and the batch statistics after this pass."""
-    if not train:
-        return task.discriminator.apply(network.variables, poses, train=False), network.batch_stats
-    logits, updates = task.discriminator.apply(
-        network.variables, poses, train=True, mutable=["batch_stats"], rngs={"dropout": key}
-    )
-    return logits, updates["batch_stats"]
+    return _apply(task.discriminator, network, key, train, poses, train=train)
 
 
 def loss_terms(
@@ -190,8 +181,17 @@ def loss_terms(
     }
 
 
+def _apply(
+    module: nn.Module, network: Network, key: jax.Array, update: bool, *args: Any, **kwargs: Any
+) -> tuple[Any, Any]:
+    """Result and batch statistics; those of `network` unless they are to `update`."""
+    mutable = ["batch_stats"] if update else []
+    result, updates = module.apply(network.variables, *args, mutable=mutable, rngs={"dropout": key}, **kwargs)
+    return result, updates.get("batch_stats", network.batch_stats)
+
+
 def _total(task: Task, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
-    weights = dict(task.losses.weights)
+    weights: dict[str, float | jax.Array] = dict(task.losses.weights)
     assert weights.keys() == terms.keys()
     weights["gan"] = jnp.where(is_warm, weights["gan"], 0.0)
     return sum((weights[name] * term for name, term in terms.items()), jnp.zeros(()))

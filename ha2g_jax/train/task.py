@@ -4,16 +4,17 @@ This is the only place that reads `config.model` and `config.loss`, and the one 
 """
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import ml_collections
 import numpy as np
 import optax
 
 from ha2g_jax import models
 from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS
+from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton, normalize
 
@@ -66,7 +67,7 @@ class Task:
 
 
 def build_task(
-    config: ml_collections.ConfigDict,
+    config: Config,
     skeleton: Skeleton,
     vocabulary_size: int,
     num_speakers: int,
@@ -77,7 +78,7 @@ def build_task(
     """The task of a config on a data set.
 
     Args:
-        config: see `ha2g_jax.config.paper`.
+        config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
         skeleton: with the statistics of the training split.
         vocabulary_size, num_speakers: of the training split.
         steps_per_epoch: turns `config.train.warmup_epochs` into steps; only training needs it.
@@ -112,9 +113,7 @@ def build_task(
     )
 
 
-def _generator(
-    config: ml_collections.ConfigDict, skeleton: Skeleton, vocabulary_size: int, num_speakers: int
-) -> models.HA2G:
+def _generator(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> models.HA2G:
     audio, text, identity, inferer = (config.model[part] for part in ("audio", "text", "identity", "inferer"))
     if identity.kind == "images":
         identity_encoder = models.ImageIdentity(width=identity.width, feature_dim=identity.feature_dim)
@@ -145,7 +144,7 @@ def _generator(
     )
 
 
-def _loss_settings(loss: ml_collections.ConfigDict) -> LossSettings:
+def _loss_settings(loss: Config) -> LossSettings:
     names = set(loss.weights)
     if names != set(TERMS):
         odd = ", ".join(sorted(names ^ set(TERMS)))
@@ -199,10 +198,10 @@ def example_batch(task: Task) -> dict[str, jax.Array]:
     }
 
 
-def set_word_vectors(task: Task, variables: dict[str, Any]) -> dict[str, Any]:
+def set_word_vectors(task: Task, variables: Mapping[str, Any]) -> Mapping[str, Any]:
     """The generator's variables with the task's word vectors in their table; unchanged where it has none."""
     if task.word_vectors is None:
         return variables
-    text = variables["params"]["text"]
-    text = text | {"embedding": {"embedding": jnp.asarray(task.word_vectors, jnp.float32)}}
-    return variables | {"params": variables["params"] | {"text": text}}
+    params = variables["params"]
+    text = {**params["text"], "embedding": {"embedding": jnp.asarray(task.word_vectors, jnp.float32)}}
+    return {**variables, "params": {**params, "text": text}}

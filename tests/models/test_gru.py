@@ -46,7 +46,7 @@ def test_equals_the_equations(oracles):
 
 def test_starts_within_the_bound_of_pytorch():
     params = BiGRU(hidden_dim=16, layers=1).init(jax.random.key(0), jnp.zeros((1, 2, 5)), train=False)["params"]
-    assert {name: jnp.shape(value) for name, value in params.items()} == {
+    assert jax.tree.map(lambda value: value.shape, params) == {
         "weight_ih_l0": (48, 5),
         "weight_hh_l0": (48, 16),
         "bias_ih_l0": (48,),

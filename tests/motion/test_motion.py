@@ -30,6 +30,11 @@ def test_positions_follow_from_directions_and_bone_lengths(name):
     np.testing.assert_allclose(lengths, np.broadcast_to(skeleton.lengths, lengths.shape), atol=1e-6)
 
 
+def test_meta_says_where_the_axes_point():
+    assert make("ted_expressive").meta["axes"]["x"] == "the person's left"
+    assert make("ted_gesture").meta["axes"]["x"] == "the person's right"
+
+
 def test_the_file_holds_plain_arrays(tmp_path):
     motion = make()
     motion.save(tmp_path / "m.npz")

@@ -1,5 +1,7 @@
 """Eight devices give the numbers of one."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,7 @@ from ha2g_jax.train import sharding
 
 def run(task, state, batches, num_devices):
     mesh = sharding.data_mesh(jax.devices()[:num_devices])
-    step = sharding.compile_step(task, mesh)
+    step: Any = sharding.compile_step(task, mesh)
     state = sharding.replicate(mesh, state)
     history = []
     for batch in batches:

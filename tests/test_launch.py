@@ -1,0 +1,73 @@
+"""Flags become a config; what is wrong with them is said in one line, with exit code 2."""
+
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from ha2g_jax import cli, launch
+from ha2g_jax.errors import UserError
+
+ROOT = pathlib.Path(__file__).parent.parent
+TALK = str(ROOT / "experiments" / "configs" / "talk.py")
+
+
+def test_a_spec_and_overrides_give_a_locked_config():
+    config = launch.load_config(f"{TALK}:small", ["--config.train.batch_size=48", "--config.train.betas=(0.9, 0.99)"])
+    assert (config.train.batch_size, config.train.betas) == (48, (0.9, 0.99))
+    with pytest.raises(AttributeError):
+        config.train.batch_sise = 1
+    assert launch.load_config(TALK).train.batch_size == 128  # a second call is not touched by the first
+
+
+WRONG = {
+    "misspelt": (["--config", TALK, "--workdir=x", "--config.train.batch_sise=64"], "batch_size"),
+    "no such group": (["--config", TALK, "--workdir=x", "--config.trane.steps=1"], "trane"),
+    "not a number": (["--config", TALK, "--workdir=x", "--config.train.steps=many"], "many"),
+    "missing file": (["--config=nowhere.py:small", "--workdir=x"], "nowhere.py"),
+    "not Python": ([f"--config={ROOT / 'README.md'}", "--workdir=x"], "README.md"),
+    "not a config": ([f"--config={__file__}", "--workdir=x"], "get_config"),
+    "no such size": (["--config", f"{TALK}:huge", "--workdir=x"], "huge"),
+    "unknown flag": (["--config", TALK, "--workdir=x", "--gpu=1"], "--gpu"),
+    "no workdir": (["--config", TALK], "--workdir"),
+    "no config": (["--workdir=x"], "--config"),
+    "extra": (["--config", TALK, "--workdir=x", "small"], "small"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "named"), WRONG.values(), ids=WRONG)
+def test_what_is_wrong_is_named_in_one_line(arguments, named, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["train", *arguments]) == 2
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1 and named in printed
+    assert not list(tmp_path.iterdir())
+
+
+def test_help(capsys):
+    assert cli.main(["train", "--help"]) == 0
+    assert "usage: ha2g train --config FILE[:SIZE] --workdir DIR" in capsys.readouterr().out
+
+
+def test_experiments_launch_takes_the_same_flags(tmp_path):
+    command = [sys.executable, str(ROOT / "experiments" / "launch.py"), f"--config={TALK}:debug"]
+    command += [f"--workdir={tmp_path / 'run'}", "--config.train.stepz=1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "steps" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_both_forms_of_the_flag_reach_training(monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr("ha2g_jax.train.loop.train", lambda config, workdir: seen.append((config.train.steps, workdir)))
+    for config in (["--config", f"{TALK}:debug"], [f"--config={TALK}:debug"]):
+        assert cli.main(["train", *config, f"--workdir={tmp_path}", "--config.train.steps=7"]) == 0
+    assert seen == [(7, str(tmp_path))] * 2
+
+
+def test_a_config_without_data_says_so():
+    from ha2g_jax.train import loop
+
+    config = launch.load_config(str(ROOT / "experiments" / "configs" / "ted_gesture.py:debug"))
+    with pytest.raises(UserError, match=r"data\.path"):
+        loop.open_corpus(config)
