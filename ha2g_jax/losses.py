@@ -69,8 +69,8 @@ def style(
 
     Both distances are sums (over frames and dimensions, over the 18 values of the identity): with means
     the ratio would be a few hundred times smaller, and neither it nor epsilon = 1000 would ever matter.
-    `other_poses` and both identities are detached here, so that only the first output moves. Where the
-    identities coincide the outputs do too, and ratio and gradient are zero.
+    `other_poses` and both identities are detached here, so that only the first output moves. Where
+    identities and outputs coincide, ratio and gradient are zero; where the identities alone do, it is clipped.
 
     Args:
         poses, other_poses: (B, N, pose_dim) outputs for the two identities.

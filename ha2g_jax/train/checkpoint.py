@@ -20,7 +20,7 @@ class Checkpoints:
 
     def __init__(self, folder: pathlib.Path, keep: int = 1):
         self._folder = folder.absolute()
-        # Written before the step that gives the state up; a write of a few megabytes costs less than a step.
+        # The next step gives the state's memory up, so it is written before that.
         options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
         self._manager = ocp.CheckpointManager(self._folder, options=options)
 
@@ -38,7 +38,7 @@ class Checkpoints:
         """
         if step not in self.steps():
             args = ocp.args.Composite(state=ocp.args.StandardSave(state), record=ocp.args.JsonSave(record))
-            self._manager.save(step, args=args)
+            self._manager.save(step, args=args, force=True)  # without it Orbax skips some steps in silence
 
     def restore(self, step: int, like: TrainState) -> tuple[TrainState, dict[str, Any]]:
         """The state and the record of a step.

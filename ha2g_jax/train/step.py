@@ -146,7 +146,9 @@ def generate(
         f_id = mean
         if train:
             f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
-        other_f_id = jax.lax.stop_gradient(jax.random.permutation(keys["permutation"], f_id))
+        # A turn of the batch: a permutation in which no clip, unless alone, keeps its own identity.
+        turn = jax.random.randint(keys["permutation"], (), 1, max(num_clips, 2))
+        other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, turn, axis=0))
         both = jnp.stack([f_id, other_f_id], axis=1).reshape(2 * num_clips, -1)
         twice = [jnp.repeat(array, 2, axis=0) for array in (*features, seed)]
         levels = model.infer(tuple(twice[:3]), both, twice[3], train=train)

@@ -79,15 +79,12 @@ class StepLog:
         """
         if self._waiting is None:
             return
-        step, metrics = (
-            self._waiting[0],
-            {name: float(value) for name, value in jax.device_get(self._waiting[1]).items()},
-        )
-        self._waiting = None
+        (step, waiting), self._waiting = self._waiting, None
+        metrics = {name: float(value) for name, value in jax.device_get(waiting).items()}
         if bad := [name for name, value in metrics.items() if not math.isfinite(value)]:
             raise UserError(
-                f"{', '.join(bad)} not finite at step {step}: lower --config.train.learning_rate in a new workdir, "
-                "or repeat the command to continue from the last checkpoint"
+                f"{', '.join(bad)} not finite at step {step}: start anew in another workdir with a lower "
+                "--config.train.learning_rate; the last checkpoint is still good"
             )
         self._lines.append(metrics)
         self._bar.update()

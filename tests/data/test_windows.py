@@ -96,7 +96,7 @@ def test_reference_frames_are_resized_once_per_clip(corpus):
 def test_errors_say_what_to_do(corpus, windows):
     with pytest.raises(UserError, match="61 frames"):
         Windows(corpus, "train", corpus.vocabulary(), num_frames=61, num_reference_frames=4)
-    with pytest.raises(UserError, match="identity.kind=speakers"):
+    with pytest.raises(UserError, match=r"identity\.kind=speakers"):
         Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=7, image_size=32)
     with pytest.raises(UserError, match="batch of 5 is more than the 4 windows"):
         batches(windows, 5, seed=0)

@@ -1,13 +1,14 @@
 """A run writes what it promises, stops cleanly, and goes on as if it had never been stopped."""
 
-import json
 import math
 import pathlib
 import signal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+import tqdm
 
 from ha2g_jax import launch
 from ha2g_jax.errors import UserError
@@ -117,31 +118,25 @@ def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
         loop.train(config, tmp_path / "run")
 
 
-class _Bar:
-    def update(self):
-        pass
-
-    def set_postfix_str(self, text):
-        pass
+def _log(path: pathlib.Path, every: int = 1) -> StepLog:
+    bar = tqdm.tqdm(disable=True)
+    return StepLog(MetricsWriter(path, step=0), bar, batch_size=2, is_due=lambda step: step % every == 0)
 
 
 def test_metrics_are_means_written_one_step_late(tmp_path):
-    writer = MetricsWriter(tmp_path / "metrics.jsonl", step=0)
-    log = StepLog(writer, _Bar(), batch_size=2, is_due=lambda step: step % 2 == 0)
+    path = tmp_path / "metrics.jsonl"
+    log = _log(path, every=2)
     for step, value in ((1, 1.0), (2, 3.0)):
-        log.add(step, {"loss/huber": np.float32(value)})
-    assert read_metrics(tmp_path / "metrics.jsonl") == []
+        log.add(step, {"loss/huber": jnp.float32(value)})
+    assert read_metrics(path) == []
     log.flush()
-    (line,) = read_metrics(tmp_path / "metrics.jsonl")
+    (line,) = read_metrics(path)
     assert (line["step"], line["loss/huber"]) == (2, 2.0)
-    writer.close()
 
 
 def test_a_loss_that_is_not_finite_is_named(tmp_path):
-    writer = MetricsWriter(tmp_path / "metrics.jsonl", step=0)
-    log = StepLog(writer, _Bar(), batch_size=2, is_due=lambda step: True)
-    log.add(6, {"loss/huber": np.float32(1), "loss/physical": np.float32(np.nan)})
+    log = _log(tmp_path / "metrics.jsonl")
+    log.add(6, {"loss/huber": jnp.float32(1), "loss/physical": jnp.float32(jnp.nan)})
     with pytest.raises(UserError, match="loss/physical not finite at step 6"):
         log.flush()
-    writer.close()
-    assert json.dumps(read_metrics(tmp_path / "metrics.jsonl")) == "[]"
+    assert read_metrics(tmp_path / "metrics.jsonl") == []
