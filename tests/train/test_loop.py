@@ -1,5 +1,6 @@
 """A run writes what it promises, stops cleanly, and goes on as if it had never been stopped."""
 
+import contextlib
 import math
 import pathlib
 import signal
@@ -118,24 +119,23 @@ def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
         loop.train(config, tmp_path / "run")
 
 
-def _log(path: pathlib.Path, every: int = 1) -> StepLog:
-    bar = tqdm.tqdm(disable=True)
-    return StepLog(MetricsWriter(path, step=0), bar, batch_size=2, is_due=lambda step: step % every == 0)
+@pytest.fixture
+def log(tmp_path):
+    """A log of batches of two that writes every other step."""
+    with contextlib.closing(MetricsWriter(tmp_path / "metrics.jsonl", step=0)) as writer:
+        yield StepLog(writer, tqdm.tqdm(disable=True), batch_size=2, is_due=lambda step: step % 2 == 0)
 
 
-def test_metrics_are_means_written_one_step_late(tmp_path):
-    path = tmp_path / "metrics.jsonl"
-    log = _log(path, every=2)
+def test_metrics_are_means_written_one_step_late(log, tmp_path):
     for step, value in ((1, 1.0), (2, 3.0)):
         log.add(step, {"loss/huber": jnp.float32(value)})
-    assert read_metrics(path) == []
+    assert read_metrics(tmp_path / "metrics.jsonl") == []
     log.flush()
-    (line,) = read_metrics(path)
+    (line,) = read_metrics(tmp_path / "metrics.jsonl")
     assert (line["step"], line["loss/huber"]) == (2, 2.0)
 
 
-def test_a_loss_that_is_not_finite_is_named(tmp_path):
-    log = _log(tmp_path / "metrics.jsonl")
+def test_a_loss_that_is_not_finite_is_named(log, tmp_path):
     log.add(6, {"loss/huber": jnp.float32(1), "loss/physical": jnp.float32(jnp.nan)})
     with pytest.raises(UserError, match="loss/physical not finite at step 6"):
         log.flush()
