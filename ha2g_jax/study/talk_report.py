@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
-from scipy import ndimage, signal
+from scipy import ndimage, signal, stats
 
 from ha2g_jax import figure
 from ha2g_jax.data.corpus import Corpus
@@ -24,6 +24,12 @@ from ha2g_jax.study.bvh import read_bvh
 _MAX_CLIPS = 200
 _STILL = 0.1  # m/s: a slower wrist is pausing
 _STROKE_SPEED, _STROKE_PROMINENCE = 0.15, 0.08  # m/s of a peak of the wrist's speed that counts as a stroke
+_SHOWN_PAIRS = (
+    "{side}_shoulder - {side}_elbow",
+    "{side}_elbow - {side}_wrist",
+    "{side}_index_1 - {side}_index_2",
+    "{side}_wrist - {side} palm",
+)
 _STRIPS, _STRIP_FRAMES, _STRIP_STEP, _STRIP_SIZE = 6, 10, 4, 150
 
 
@@ -76,7 +82,7 @@ def write_report(
         f"<p>{len(clips)} clips, {sum(len(clip.positions) for clip in clips) / corpus.fps / 60:.1f} minutes of the "
         "training split. Talk is a testbed: numbers on it are not numbers on people.</p>",
         "<h2>Wrists</h2>" + _table(_motion_rows(people)) + _histograms(pyplot, people),
-        "<h2>Angles</h2>" + _angles(pyplot, skeleton, people),
+        "<h2>Angles</h2>" + _angles(pyplot, skeleton, people) + _angle_histograms(pyplot, skeleton, people),
         "<h2>Causes</h2>" + _table(_stroke_rows(clips, corpus.fps)),
         "<h2>Frames</h2>" + _embed(Image.fromarray(_strips(skeleton, clips))),
     ]
@@ -146,8 +152,7 @@ def _histograms(pyplot: Any, people: dict[str, Kinematics]) -> str:
 
 
 def _angles(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> str:
-    names = [*(skeleton.joints[child] for _, child in skeleton.bones), "left palm", "right palm"]
-    labels = [f"{names[first]} - {names[second]}" for first, second in skeleton.angle_pairs]
+    labels = _pair_names(skeleton)
     mean = {"TED": 180 * skeleton.angle_mean} | {name: who.angles.mean(axis=0) for name, who in people.items()}
     spread = {"TED": 180 * np.sqrt(skeleton.angle_variance)}
     spread |= {name: who.angles.std(axis=0) for name, who in people.items()}
@@ -160,6 +165,30 @@ def _angles(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> s
     axis.legend()
     note = "<p>A recording in BVH has no face: angles of the head say nothing for it.</p>" if len(people) > 1 else ""
     return note + _save(pyplot, chart)
+
+
+def _pair_names(skeleton: Skeleton) -> list[str]:
+    names = [*(skeleton.joints[child] for _, child in skeleton.bones), "left palm", "right palm"]
+    return [f"{names[first]} - {names[second]}" for first, second in skeleton.angle_pairs]
+
+
+def _angle_histograms(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> str:
+    """Histograms of the angles that gestures use most, under the Gaussian of the published mean and variance."""
+    names = _pair_names(skeleton)
+    chart, axes = pyplot.subplots(2, len(_SHOWN_PAIRS), figsize=(14, 5), sharex="col")
+    for column, pair in enumerate(_SHOWN_PAIRS):
+        for row, side in enumerate(("left", "right")):
+            axis, index = axes[row, column], names.index(pair.format(side=side))
+            for name, who in people.items():
+                axis.hist(who.angles[:, index], bins=40, density=True, histtype="step", label=name, linewidth=1.5)
+            mean, deviation = 180 * skeleton.angle_mean[index], 180 * np.sqrt(skeleton.angle_variance[index])
+            degrees = np.linspace(mean - 4 * deviation, mean + 4 * deviation, 200)
+            axis.plot(degrees, stats.norm.pdf(degrees, mean, deviation), "k--", linewidth=1, label="TED, as Gaussian")
+            axis.set_title(names[index], fontsize=9)
+    for axis in axes[1]:
+        axis.set_xlabel("degrees")
+    axes[0, 0].legend(fontsize=7)
+    return _save(pyplot, chart)
 
 
 def _strips(skeleton: Skeleton, clips: Sequence[Clip]) -> np.ndarray:
