@@ -92,9 +92,12 @@ def small(config: Config) -> Config:
     config.model.inferer.hidden_dim = 64
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.0
+    config.train.steps = 8000
     config.train.batch_size = 64
     config.train.learning_rate = 5e-4
     config.train.log_every = 20
+    config.train.validate_every = 500
+    config.train.checkpoint_every = 500
     return config
 
 

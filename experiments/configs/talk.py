@@ -16,4 +16,7 @@ def get_config(size: str = "paper") -> configs.Config:
     config.loss.weights.physical = 0.01
     # The sum over 18 values at 0.1 empties the identity of the speaker within a few epochs.
     config.loss.weights.kld = 0.005
+    if size == "small":
+        # After 10 epochs the GAN term at weight 1 undid the fit: the validation Huber term rose from 0.011 to 0.028.
+        config.train.warmup_epochs = 100
     return config
