@@ -17,7 +17,7 @@ def test_writes_one_self_contained_page(tiny_talk, tmp_path):
     page = talk_report.write_report(tiny_talk, tmp_path / "report")
     text = page.read_text()
     assert page.name == "report.html"
-    assert text.count("data:image/png;base64,") == 3
+    assert text.count("data:image/png;base64,") == 4
     assert "http" not in text
 
 
