@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.data.talk.anatomy import axis_rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, positions_to_directions
 
@@ -102,7 +103,7 @@ def _forward(joints: list[_Joint], values: np.ndarray) -> np.ndarray:
             if channel.endswith("position"):
                 offset[:, axis] = values[:, column]
             else:
-                rotation = rotation @ _axis_rotation(axis, np.deg2rad(values[:, column]))
+                rotation = rotation @ axis_rotation(axis, np.deg2rad(values[:, column]))
             column += 1
         if joint.parent < 0:
             positions[:, index], rotations[:, index] = offset, rotation
@@ -111,11 +112,3 @@ def _forward(joints: list[_Joint], values: np.ndarray) -> np.ndarray:
             positions[:, index] = positions[:, joint.parent] + np.einsum("tij,tj->ti", turn, offset)
             rotations[:, index] = turn @ rotation
     return positions
-
-
-def _axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
-    matrix = np.tile(np.eye(3), (len(angle), 1, 1))
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    matrix[:, first, first] = matrix[:, second, second] = np.cos(angle)
-    matrix[:, first, second], matrix[:, second, first] = -np.sin(angle), np.sin(angle)
-    return matrix

@@ -189,10 +189,11 @@ def _finger_directions(hand: np.ndarray, flexions: np.ndarray) -> dict[str, np.n
 def _turn(angles: np.ndarray) -> np.ndarray:
     """Rotation matrices (T, 3, 3) of pitch, yaw and roll (T, 3) in degrees."""
     pitch, yaw, roll = np.deg2rad(angles).T
-    return _axis_rotation(1, -yaw) @ _axis_rotation(0, pitch) @ _axis_rotation(2, roll)
+    return axis_rotation(1, -yaw) @ axis_rotation(0, pitch) @ axis_rotation(2, roll)
 
 
-def _axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
+def axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
+    """Rotation matrices (T, 3, 3) about the axis 0, 1 or 2 by angles (T,) in radians."""
     matrix = np.tile(np.eye(3), (len(angle), 1, 1))
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix[:, first, first] = matrix[:, second, second] = np.cos(angle)
