@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs one command; returns its exit code (2 for a user's mistake, 130 after Ctrl-C)."""
+    """Runs one command; returns its exit code (1 if `doctor` finds trouble, 2 for a user's mistake, 130 for Ctrl-C)."""
     argv = sys.argv[1:] if argv is None else argv
     try:
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
@@ -18,14 +18,13 @@ def main(argv: list[str] | None = None) -> int:
 
             return launch.main(["ha2g train", *argv[1:]])
         arguments = _parser().parse_args(argv)
-        arguments.run(arguments)
+        return arguments.run(arguments) or 0
     except UserError as error:
         print(f"ha2g: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("ha2g: interrupted", file=sys.stderr)
         return 128 + signal.SIGINT
-    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -45,6 +44,11 @@ def _parser() -> argparse.ArgumentParser:
     generate.set_defaults(run=_generate)
 
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
+
+    doctor = commands.add_parser("doctor", help="what a run needs: devices, versions, memory, data, one step timed")
+    doctor.add_argument("--config", help="FILE[:SIZE] (default: the smallest model, without data)")
+    doctor.add_argument("--json", action="store_true")
+    doctor.set_defaults(run=_doctor)
 
     describe = commands.add_parser("describe", help="shapes and parameter counts of every module")
     describe.add_argument("--config", required=True, help="FILE[:SIZE]")
@@ -96,6 +100,15 @@ def _generate(arguments: argparse.Namespace) -> None:
     )
     for path in paths:
         print(path)
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from ha2g_jax import launch
+    from ha2g_jax.train import doctor
+
+    findings = doctor.examine(launch.load_config(arguments.config) if arguments.config else None)
+    print(json.dumps(doctor.as_json(findings), indent=1) if arguments.json else doctor.as_text(findings))
+    return 0 if doctor.is_well(findings) else 1
 
 
 def _describe(arguments: argparse.Namespace) -> None:

@@ -26,9 +26,15 @@ def paper(skeleton: str) -> Config:
     config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
     config.data.num_frames = 34  # N
     config.data.num_seed_frames = 4  # M
-    config.data.jitter = 0  # most frames by which a training window may start late, at random
     config.data.fps = 15
     config.data.image_size = 224
+    config.data.jitter = 0  # most frames by which a training window may start late, at random
+    config.data.mirror = 0.0  # share of training windows seen in a mirror: left is right, with another identity
+    config.data.gain_db = 0.0  # a training window is made quieter by up to so many dB, at random
+    config.data.noise = 0.0  # share of training windows with noise in the speech
+    config.data.noise_snr_db = (10.0, 40.0)  # least and most dB by which the speech is louder than the noise
+    config.data.workers = 0  # processes that read and decode clips; 0 for threads of this one
+    config.data.cache_gib = 8.0  # memory for decoded clips, of all workers of this host
 
     config.model = ml_collections.ConfigDict()
     config.model.audio = ml_collections.ConfigDict()
@@ -70,14 +76,32 @@ def paper(skeleton: str) -> Config:
     config.train.learning_rate = 1e-4
     config.train.discriminator_learning_rate = 1e-4
     config.train.betas = (0.5, 0.999)
+    config.train.schedule = "constant"  # or "cosine": both rates fall to 0 at the last step
+    config.train.clip_norm = 0.0  # a network's gradient is cut to this norm; 0 leaves it as it is
+    config.train.ema = 0.0  # share kept each step by the running average of the generator; 0 for no average
+    config.train.dtype = "float32"  # or "bfloat16": of activations; parameters, statistics and losses stay float32
+    config.train.accumulate = 1  # parts that a batch is computed in; the same update in less memory
     config.train.warmup_epochs = 10  # D9: epochs before the GAN term
     config.train.log_every = 50
     config.train.validate_every = 1000
     config.train.checkpoint_every = 1000
     config.train.keep = 2  # latest checkpoints to keep, besides the best
     config.train.best_by = "loss/huber"  # which mean over the validation split decides on the best checkpoint
+    config.train.sample_every = 0  # steps between videos of a validation clip; 0 for none
+    config.train.wandb = ""  # project of Weights & Biases to report to; "" for none
     config.train.devices = 0  # how many to use; 0 for all
     return config
+
+
+def from_json(values: dict[str, Any]) -> Config:
+    """The config that was stored as `values`, locked; settings younger than it have the paper's values.
+
+    Raises:
+        KeyError, TypeError, AttributeError: `values` are no config.
+    """
+    config = paper(values["skeleton"])
+    config.update(values)
+    return config.lock()
 
 
 def small(config: Config) -> Config:

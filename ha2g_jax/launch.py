@@ -5,6 +5,7 @@ import re
 import runpy
 import sys
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import ml_collections
 from absl import flags
@@ -14,14 +15,32 @@ from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 
 _USAGE = """\
-usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...]
+usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--profile]
 
 Trains the model of a config. The same command continues a run that was stopped.
 
   --config FILE[:SIZE]   such as experiments/configs/talk.py:small; sizes are paper, small and debug
   --workdir DIR          where checkpoints, metrics.jsonl and config.json go
   --config.KEY=VALUE     changes one setting, such as --config.train.batch_size=64
+  --profile              writes a trace of a few steps to DIR/profile
+
+Several processes train one model when each is started with the same command and
+  --coordinator HOST:PORT   where all reach process 0; any port that is free there
+  --num_processes N         how many there are
+  --process_id I            which this one is, from 0
+Slurm's srun needs none of them, see docs/scaling.md.
 """
+
+
+class Arguments(NamedTuple):
+    """What the flags say."""
+
+    config: Config
+    workdir: str
+    profile: bool
+    coordinator: str | None
+    num_processes: int | None
+    process_id: int | None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -31,18 +50,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: name of the program, then its flags; by default those of this process.
 
     Raises:
-        UserError: a flag, config or data set that cannot be used.
+        UserError: a flag, config or data set that cannot be used, or processes that do not come together.
     """
     argv = list(sys.argv if argv is None else argv)
     if {"--help", "-help", "-h"} & set(argv[1:]):
         sys.stdout.write(_USAGE.format(program=argv[0]))
         return 0
-    config, workdir = _parse(argv)
+    arguments = _parse(argv)
 
-    from ha2g_jax.train.loop import train  # JAX starts here, after the flags were read
+    from ha2g_jax.train import hosts  # JAX starts here, after the flags were read
 
-    train(config, workdir)
-    sys.stdout.write(f"{workdir}\n")
+    hosts.start(arguments.coordinator, arguments.num_processes, arguments.process_id)
+
+    from ha2g_jax.synthesis.samples import write_sample
+    from ha2g_jax.train.loop import train
+
+    train(arguments.config, arguments.workdir, profile=arguments.profile, draw_sample=write_sample)
+    if hosts.is_first():
+        sys.stdout.write(f"{arguments.workdir}\n")
+    hosts.stop()
     return 0
 
 
@@ -56,15 +82,17 @@ def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
     Raises:
         UserError: no such file or size, or an override that does not fit.
     """
-    config, _ = _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides])
-    return config
+    return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides]).config
 
 
-def _parse(argv: list[str]) -> tuple[Config, str]:
-    """The config with its overrides, and the workdir."""
+def _parse(argv: list[str]) -> Arguments:
     spec, argv = _take_spec(argv)
     values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
     flags.DEFINE_string("workdir", None, "", flag_values=values)
+    flags.DEFINE_boolean("profile", False, "", flag_values=values)
+    flags.DEFINE_string("coordinator", None, "", flag_values=values)
+    flags.DEFINE_integer("num_processes", None, "", flag_values=values)
+    flags.DEFINE_integer("process_id", None, "", flag_values=values)
     try:
         if spec:
             config_flags.DEFINE_config_dict("config", _read(spec), flag_values=values, sys_argv=argv)
@@ -79,7 +107,14 @@ def _parse(argv: list[str]) -> tuple[Config, str]:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument {rest[1]!r}; see {argv[0]} --help")
-    return values.config, values.workdir
+    return Arguments(
+        config=values.config,
+        workdir=values.workdir,
+        profile=values.profile,
+        coordinator=values.coordinator,
+        num_processes=values.num_processes,
+        process_id=values.process_id,
+    )
 
 
 def _take_spec(argv: list[str]) -> tuple[str, list[str]]:

@@ -33,6 +33,8 @@ WRONG = {
     "no workdir": (["--config", TALK], "--workdir"),
     "no config": (["--workdir=x"], "--config"),
     "extra": (["--config", TALK, "--workdir=x", "small"], "small"),
+    "no number": (["--config", TALK, "--workdir=x", "--num_processes=two"], "num_processes"),
+    "no coordinator": (["--config", TALK, "--workdir=x", "--num_processes=2", "--process_id=0"], "--coordinator"),
 }
 
 
@@ -57,17 +59,37 @@ def test_experiments_launch_takes_the_same_flags(tmp_path):
     assert done.returncode == 2 and "steps" in done.stderr and "Traceback" not in done.stderr
 
 
-def test_both_forms_of_the_flag_reach_training(monkeypatch, tmp_path):
-    seen = []
-    monkeypatch.setattr("ha2g_jax.train.loop.train", lambda config, workdir: seen.append((config.train.steps, workdir)))
+@pytest.fixture
+def trained(monkeypatch):
+    """The arguments with which training was called, and, before them, those of joining the other processes."""
+    calls = []
+    monkeypatch.setattr("ha2g_jax.train.hosts.start", lambda *place: calls.append(place))
+    monkeypatch.setattr("ha2g_jax.train.loop.train", lambda *args, **kwargs: calls.append((*args, kwargs)))
+    return calls
+
+
+def test_both_forms_of_the_flag_reach_training(trained, tmp_path):
     for config in (["--config", f"{TALK}:debug"], [f"--config={TALK}:debug"]):
         assert cli.main(["train", *config, f"--workdir={tmp_path}", "--config.train.steps=7"]) == 0
-    assert seen == [(7, str(tmp_path))] * 2
+    for config, workdir, _ in trained[1::2]:
+        assert (config.train.steps, workdir) == (7, str(tmp_path))
+    assert len(trained) == 4
+
+
+def test_the_other_flags_reach_training(trained, tmp_path, capsys):
+    flags = ["--coordinator=node1:8476", "--num_processes=2", "--process_id", "1", "--profile"]
+    assert cli.main(["train", f"--config={TALK}:debug", f"--workdir={tmp_path}", *flags]) == 0
+    assert cli.main(["train", f"--config={TALK}:debug", f"--workdir={tmp_path}"]) == 0
+    place, (*_, settings), no_place, (*_, defaults) = trained
+    assert place == ("node1:8476", 2, 1) and no_place == (None, None, None)
+    assert (settings["profile"], defaults["profile"]) == (True, False)
+    assert settings["draw_sample"].__name__ == "write_sample"
+    assert capsys.readouterr().out == f"{tmp_path}\n" * 2
 
 
 def test_a_config_without_data_says_so():
-    from ha2g_jax.train import loop
+    from ha2g_jax.train import inputs
 
     config = launch.load_config(str(ROOT / "experiments" / "configs" / "ted_gesture.py:debug"))
     with pytest.raises(UserError, match=r"data\.path"):
-        loop.open_corpus(config)
+        inputs.open_corpus(config)

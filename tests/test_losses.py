@@ -132,7 +132,7 @@ def test_contrastive_memory_grows_with_the_batch_and_not_with_its_square():
         assert analysis is not None
         return analysis.temp_size_in_bytes
 
-    assert memory(256) < 2.5 * memory(128)
+    assert memory(256) < 5 * memory(64)  # and not 16 times; the blocks of the smaller batch are a little smaller too
 
 
 def test_adversarial_losses_at_undecided_and_extreme_logits():

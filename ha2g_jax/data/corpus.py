@@ -1,8 +1,10 @@
 """A corpus on disk: ArrayRecord shards of clips and one `dataset.json` with the statistics of the training split."""
 
+import bisect
 import collections
 import dataclasses
 import hashlib
+import itertools
 import json
 import os
 import pathlib
@@ -142,16 +144,20 @@ def _describe(shard: pathlib.Path) -> dict[str, Any]:
 
 
 class Clips(Sequence[Clip]):
-    """The clips of one split, decoded when asked for. Can be pickled."""
+    """The clips of one split, decoded when asked for. Can be pickled.
+
+    Raises:
+        UserError: a shard cannot be read.
+    """
 
     def __init__(self, shards: Sequence[pathlib.Path]):
-        try:
-            self._source = array_record_data_source.ArrayRecordDataSource([str(shard) for shard in shards])
-        except (ValueError, RuntimeError) as error:
-            raise _unreadable(f"{shards[0].parent}", error) from error
+        # One source a shard, so that an error can name the shard.
+        self._shards = list(shards)
+        self._sources = [_open_shard(shard) for shard in self._shards]
+        self._ends = list(itertools.accumulate(len(source) for source in self._sources))
 
     def __len__(self) -> int:
-        return len(self._source)
+        return self._ends[-1]
 
     @overload
     def __getitem__(self, index: int) -> Clip: ...
@@ -160,14 +166,42 @@ class Clips(Sequence[Clip]):
     def __getitem__(self, index: int | slice) -> Clip | list[Clip]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        return records.decode_clip(self.record(range(len(self))[index]))
+        index = range(len(self))[index]
+        return records.decode_clip(self.record(index), self.place(index))
+
+    def fields(self, index: int) -> dict[str, Any]:
+        """The fields of a clip with audio and frames still compressed.
+
+        Raises:
+            UserError: the record cannot be read or is damaged.
+        """
+        return records.unpack(self.record(index), self.place(index))
 
     def record(self, index: int) -> bytes:
         """The encoded clip."""
+        shard, number = self._locate(index)
         try:
-            return self._source[index]
+            return self._sources[shard][number]
         except (ValueError, RuntimeError) as error:
-            raise _unreadable(f"clip {index}", error) from error
+            raise _unreadable(self.place(index), error) from error
+
+    def place(self, index: int) -> str:
+        """Where the record of a clip is, to name it in a message."""
+        shard, number = self._locate(index)
+        return f"record {number} of {self._shards[shard]}"
+
+    def _locate(self, index: int) -> tuple[int, int]:
+        shard = bisect.bisect_right(self._ends, index)
+        return shard, index - (self._ends[shard - 1] if shard else 0)
+
+
+def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
+    if not os.access(shard, os.R_OK):
+        raise UserError(f"{shard} may not be read by this user; change its permissions (chmod a+r)")
+    try:
+        return array_record_data_source.ArrayRecordDataSource([str(shard)])
+    except (ValueError, RuntimeError) as error:
+        raise _unreadable(str(shard), error) from error
 
 
 def _unreadable(what: str, error: Exception) -> UserError:

@@ -83,26 +83,22 @@ def encode_clip(clip: Clip) -> bytes:
     return cast(bytes, msgpack.packb(fields))
 
 
-def decode_clip(record: bytes) -> Clip:
+def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
     """The clip that `encode_clip` wrote.
+
+    Args:
+        record: the bytes.
+        name: what to call the record in a message.
 
     Raises:
         UserError: the bytes are not a whole record.
     """
-    fields = unpack(record)
-    try:
-        audio, rate = soundfile.read(io.BytesIO(fields["audio"]), dtype="float32")
-        frames = fields["reference_frames"]
-        if frames is not None:
-            frames = np.stack([np.asarray(Image.open(io.BytesIO(frame)).convert("RGB")) for frame in frames])
-    except (soundfile.SoundFileError, OSError, ValueError, TypeError) as error:
-        raise _corrupt(error) from error
-    if rate != SAMPLE_RATE or audio.ndim != 1:
-        raise _corrupt(f"audio at {rate} Hz of shape {audio.shape}")
+    fields = unpack(record, name)
+    audio, frames = decode_audio(fields, name), decode_frames(fields, name)
     return Clip(**{**fields, "audio": audio, "reference_frames": frames})
 
 
-def unpack(record: bytes) -> dict[str, Any]:
+def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any]:
     """The fields of a clip with audio and frames still compressed; quick where only motion or words are wanted.
 
     Raises:
@@ -117,11 +113,41 @@ def unpack(record: bytes) -> dict[str, Any]:
         fields["window_starts"] = tuple(fields["window_starts"])
         fields["style"] = tuple(fields["style"])
     except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
-        raise _corrupt(error) from error
+        raise _corrupt(name, error) from error
     names = {field.name for field in dataclasses.fields(Clip)}
     if set(fields) != names:
-        raise _corrupt(f"fields {sorted(set(fields) ^ names)} are missing or unknown")
+        raise _corrupt(name, f"fields {sorted(set(fields) ^ names)} are missing or unknown")
     return fields
+
+
+def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
+    """The samples of a clip that `unpack` gave, (samples,) float32.
+
+    Raises:
+        UserError: they are not mono FLAC at 16 kHz.
+    """
+    try:
+        audio, rate = soundfile.read(io.BytesIO(fields["audio"]), dtype="float32")
+    except (soundfile.SoundFileError, ValueError, TypeError) as error:
+        raise _corrupt(f"clip {fields['id']}, {name},", error) from error
+    if rate != SAMPLE_RATE or audio.ndim != 1:
+        raise _corrupt(f"clip {fields['id']}, {name},", f"audio at {rate} Hz of shape {audio.shape}")
+    return audio
+
+
+def decode_frames(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
+    """The first `count` images of a clip that `unpack` gave, (count, height, width, 3) uint8; None where it has none.
+
+    Raises:
+        UserError: they are not images of one size.
+    """
+    if fields["reference_frames"] is None:
+        return None
+    try:
+        images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in fields["reference_frames"][:count]]
+        return np.stack([np.asarray(image) for image in images])
+    except (OSError, ValueError, TypeError, SyntaxError, Image.DecompressionBombError) as error:
+        raise _corrupt(f"clip {fields['id']}, {name},", error) from error
 
 
 def _to_jpeg(frame: np.ndarray) -> bytes:
@@ -130,5 +156,5 @@ def _to_jpeg(frame: np.ndarray) -> bytes:
     return jpeg.getvalue()
 
 
-def _corrupt(reason: object) -> UserError:
-    return UserError(f"a record of the corpus is damaged ({reason}); make or import the corpus again")
+def _corrupt(name: str, reason: object) -> UserError:
+    return UserError(f"{name} is damaged ({reason}); make or import the corpus again")

@@ -1,54 +1,30 @@
-"""Training windows: N frames of a clip with the speech that goes with them, and seeded batches of them.
+"""Training windows: N frames of a clip with the speech that goes with them.
 
-Windows overlap, so they are not copied: each clip is decoded and turned into features once, and a window is a
-slice of those.
+Windows overlap, so they are not copied: each clip is decoded and turned into features when one of its windows is
+first asked for, and a window is a slice of those. Before that there is only an index.
 """
 
-import bisect
-from typing import NamedTuple
+import copy
+from typing import Any, NamedTuple
 
-import grain
 import numpy as np
-import tqdm
 from PIL import Image
 
 from ha2g_jax.audio import log_mel, mel_window
-from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.records import Clip
-from ha2g_jax.errors import UserError
-from ha2g_jax.skeleton import positions_to_directions
-from ha2g_jax.text import Vocabulary, Word, words_to_frames
-
-# Batches are slices of arrays in memory: two threads keep ahead of a device, more only contend for the interpreter.
-_READ_OPTIONS = grain.ReadOptions(num_threads=2, prefetch_buffer_size=4)
-
-
-class _Track(NamedTuple):
-    """The features of a whole clip.
-
-    Attributes:
-        mel: (128, columns) float16 dB; half the memory, and finer than 0.07 dB.
-        directions: (T, bones, 3) float32.
-        words: in order of time.
-        word_starts, word_ends: their times in seconds, in ascending order.
-        speaker: index.
-        frames: (M, S, S, 3) uint8, None where identities come from a table.
-    """
-
-    mel: np.ndarray
-    directions: np.ndarray
-    words: tuple[Word, ...]
-    word_starts: list[float]
-    word_ends: list[float]
-    speaker: int
-    frames: np.ndarray | None
+from ha2g_jax.data import records
+from ha2g_jax.data.clip_cache import ClipCache, Track
+from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.data.window_index import make_index
+from ha2g_jax.skeleton import Skeleton, positions_to_directions
+from ha2g_jax.text import Vocabulary, words_to_frames
 
 
 class Windows:
     """The windows of one split by index, as examples without a batch axis.
 
     An example is a dict: "mel" (128, 70) float32 dB, "words" (N,) int32, "directions" (N, bones, 3) float32 unit
-    vectors, "speaker" () int32 and, with `image_size`, "frames" (M, S, S, 3) uint8.
+    vectors, "speaker" () int32 and, with `image_size`, "frames" (M, S, S, 3) uint8. Its arrays may be shared and
+    must not be written to. Threads may share a `Windows`, and pickled it is small: the index without decoded clips.
 
     Args:
         corpus: where the clips are.
@@ -57,10 +33,14 @@ class Windows:
         num_frames: N.
         num_reference_frames: M, images of a speaker.
         image_size: S, of the reference frames; None leaves them out.
-        jitter: most frames by which `batches` lets a window start late.
+        cache_bytes: memory for decoded clips.
+
+    Attributes:
+        skeleton: of the corpus.
+        num_training_speakers: of the corpus.
 
     Raises:
-        UserError: the split has no clip of N frames, or no images where they are wanted.
+        UserError: the split has no clip of N frames, a record that cannot be used, or no images where they are wanted.
     """
 
     def __init__(
@@ -72,78 +52,132 @@ class Windows:
         num_frames: int,
         num_reference_frames: int,
         image_size: int | None = None,
-        jitter: int = 0,
+        cache_bytes: int = 8 << 30,
     ):
-        self.num_frames, self.jitter = num_frames, jitter
+        self.num_frames, self.cache_bytes = num_frames, cache_bytes
+        self.skeleton, self.num_training_speakers = corpus.skeleton, len(corpus.speakers_of(TRAIN))
         self._fps, self._vocabulary = corpus.fps, vocabulary
-        self._tracks: list[_Track] = []
-        self._index: list[tuple[int, int]] = []
-        clips = corpus.clips(split)
-        for number in tqdm.trange(len(clips), desc=f"Reading {split}", unit="clip", leave=False, disable=None):
-            clip = clips[number]
-            frames = None if image_size is None else _reference_frames(clip, num_reference_frames, image_size)
-            self._tracks.append(
-                _Track(
-                    mel=log_mel(clip.audio).astype(np.float16),
-                    directions=positions_to_directions(corpus.skeleton, clip.positions),
-                    words=clip.words,
-                    word_starts=[word.start for word in clip.words],
-                    word_ends=np.maximum.accumulate([0.0, *(word.end for word in clip.words)])[1:].tolist(),
-                    speaker=corpus.speakers.index(clip.speaker),
-                    frames=frames,
-                )
-            )
-            last = len(clip.positions) - num_frames
-            self._index += [(number, start) for start in clip.window_starts if start <= last]
-        if not self._index:
-            raise UserError(
-                f"no clip of split {split!r} of {corpus.path} has {num_frames} frames; lower data.num_frames"
-            )
+        self._index = make_index(corpus, split, num_frames, 0 if image_size is None else num_reference_frames)
+        self._read = _Reader(corpus.clips(split), self.skeleton, num_reference_frames, image_size)
+        self._cache = ClipCache(self._read.track, cache_bytes)
+        self._last_motion: tuple[int, np.ndarray] | None = None
 
     def __len__(self) -> int:
-        return len(self._index)
+        return len(self._index.clips)
 
     def __getitem__(self, index: int) -> dict[str, np.ndarray]:
         return self.example(index)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_last_motion": None}
+
+    def with_cache(self, cache_bytes: int) -> "Windows":
+        """The same windows with a cache of their own, which is empty."""
+        windows = copy.copy(self)
+        windows.cache_bytes, windows._cache = cache_bytes, ClipCache(self._read.track, cache_bytes)
+        return windows
+
     def example(self, index: int, delay: int = 0) -> dict[str, np.ndarray]:
-        """The window of an index, or one that starts `delay` frames later where the clip is long enough."""
-        number, start = self._index[index]
-        track = self._tracks[number]
+        """The window of an index, or one that starts `delay` frames later where the clip is long enough.
+
+        Raises:
+            UserError: audio or images of its clip cannot be decoded.
+        """
+        number, start = self._find(index)
+        track = self._cache[number]
         start = min(start + delay, len(track.directions) - self.num_frames)
         example = {
             "mel": mel_window(track.mel, start, self._fps).astype(np.float32),
             "words": self._words(track, start),
             "directions": track.directions[start : start + self.num_frames],
-            "speaker": np.int32(track.speaker),
+            "speaker": self._index.speakers[number],
         }
         if track.frames is not None:
             example["frames"] = track.frames
         return example
 
+    def name(self, index: int) -> str:
+        """What to call a window in a report: "CLIP_ID@FRAME"."""
+        number, start = self._find(index)
+        return f"{self._index.names[number]}@{start}"
+
     def clip_index(self, index: int) -> int:
         """The number of the clip in its split that a window lies in."""
-        return self._index[index][0]
+        return self._find(index)[0]
 
     def directions(self, index: int) -> np.ndarray:
-        """The motion of a window alone, (N, bones, 3)."""
-        number, start = self._index[index]
-        return self._tracks[number].directions[start : start + self.num_frames]
+        """The motion of a window alone, (N, bones, 3); decodes no audio, and is quick in the order of the indices."""
+        number, start = self._find(index)
+        track, last = self._cache.peek(number), self._last_motion
+        if track is not None:
+            motion = track.directions
+        elif last is not None and last[0] == number:
+            motion = last[1]
+        else:
+            motion = self._read.motion(number)
+            self._last_motion = number, motion
+        return motion[start : start + self.num_frames]
 
     def speakers(self) -> set[int]:
         """The indices of the speakers of the split."""
-        return {track.speaker for track in self._tracks}
+        return set(self._index.speakers.tolist())
 
-    def reference_frames(self, speaker: int) -> list[np.ndarray]:
-        """The images of a speaker, (M, S, S, 3) uint8 of each clip."""
-        return [track.frames for track in self._tracks if track.speaker == speaker and track.frames is not None]
+    def reference_frames(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
+        """The images of a speaker, (M, S, S, 3) uint8 of each of at most `limit` clips."""
+        images = []
+        for number in np.flatnonzero(self._index.speakers == speaker)[:limit].tolist():
+            track = self._cache.peek(number)
+            frames = track.frames if track is not None else self._read.frames(number)
+            if frames is not None:
+                images.append(frames)
+        return images
 
-    def _words(self, track: _Track, start: int) -> np.ndarray:
+    def _find(self, index: int) -> tuple[int, int]:
+        return int(self._index.clips[index]), int(self._index.starts[index])
+
+    def _words(self, track: Track, start: int) -> np.ndarray:
         # Only words near the window are laid out; a frame more on either side leaves rounding to `words_to_frames`.
-        first = bisect.bisect_left(track.word_ends, (start - 1) / self._fps)
-        last = bisect.bisect_right(track.word_starts, (start + self.num_frames + 1) / self._fps)
+        first = track.word_ends.searchsorted((start - 1) / self._fps, "left")
+        last = track.word_starts.searchsorted((start + self.num_frames + 1) / self._fps, "right")
         words = track.words[first:last]
         return words_to_frames(words, self._vocabulary, start / self._fps, self.num_frames, self._fps)
+
+
+class _Reader(NamedTuple):
+    """Makes features of clips by their number; all that decoding needs, and so what is sent to a worker."""
+
+    clips: Clips
+    skeleton: Skeleton
+    num_reference_frames: int
+    image_size: int | None
+
+    def track(self, number: int) -> Track:
+        fields = self.clips.fields(number)
+        word_ends = np.maximum.accumulate([0.0, *(word.end for word in fields["words"])])[1:]
+        track = Track(
+            mel=log_mel(records.decode_audio(fields, self.clips.place(number))).astype(np.float16),
+            directions=positions_to_directions(self.skeleton, fields["positions"]),
+            words=fields["words"],
+            word_starts=np.array([word.start for word in fields["words"]]),
+            word_ends=word_ends,
+            frames=self._resized(fields, number),
+        )
+        for array in track:
+            if isinstance(array, np.ndarray):
+                array.setflags(write=False)
+        return track
+
+    def motion(self, number: int) -> np.ndarray:
+        return positions_to_directions(self.skeleton, self.clips.fields(number)["positions"])
+
+    def frames(self, number: int) -> np.ndarray | None:
+        return None if self.image_size is None else self._resized(self.clips.fields(number), number)
+
+    def _resized(self, fields: dict[str, Any], number: int) -> np.ndarray | None:
+        if self.image_size is None:
+            return None
+        frames = records.decode_frames(fields, self.clips.place(number), self.num_reference_frames)
+        return None if frames is None else resize_frames(frames, self.image_size)
 
 
 def resize_frames(frames: np.ndarray, size: int) -> np.ndarray:
@@ -151,39 +185,3 @@ def resize_frames(frames: np.ndarray, size: int) -> np.ndarray:
     if frames.shape[1:3] == (size, size):
         return frames
     return np.stack([np.asarray(Image.fromarray(frame).resize((size, size))) for frame in frames])
-
-
-def _reference_frames(clip: Clip, count: int, size: int) -> np.ndarray:
-    found = 0 if clip.reference_frames is None else len(clip.reference_frames)
-    if clip.reference_frames is None or found < count:
-        raise UserError(
-            f"clip {clip.id} has {found} images of its speaker, expected {count}: "
-            "set --config.model.identity.kind=speakers"
-        )
-    return resize_frames(clip.reference_frames[:count], size)
-
-
-def batches(windows: Windows, batch_size: int, seed: int) -> grain.DatasetIterator:
-    """An endless iterator over batches, each epoch in another order; the same seed gives the same batches.
-
-    Its `get_state()` and `set_state(state)` continue it exactly.
-
-    Args:
-        windows: of the training split.
-        batch_size: B, of this host.
-        seed: of the order and of the delays of windows.
-
-    Raises:
-        UserError: there are fewer windows than `batch_size`.
-    """
-    if batch_size > len(windows):
-        raise UserError(
-            f"a batch of {batch_size} is more than the {len(windows)} windows there are: "
-            "lower --config.train.batch_size or take more data"
-        )
-
-    def draw(index: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        return windows.example(index, delay=int(rng.integers(windows.jitter + 1)))
-
-    dataset = grain.MapDataset.range(len(windows)).seed(seed).shuffle().random_map(draw).repeat()
-    return iter(dataset.batch(batch_size, drop_remainder=True).to_iter_dataset(_READ_OPTIONS))

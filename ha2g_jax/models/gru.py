@@ -10,7 +10,7 @@ product with r, which is why Linen's cell, which has one bias only, is not used.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,8 @@ def gru_scan(
 ) -> tuple[jax.Array, ...]:
     """Runs independent GRUs side by side in one scan, from a zero state.
 
-    The directions of a bidirectional GRU share the scan, so that it takes N steps and not 2 N.
+    The directions of a bidirectional GRU share the scan, so that it takes N steps and not 2 N. Products are taken
+    in the type of the gates, but the state and the kernels' gradients, which add up over the steps, are float32.
 
     Args:
         gates: per GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.
@@ -46,17 +47,24 @@ def gru_scan(
             _cell(state, frame_gates, kernels, bias)
             for state, frame_gates, kernels, bias in zip(states, frame, hidden_kernels, hidden_biases, strict=True)
         )
-        return states, states
+        return states, tuple(state.astype(gate.reset.dtype) for state, gate in zip(states, gates, strict=True))
 
-    start = tuple(jnp.zeros_like(gate.reset[0]) for gate in gates)
+    hidden_kernels, hidden_biases = _float32((tuple(hidden_kernels), tuple(hidden_biases)))
+    start = tuple(jnp.zeros_like(gate.reset[0], jnp.float32) for gate in gates)
     return jax.lax.scan(step, start, tuple(gates))[1]
 
 
 def _cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> jax.Array:
-    reset = jax.nn.sigmoid(gates.reset + state @ kernels.reset)
-    update = jax.nn.sigmoid(gates.update + state @ kernels.update)
-    new = jnp.tanh(gates.new + reset * (state @ kernels.new + bias[None]))
+    dtype = gates.reset.dtype
+    gates, rounded = _float32(gates), state.astype(dtype)
+    reset = jax.nn.sigmoid(gates.reset + rounded @ kernels.reset.astype(dtype))
+    update = jax.nn.sigmoid(gates.update + rounded @ kernels.update.astype(dtype))
+    new = jnp.tanh(gates.new + reset * (rounded @ kernels.new.astype(dtype) + bias[None]))
     return new + update * (state - new)
+
+
+def _float32(tree: Any) -> Any:
+    return jax.tree.map(lambda x: x.astype(jnp.float32), tree)
 
 
 class BiGRU(nn.Module):

@@ -49,7 +49,8 @@ class StyleCoordinator(nn.Module):
         """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
         num_audio = len(Features._fields)
         scores = nn.Dense(num_audio * self.num_levels, kernel_init=initializers.LINEAR, name="linear")(f_id)
-        return nn.softmax(scores.reshape(f_id.shape[0], num_audio, self.num_levels), axis=1)
+        scores = scores.reshape(f_id.shape[0], num_audio, self.num_levels)
+        return nn.softmax(scores.astype(jnp.float32), axis=1).astype(scores.dtype)
 
 
 class HA2G(nn.Module):
@@ -125,7 +126,7 @@ class HA2G(nn.Module):
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
         batch, num_frames = features[0].shape[:2]
         num_free = num_frames - self.num_seed_frames
-        is_seed = jnp.concatenate([jnp.ones((batch, self.num_seed_frames, 1)), jnp.zeros((batch, num_free, 1))], axis=1)
+        is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
 
         poses: list[jax.Array] = []
         for level, stage in enumerate(self.stages):
@@ -134,7 +135,7 @@ class HA2G(nn.Module):
                 free = poses[-1][:, self.num_seed_frames :]
             else:
                 known = seed[..., self.level_channels[0]]
-                free = jnp.zeros((batch, num_free, known.shape[-1]))
+                free = jnp.zeros((batch, num_free, known.shape[-1]), known.dtype)
             previous = jnp.concatenate([known, free], axis=1)
-            poses.append(stage(previous, blended[level], is_seed, train=train))
+            poses.append(stage(previous, blended[level], is_seed.astype(seed.dtype), train=train))
         return tuple(poses)

@@ -16,17 +16,19 @@ class ImageIdentity(nn.Module):
     Attributes:
         width: channels of the ResNet's first stage.
         feature_dim: values of f_id.
+        is_recomputed: see `recompute.run`.
     """
 
     width: int = 64
     feature_dim: int = 18
+    is_recomputed: bool = False
 
     @nn.compact
     def __call__(self, frames: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps images (B, M, S, S, 3), uint8 RGB, to mean and log-variance, each (B, feature_dim)."""
+        """Maps RGB images (B, M, S, S, 3) of values 0 to 255 to mean and log-variance, each (B, feature_dim)."""
         batch, count = frames.shape[:2]
-        images = frames.reshape(batch * count, *frames.shape[2:]).astype(jnp.float32) / 127.5 - 1
-        x = ResNet18(self.width, name="resnet")(images, train=train)
+        images = frames.reshape(batch * count, *frames.shape[2:]) / 127.5 - 1  # float32 where frames are uint8
+        x = ResNet18(self.width, self.is_recomputed, name="resnet")(images, train=train)
         x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
         # Channel-major, as PyTorch flattens (C, H, W).
         return _heads(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)
@@ -48,8 +50,11 @@ class SpeakerIdentity(nn.Module):
         """Maps speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
         del train  # The table has no training behaviour; the argument is that of `ImageIdentity`.
         normal = nn.initializers.normal(1.0)
-        x = nn.Embed(self.num_speakers, self.feature_dim, embedding_init=normal, name="embedding")(speaker)
-        return _heads(x, self.feature_dim)
+        # The rows' gradients are summed over the batch in float32.
+        table = nn.Embed(
+            self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=normal, name="embedding"
+        )
+        return _heads(table(speaker).astype(table.embedding.dtype), self.feature_dim)
 
 
 def _heads(x: jax.Array, feature_dim: int) -> tuple[jax.Array, jax.Array]:

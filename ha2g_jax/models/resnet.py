@@ -1,9 +1,11 @@
 """ResNet-18 (He et al. 2016) without the global average pool and the classifier. Channels last."""
 
+import functools
+
 import jax
 from flax import linen as nn
 
-from ha2g_jax.models import initializers
+from ha2g_jax.models import initializers, recompute
 from ha2g_jax.models.norm import BatchNorm
 
 _STAGES = (2, 2, 2, 2)
@@ -14,23 +16,29 @@ class ResNet18(nn.Module):
 
     Attributes:
         width: channels of the first stage, doubled at each next one; 64 in the paper.
+        is_recomputed: see `recompute.run`.
     """
 
     width: int = 64
+    is_recomputed: bool = False
 
     @nn.compact
     def __call__(self, images: jax.Array, *, train: bool) -> jax.Array:
         """Maps (B, S, S, 3) to (B, S / 32, S / 32, 8 * width), sizes rounded up."""
-        x = _conv(self.width, 7, 2, name="conv")(images)
-        x = nn.relu(BatchNorm(name="norm")(x, train=train))
-        # Flax declares the padding as a string only, but takes pairs.
-        x = nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
+        run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
+        x = run(self, images, method="_stem")
         for stage, blocks in enumerate(_STAGES):
             for block in range(blocks):
                 stride = 2 if stage and not block else 1
                 name = f"stage_{stage + 1}_block_{block}"
-                x = ResidualBlock(self.width * 2**stage, stride, name=name)(x, train=train)
+                x = run(ResidualBlock(self.width * 2**stage, stride, name=name), x)
         return x
+
+    def _stem(self, images: jax.Array, *, train: bool) -> jax.Array:
+        x = _conv(self.width, 7, 2, name="conv")(images)
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        # Flax declares the padding as a string only, but takes pairs.
+        return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
 
 
 class ResidualBlock(nn.Module):

@@ -1,12 +1,13 @@
 """Audio encoder E_a: ResNetSE-34 with three heads (HA2G, Tables 6 and 7). Channels last."""
 
+import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.models import initializers
+from ha2g_jax.models import initializers, recompute
 from ha2g_jax.models.norm import BatchNorm
 
 _REDUCTION = 8
@@ -76,13 +77,15 @@ class Stage(nn.Module):
     blocks: int
     channels: int
     stride: int
+    is_recomputed: bool = False
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
         for index in range(self.blocks):
             stride = self.stride if index == 0 else 1
-            x = BasicBlock(self.channels, stride, name=f"block_{index}")(x, train=train)
+            block = BasicBlock(self.channels, stride, name=f"block_{index}")
+            x = recompute.run(block, x, train=train, is_recomputed=self.is_recomputed)
         return x
 
 
@@ -134,12 +137,14 @@ class AudioEncoder(nn.Module):
         channels: channels of each stage.
         stem_stride: stride of the stem along mel and time; the stride in time must be 1.
         feature_dim: values per frame and level.
+        is_recomputed: see `recompute.run`.
     """
 
     blocks: tuple[int, int, int, int] = (3, 4, 6, 3)
     channels: tuple[int, int, int, int] = (32, 64, 128, 256)
     stem_stride: tuple[int, int] = (1, 1)
     feature_dim: int = 32
+    is_recomputed: bool = False
 
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> Features:
@@ -149,15 +154,16 @@ class AudioEncoder(nn.Module):
             ValueError: the number of columns does not give the same number of frames at each level.
         """
         x = (mel / _MEL_RANGE + 1)[..., None]  # D3
-        x = Stem(self.channels[0], self.stem_stride, name="stem")(x, train=train)
+        run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
+        x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
         maps = []
         for index, (blocks, channels) in enumerate(zip(self.blocks, self.channels, strict=True)):
-            x = Stage(blocks, channels, 2 if index else 1, name=f"stage_{index + 1}")(x, train=train)
-            maps.append(x)
+            stage = Stage(blocks, channels, 2 if index else 1, self.is_recomputed, name=f"stage_{index + 1}")
+            maps.append(x := stage(x, train=train))
         features = Features(
-            low=Head(shuffle=1, kernel=2, feature_dim=self.feature_dim, name="low")(maps[1], train=train),
-            mid=Head(shuffle=2, kernel=3, feature_dim=self.feature_dim, name="mid")(maps[2], train=train),
-            high=Head(shuffle=4, kernel=3, feature_dim=self.feature_dim, name="high")(maps[3], train=train),
+            low=run(Head(shuffle=1, kernel=2, feature_dim=self.feature_dim, name="low"), maps[1]),
+            mid=run(Head(shuffle=2, kernel=3, feature_dim=self.feature_dim, name="mid"), maps[2]),
+            high=run(Head(shuffle=4, kernel=3, feature_dim=self.feature_dim, name="high"), maps[3]),
         )
         frames = tuple(level.shape[1] for level in features)
         if len(set(frames)) > 1:

@@ -36,7 +36,7 @@ class WeightNormConv(nn.Module):
         bias = self.param("bias", nn.initializers.zeros, (self.channels,))
         y = jax.lax.conv_general_dilated(
             x,
-            kernel * (scale / _norm(kernel))[None, None],
+            (kernel * (scale / _norm(kernel))[None, None]).astype(x.dtype),
             window_strides=(1,),
             padding=(self.padding,),
             rhs_dilation=(self.dilation,),
@@ -46,7 +46,7 @@ class WeightNormConv(nn.Module):
 
 
 def _norm(kernel: jax.Array) -> jax.Array:
-    return jnp.sqrt(jnp.sum(jnp.square(kernel), axis=(0, 1)))
+    return jnp.sqrt(jnp.sum(jnp.square(kernel.astype(jnp.float32)), axis=(0, 1)))
 
 
 class ResidualBlock(nn.Module):
@@ -108,7 +108,11 @@ class TextEncoder(nn.Module):
             raise ValueError(f"receptive field {self.receptive_field!r}: expected one of {RECEPTIVE_FIELDS}")
         centred = self.receptive_field == "centred"
         spread = nn.initializers.normal(self.embedding_dim**-0.5)
-        x = nn.Embed(self.vocabulary_size, self.embedding_dim, embedding_init=spread, name="embedding")(words)
+        # The rows' gradients are summed over all frames in float32: thousands of them are of the padding.
+        table = nn.Embed(
+            self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
+        )
+        x = table(words).astype(table.embedding.dtype)
         x = nn.Dropout(_EMBEDDING_DROPOUT if self.dropout else 0.0)(x, deterministic=not train)
         for index in range(self.layers):
             dilation = 2**index

@@ -1,11 +1,12 @@
-"""A video of the figure that performs a motion, with the sound."""
+"""A video of the figure that performs a motion, or of several side by side, with the sound."""
 
 import fractions
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import av
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 from tqdm import tqdm
 
 from ha2g_jax.figure import DEFAULT_LOOK, Look, draw_figure
@@ -17,11 +18,12 @@ from ha2g_jax.skeleton import directions_to_positions
 VIDEO_FPS = 30
 # One thread: the bytes of H.264 depend on the number, and with more of them about one video in a hundred differs.
 _ENCODER = {"preset": "veryfast", "crf": "21", "threads": "1"}
+_INK = (70, 74, 82)
 
 
 def write_video(
     path: str | pathlib.Path,
-    motion: Motion,
+    motion: Motion | Mapping[str, Motion],
     audio: np.ndarray,
     sample_rate: int = 16000,
     *,
@@ -36,28 +38,29 @@ def write_video(
 
     Args:
         path: the `.mp4` to write.
-        motion: what the figure does.
+        motion: what the figure does; several motions by name are drawn side by side, each with its name.
         audio: (samples,) float32 mono sound.
         sample_rate: samples per second.
         look: how the figure is dressed.
-        size: width and height in pixels, even.
+        size: width and height of a figure's picture in pixels, even.
         has_progress: whether to show a progress bar; it needs a terminal.
 
     Raises:
         UserError: the place cannot be written.
     """
     frames = num_frames(len(audio) / sample_rate, VIDEO_FPS)
-    skeleton = motion.skeleton
-    poses = directions_to_positions(skeleton, resample(motion.directions, motion.fps, VIDEO_FPS, frames))
+    motions = motion if isinstance(motion, Mapping) else {"": motion}
+    pictures = zip(*(_pictures(name, motion, frames, look, size) for name, motion in motions.items()), strict=True)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     with whole_file(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
-        video.width = video.height = size
+        video.width, video.height = size * len(motions), size
         video.pix_fmt = "yuv420p"
         sound = container.add_stream("aac", rate=sample_rate, layout="mono")
         blocks = _sound_frames(audio, sample_rate)
-        for index in tqdm(range(frames), desc="video", unit="frame", disable=None if has_progress else True):
-            image = draw_figure(poses[index], skeleton, look, size, size)
+        disable = None if has_progress else True
+        for index, panels in enumerate(tqdm(pictures, desc="video", total=frames, unit="frame", disable=disable)):
+            image = np.concatenate(panels, axis=1)
             container.mux(video.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
             if index % VIDEO_FPS == 0:  # a second of sound follows the first picture of the second
                 container.mux([packet for block in next(blocks, ()) for packet in sound.encode(block)])
@@ -65,6 +68,24 @@ def write_video(
             container.mux([packet for block in seconds for packet in sound.encode(block)])
         container.mux(sound.encode(None))
         container.mux(video.encode(None))
+
+
+def _pictures(name: str, motion: Motion, frames: int, look: Look, size: int) -> Iterator[np.ndarray]:
+    """The figure in each frame of the video, (size, size, 3) uint8, with a name unless it is empty."""
+    skeleton = motion.skeleton
+    poses = directions_to_positions(skeleton, resample(motion.directions, motion.fps, VIDEO_FPS, frames))
+    for pose in poses:
+        picture = draw_figure(pose, skeleton, look, size, size)
+        yield _label(picture, name) if name else picture
+
+
+def _label(picture: np.ndarray, name: str) -> np.ndarray:
+    """The picture with a name in its upper left corner, where the figure seldom is."""
+    height = len(picture)
+    image = Image.fromarray(picture)
+    font = ImageFont.load_default(height / 18)
+    ImageDraw.Draw(image).text((height / 24, height / 24), name, fill=_INK, font=font, anchor="lt")
+    return np.asarray(image)
 
 
 def _sound_frames(audio: np.ndarray, sample_rate: int) -> Iterator[list[av.AudioFrame]]:

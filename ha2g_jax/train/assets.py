@@ -16,7 +16,7 @@ SCHEMA_VERSION = 1
 
 _NUM_STARTS = 16
 _CLIPS_PER_SPEAKER = 8
-_STATISTICS = ("lengths", "mean_directions", "mean_pose", "angle_mean", "angle_variance", "angle_change")
+STATISTICS = ("lengths", "mean_directions", "mean_pose", "angle_mean", "angle_variance", "angle_change")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +92,7 @@ def to_json(assets: Assets) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "skeleton": {"name": assets.skeleton.name}
-        | {name: _numbers(getattr(assets.skeleton, name)) for name in _STATISTICS},
+        | {name: _numbers(getattr(assets.skeleton, name)) for name in STATISTICS},
         "vocabulary": list(assets.vocabulary.words),
         "speakers": {name: _numbers(f_id) for name, f_id in assets.speakers.items()},
         "seed_poses": _numbers(assets.seed_poses),
@@ -111,7 +111,7 @@ def from_json(values: dict[str, Any]) -> Assets:
     if values["skeleton"]["name"] not in SKELETONS:
         raise ValueError(f"unknown skeleton {values['skeleton']['name']!r}")
     skeleton = load_skeleton(values["skeleton"]["name"])
-    statistics = {name: np.asarray(values["skeleton"][name], np.float32) for name in _STATISTICS}
+    statistics = {name: np.asarray(values["skeleton"][name], np.float32) for name in STATISTICS}
     for name, found in statistics.items():
         if found.shape != getattr(skeleton, name).shape:
             raise ValueError(f"{name} has shape {found.shape} instead of {getattr(skeleton, name).shape}")

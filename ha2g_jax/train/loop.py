@@ -1,15 +1,14 @@
 """One training run, from a config to checkpoints: read `train` from top to bottom."""
 
 import contextlib
+import dataclasses
+import functools
 import json
 import math
 import os
 import pathlib
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from types import FrameType
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -17,49 +16,65 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.config import Config
+from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.talk.build import talk_path
-from ha2g_jax.data.windows import Windows, batches
+from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Vocabulary, read_word_vectors
-from ha2g_jax.train import model_folder, sharding
+from ha2g_jax.train import checks, hosts, inputs, model_folder, run_record, sharding
 from ha2g_jax.train.assets import Assets, calm_starts, speaker_identities
 from ha2g_jax.train.checkpoint import Checkpoints
+from ha2g_jax.train.log import NotFinite, StepLog
+from ha2g_jax.train.profiling import Profile
+from ha2g_jax.train.signals import Stop, stop_signals
 from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import TERMS, build_task
+from ha2g_jax.train.task import build_task
 from ha2g_jax.train.validation import Validation
-from ha2g_jax.train.writers import MetricsWriter, StepLog
+from ha2g_jax.train.writers import open_writers
 
-METRICS = "metrics.jsonl"
 VALIDATION = "val"
+SAMPLES, PROFILE = "samples", "profile"
 
-# Settings that may differ from those a workdir was made with: they leave the updates as they are.
-_FREE_SETTINGS = ("train.steps", "train.log_every", "train.validate_every", "train.checkpoint_every", "train.keep")
+_NAMES_SHOWN = 8
 
 
-def train(config: Config, workdir: str | os.PathLike) -> None:
+def train(
+    config: Config,
+    workdir: str | os.PathLike,
+    *,
+    profile: bool = False,
+    draw_sample: Callable[..., None] | None = None,
+) -> None:
     """Trains the model of a config, or continues where the run in `workdir` stopped.
 
     SIGTERM and Ctrl-C end the run after the step at hand with a checkpoint; the same command continues it, and the
     parameters are then those of a run that was never stopped. Found in the workdir afterwards: config.json,
-    assets.json, metrics.jsonl, and checkpoints in latest/ and in best/ (best on the validation split).
+    assets.json, run.json, metrics.jsonl, tensorboard/, checkpoints in latest/ and in best/ (best on the validation
+    split), and samples/ where the config asks for them. All hosts of a run call this with the same arguments.
 
     Args:
         config: see `ha2g_jax.config.paper`.
-        workdir: folder of the run; made if there is none.
+        workdir: folder of the run, the same for all hosts; made if there is none.
+        profile: whether to write a trace of a few steps to profile/.
+        draw_sample: draws a video of a clip, as `ha2g_jax.synthesis.samples.write_sample`.
 
     Raises:
-        UserError: the data cannot be used, `workdir` is of another config, or a loss is no longer finite.
+        UserError: the data cannot be used, `workdir` is of another config, a checkpoint cannot be written, or a loss
+            is no longer finite.
     """
-    workdir = pathlib.Path(workdir)
-    check_workdir(workdir, config)
-    check_settings(config)
-    corpus = open_corpus(config)
+    with stop_signals() as stop:
+        _train(config, pathlib.Path(workdir), stop, profile, draw_sample)
+
+
+def _train(
+    config: Config, workdir: pathlib.Path, stop: Stop, profile: bool, draw_sample: Callable[..., None] | None
+) -> None:
+    checks.check_settings(config)
+    checks.check_workdir(workdir, config)
+    corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), list(corpus.speakers_of(TRAIN))
-    windows = open_windows(config, corpus, vocabulary, TRAIN, jitter=config.data.jitter)
-    validation_windows = open_windows(config, corpus, vocabulary, VALIDATION)
+    windows = inputs.open_windows(config, corpus, vocabulary, TRAIN)
+    validation_windows = inputs.open_windows(config, corpus, vocabulary, VALIDATION)
     batch_size, num_steps = config.train.batch_size, config.train.steps
-    iterator = batches(windows, batch_size, config.seed)
 
     task = build_task(
         config,
@@ -67,179 +82,118 @@ def train(config: Config, workdir: str | os.PathLike) -> None:
         len(vocabulary),
         len(speakers),
         steps_per_epoch=len(windows) // batch_size,
-        word_vectors=_word_vectors(config, vocabulary),
+        word_vectors=inputs.word_vectors(config, vocabulary),
     )
-    mesh = sharding.data_mesh(_devices(config.train.devices))
+    mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
     init_key, key = jax.random.split(jax.random.key(config.seed))
-    state = sharding.replicate(mesh, init_state(task, init_key))
-    step_function = sharding.compile_step(task, mesh)
     validate = Validation(task, mesh, validation_windows, batch_size)
+    step_function = sharding.compile_step(task, mesh)
+    assets = _assets(config, workdir, corpus, windows)
 
-    workdir.mkdir(parents=True, exist_ok=True)
     latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
     best = Checkpoints(workdir / model_folder.BEST)
-    if latest.steps():
-        state, record = latest.restore(latest.steps()[-1], state)
-        iterator.set_state(record["iterator"])
-    step = int(state.step)
-    best_score = best.record(best.steps()[-1])["score"] if best.steps() else math.inf
+    fresh = functools.partial(init_state, task, init_key)
+    found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
+    state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
+    step, best_score = int(state.step), record.get("best_score", math.inf)
+    batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
+    workdir.mkdir(parents=True, exist_ok=True)
+    if hosts.is_first():
+        model_folder.write_description(workdir, config, assets)
+        run_record.write(workdir, config, step, corpus)
 
-    starts = calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
-    no_styles = dict.fromkeys(speakers, np.zeros(0, np.float32))  # they come with each checkpoint
-    model_folder.write_description(workdir, config, Assets(corpus.skeleton, vocabulary, no_styles, starts))
-    writer = MetricsWriter(workdir / METRICS, step)
+    writer = open_writers(workdir, step, config, hosts.is_first())
+    bar = tqdm.tqdm(
+        total=num_steps,
+        initial=step,
+        desc=config.name,
+        unit="step",
+        smoothing=0.05,
+        disable=None if hosts.is_first() else True,
+    )
+    log = StepLog(
+        writer,
+        bar,
+        batch_size,
+        lambda step: _is_due(step, config.train.log_every, num_steps),
+        pending=record.get("log"),
+    )
+    is_sampling = draw_sample is not None and config.train.sample_every and hosts.is_first()
+    trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
-    def save(checkpoints: Checkpoints, **record: Any) -> None:
-        styles = speaker_identities(task, state.generator.variables, windows, speakers)
-        record["speakers"] = {name: f_id.tolist() for name, f_id in styles.items()}
-        checkpoints.save(step, state, record | {"iterator": iterator.get_state()})
+    def trained() -> tuple[Any, Assets]:
+        """The weights as this host's arrays, and what belongs to them."""
+        variables = jax.device_get(state.model)
+        return variables, dataclasses.replace(assets, speakers=speaker_identities(task, variables, windows, speakers))
 
-    bar = tqdm.tqdm(total=num_steps, initial=step, desc=config.name, unit="step", smoothing=0.05, disable=None)
-    log = StepLog(writer, bar, batch_size, lambda step: _is_due(step, config.train.log_every, num_steps))
-    with contextlib.closing(writer), contextlib.closing(latest), contextlib.closing(best), bar, _stop_signals() as stop:
-        while step < num_steps and not stop.is_set():
-            with log.timed():
-                batch = sharding.shard_batch(mesh, next(iterator))
-                state, metrics = step_function(state, batch, key)
+    def save(checkpoints: Checkpoints, **more: Any) -> None:
+        taken = int(state.step)  # less than `step` after one that was not finite
+        styles = {name: f_id.tolist() for name, f_id in trained()[1].speakers.items()}
+        record = {"log": log.state(), "best_score": best_score, "speakers": styles}
+        checkpoints.save(taken, state, record | more)
+
+    with contextlib.ExitStack() as stack:
+        for resource in (writer, latest, best, bar, trace, batches):
+            stack.callback(resource.close)
+        try:
+            while step < num_steps and not log.is_stopping:
+                with log.waiting():
+                    batch = sharding.shard_batch(mesh, next(batches))
+                with log.stepping(), trace.step(step):
+                    state, metrics = step_function(state, batch, key, stop.is_set())
+                stop.begin()
                 step += 1
                 log.add(step, metrics)
-            if _is_due(step, config.train.validate_every, num_steps):
-                log.flush()
-                scores = validate(state, key)
-                writer.write(step, {f"validation/{name}": value for name, value in scores.items()})
-                if scores[config.train.best_by] < best_score:
-                    best_score = scores[config.train.best_by]
-                    save(best, score=best_score)
-            if _is_due(step, config.train.checkpoint_every, num_steps) or stop.is_set():
-                log.flush()
-                save(latest)
-        if stop.is_set():
-            tqdm.tqdm.write(f"stopped at step {step} of {num_steps}; the same command continues", file=sys.stderr)
+                with log.apart():
+                    latest.check()
+                    best.check()
+                    if _is_due(step, config.train.validate_every, num_steps):
+                        log.flush()
+                        scores = validate(state, key)
+                        writer.write(step, {f"validation/{name}": value for name, value in scores.items()})
+                        if scores[config.train.best_by] < best_score:
+                            best_score = scores[config.train.best_by]
+                            save(best)
+                    if is_sampling and _is_due(step, config.train.sample_every, num_steps):
+                        draw_sample(workdir / SAMPLES, step, task, *trained(), config, corpus.clips(VALIDATION)[0])
+                    if _is_due(step, config.train.checkpoint_every, num_steps):
+                        log.flush()
+                        save(latest)
+            log.flush()
+            save(latest)
+        except NotFinite as error:
+            names = batch_names(windows, batch_size, config.seed, int(state.step))
+            raise _failure(error, names, workdir, save) from error
+    if step < num_steps and hosts.is_first():
+        tqdm.tqdm.write(f"stopped at step {step} of {num_steps}; the same command continues", file=sys.stderr)
 
 
-def open_corpus(config: Config) -> Corpus:
-    """The corpus of a config; "talk" is made where there is none yet.
-
-    Raises:
-        UserError: there is none, it is damaged, or it has another skeleton or frame rate than the config.
-    """
-    if not config.data.path:
-        raise UserError("the config names no data: set --config.data.path to 'talk' or to the folder of a corpus")
-    corpus = Corpus.open(talk_path(config.data.path))
-    found, expected = (corpus.skeleton.name, corpus.fps), (config.skeleton, config.data.fps)
-    if found != expected:
-        raise UserError(
-            f"{corpus.path} has skeleton {found[0]} at {found[1]:g} fps, "
-            f"the config {expected[0]} at {expected[1]:g} fps: choose the config that fits the data"
-        )
-    return corpus
+def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows) -> Assets:
+    """Those that the run started with, or new ones; the speakers' styles come with each checkpoint."""
+    if (workdir / model_folder.ASSETS).exists():
+        assets = model_folder.read_description(workdir)[1]
+        checks.check_corpus(workdir, assets, corpus)
+        return assets
+    starts = calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
+    no_styles = dict.fromkeys(corpus.speakers_of(TRAIN), np.zeros(0, np.float32))
+    return Assets(corpus.skeleton, corpus.vocabulary(), no_styles, starts)
 
 
-def open_windows(config: Config, corpus: Corpus, vocabulary: Vocabulary, split: str, jitter: int = 0) -> Windows:
-    """The windows of a split in the shapes that the config asks for.
-
-    Raises:
-        UserError: the split does not have them, or has speakers that a table of training speakers cannot know.
-    """
-    has_images = config.model.identity.kind == "images"
-    windows = Windows(
-        corpus,
-        split,
-        vocabulary,
-        num_frames=config.data.num_frames,
-        num_reference_frames=config.data.num_seed_frames,
-        image_size=config.data.image_size if has_images else None,
-        jitter=jitter,
+def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Callable[..., None]) -> UserError:
+    """Stores the state before the step that failed and the names of its windows; returns what to tell the user."""
+    report = {"step": error.step, "not_finite": list(error.names), "windows": names}
+    folder = workdir / model_folder.FAILED
+    with contextlib.closing(Checkpoints(folder)) as failed:
+        save(failed, failure=report)
+    if hosts.is_first():
+        folder.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+    shown = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
+    return UserError(
+        f"{', '.join(error.names)} not finite at step {error.step}, on the windows {shown}: the state before it is in "
+        f"{folder}, the report in {folder}.json; look at those windows, or start anew in another workdir with a lower "
+        "--config.train.learning_rate"
     )
-    strangers = set(corpus.speakers_of(split)) - set(corpus.speakers_of(TRAIN))
-    if strangers and not has_images:
-        raise UserError(
-            f"split {split!r} has {len(strangers)} speakers that the table of training speakers lacks, such as "
-            f"{min(strangers)}: divide the data by talks, or set --config.model.identity.kind=images"
-        )
-    return windows
-
-
-def check_settings(config: Config) -> None:
-    """Looks at the settings that would otherwise fail only after hours.
-
-    Raises:
-        UserError: one of them cannot be used.
-    """
-    for name in ("steps", "batch_size", "log_every", "validate_every", "checkpoint_every", "keep"):
-        if config.train[name] < 1:
-            raise UserError(
-                f"config.train.{name} is {config.train[name]}, expected at least 1: set --config.train.{name}"
-            )
-    terms = [f"loss/{name}" for name in (*TERMS, "total")]
-    if config.train.best_by not in terms:
-        raise UserError(f"config.train.best_by is {config.train.best_by!r}, expected one of {', '.join(terms)}")
-
-
-def check_workdir(workdir: pathlib.Path, config: Config) -> None:
-    """Sees that the folder of a run is new or was made with the same config.
-
-    Raises:
-        UserError: it was made with another config, whose differing settings are named, or cannot be a folder.
-    """
-    if not workdir.is_dir() and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
-        raise UserError(f"{workdir} is no folder; choose another --workdir")
-    path = workdir / model_folder.CONFIG
-    if not path.exists():
-        return
-    try:
-        old = _flat(json.loads(path.read_text()))
-    except ValueError as error:
-        raise UserError(f"{path} is damaged ({error}); choose another --workdir") from error
-    new = _flat(model_folder.config_to_json(config))
-    differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
-    if differing := [name for name in differing if name not in _FREE_SETTINGS]:
-        changes = ", ".join(f"{name} ({old.get(name)} there, {new.get(name)} here)" for name in differing)
-        raise UserError(
-            f"{workdir} is a run with another config: {changes}; repeat its settings or choose another --workdir"
-        )
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat = {}
-    for name, value in values.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat
-
-
-def _word_vectors(config: Config, vocabulary: Vocabulary) -> np.ndarray | None:
-    text = config.model.text
-    return read_word_vectors(text.vectors, vocabulary, text.embedding_dim) if text.vectors else None
-
-
-def _devices(count: int) -> list:
-    devices = jax.devices()
-    if not 0 <= count <= len(devices):
-        raise UserError(f"there are {len(devices)} devices, not {count}: set --config.train.devices=0 for all")
-    return devices[: count or len(devices)]
 
 
 def _is_due(step: int, every: int, last: int) -> bool:
     return step % every == 0 or step == last
-
-
-@contextlib.contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM or Ctrl-C sets; a second Ctrl-C interrupts at once."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():  # where Python allows no signal handlers
-        yield stop
-        return
-    previous = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-
-    def handle(number: int, _: FrameType | None) -> None:
-        stop.set()
-        signal.signal(number, previous[signal.Signals(number)])
-
-    for number in previous:
-        signal.signal(number, handle)
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -1,7 +1,7 @@
 """The shipped form of a model: a folder of config.json, assets.json and model.safetensors; no pickle.
 
 A model is named by "demo", by such a folder, or by the workdir of a training run, whose best checkpoint on the
-validation split is taken. WORKDIR/latest, WORKDIR/best and a step below them name a checkpoint exactly.
+validation split is taken. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a checkpoint exactly.
 """
 
 import contextlib
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import ml_collections
 import numpy as np
 import safetensors
 import safetensors.numpy
 from flax import traverse_util
 
+from ha2g_jax import config as configs
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import assets as assets_module
@@ -29,7 +29,8 @@ from ha2g_jax.train.assets import Assets
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.task import Task, build_task, example_batch
 
-BEST, LATEST = "best", "latest"
+BEST, LATEST, FAILED = "best", "latest", "failed"
+RUN = "run.json"
 CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
 
 _HALF_PRECISION_ABOVE = 20_000_000  # bytes; what a package should not exceed
@@ -60,7 +61,7 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
     if (path / WEIGHTS).is_file():
         return _load_folder(path)
     for workdir in (path, path.parent, path.parent.parent):
-        if (workdir / CONFIG).is_file() and any((workdir / name).is_dir() for name in (BEST, LATEST)):
+        if (workdir / CONFIG).is_file() and any((workdir / name).exists() for name in (BEST, LATEST, FAILED, RUN)):
             return _load_checkpoint(workdir, path)
     found = "nothing is there" if not path.exists() else f"{WEIGHTS} is missing"
     raise UserError(f"no model in {path}: {found}; expected 'demo', a workdir of ha2g train or an exported folder")
@@ -117,7 +118,7 @@ def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
         UserError: one of the files is missing or damaged.
     """
     with _blame(folder / CONFIG):
-        config = ml_collections.ConfigDict(json.loads((folder / CONFIG).read_text())).lock()
+        config = configs.from_json(json.loads((folder / CONFIG).read_text()))
     with _blame(folder / ASSETS):
         assets = assets_module.from_json(json.loads((folder / ASSETS).read_text()))
     return config, assets
@@ -157,7 +158,7 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
     like = checkpoint.on_one_device(jax.eval_shape(lambda: init_state(task, jax.random.key(0))))
     state, record = checkpoints.restore(int(step or steps[-1]), like)
     checkpoints.close()
-    variables = jax.tree.map(np.asarray, state.generator.variables)
+    variables = jax.tree.map(np.asarray, state.model)
     with _blame(workdir / name):
         speakers = {speaker: np.asarray(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
     assets = dataclasses.replace(assets, speakers=speakers, hash=_hash(_to_bytes(variables)))

@@ -26,11 +26,27 @@ class Network(flax.struct.PyTreeNode):
 
 
 class TrainState(flax.struct.PyTreeNode):
-    """The two networks of Eq. 6 after `step` () int32 steps."""
+    """The two networks of Eq. 6 after `step` steps.
+
+    Attributes:
+        step: () int32.
+        generator, discriminator: as they are trained.
+        average: {"params", "batch_stats"} of the generator, their running mean over the steps; None where the task
+            keeps none.
+        is_finite: () bool, whether the losses and gradient norms of all steps were finite. Once one was not, no
+            step changes anything: the state stays as it was before that step.
+    """
 
     step: jax.Array
     generator: Network
     discriminator: Network
+    average: Any
+    is_finite: jax.Array
+
+    @property
+    def model(self) -> dict[str, Any]:
+        """The generator's variables to evaluate and to ship: their average where there is one."""
+        return self.generator.variables if self.average is None else self.average
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -48,10 +64,13 @@ def init_state(task: Task, key: jax.Array) -> TrainState:
         train=False,
     )
     discriminator = task.discriminator.init(discriminator_key, poses, train=False)
+    network = _network(set_word_vectors(task, generator), task.generator_optimizer)
     return TrainState(
         step=jnp.zeros((), jnp.int32),
-        generator=_network(set_word_vectors(task, generator), task.generator_optimizer),
+        generator=network,
         discriminator=_network(discriminator, task.discriminator_optimizer),
+        average=jax.tree.map(jnp.copy, network.variables) if task.average_decay else None,
+        is_finite=jnp.ones((), bool),
     )
 
 

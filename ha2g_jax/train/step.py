@@ -5,51 +5,19 @@ respect to the output is taken through the updated discriminator and pulled back
 equals the alternation of two separate updates with the same dropout keys at half the forward cost.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import optax
-from flax import linen as nn
 
 from ha2g_jax import losses
 from ha2g_jax.skeleton import joint_angles
+from ha2g_jax.train.forward import Batch, Contrast, Outputs, discriminate, generate
 from ha2g_jax.train.state import Network, TrainState
 from ha2g_jax.train.task import Task, restore, split_levels, subtract_mean
 
-Batch = dict[str, jax.Array]
 Metrics = dict[str, jax.Array]
-
-
-class Outputs(NamedTuple):
-    """What the objective is differentiated by.
-
-    Attributes:
-        poses: H arrays (B, N, d^h), mean-subtracted.
-        features: low, mid and high audio features, each (B, N, 32).
-        text: (B, N, 32) text features.
-        mean, log_variance: (B, 18) of the identity.
-    """
-
-    poses: tuple[jax.Array, ...]
-    features: tuple[jax.Array, jax.Array, jax.Array]
-    text: jax.Array
-    mean: jax.Array
-    log_variance: jax.Array
-
-
-class Contrast(NamedTuple):
-    """The same speech with another identity of the batch; no gradient flows through it.
-
-    Attributes:
-        poses: (B, N, pose_dim) of the last level.
-        f_id: (B, 18) identity of `Outputs.poses`.
-        other_f_id: (B, 18) identity of `poses`.
-    """
-
-    poses: jax.Array
-    f_id: jax.Array
-    other_f_id: jax.Array
 
 
 def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
@@ -60,6 +28,19 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
     its batch like them but leaves no trace. During warm-up (`task.warmup_steps`) the GAN term has weight 0
     and the discriminator stays as it is.
 
+    Where a loss or the norm of a gradient is not finite, in warm-up those of the discriminator too, the state,
+    step number included, stays as it was before the step but for `is_finite`; the same call would then give the same
+    metrics. From there on every step leaves it so.
+
+    `task.num_parts` changes the memory that a step takes and not the update: statistics and candidates are always
+    those of the whole batch. Only the parts' dropout masks are other draws than those of the whole.
+
+    With `task.average_decay` D the average moves after t steps as
+
+        average <- d average + (1 - d) generator,   d = min(D, (1 + t) / (10 + t))
+
+    so that it starts from the initial variables and has soon forgotten them.
+
     Args:
         task: static.
         state: before the step.
@@ -69,39 +50,46 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
 
     Returns:
         The state after the step, and scalars: "loss/<term>" (unweighted), "loss/total" (weighted),
-        "loss/discriminator", "grad_norm/generator", "grad_norm/discriminator".
+        "loss/discriminator", "grad_norm/generator" and "grad_norm/discriminator" (before they are limited),
+        "learning_rate/generator", "learning_rate/discriminator".
     """
     keys = step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
     is_warm = state.step >= task.warmup_steps
 
     outputs, pull_back, (generator_stats, contrast) = jax.vjp(
-        lambda params: generate(task, state.generator.replace(params=params), batch, keys),
+        lambda params: generate(task, state.generator.variables | {"params": params}, batch, keys),
         state.generator.params,
         has_aux=True,
     )
 
     discriminator, discriminator_metrics = _update_discriminator(
-        task, state.discriminator, targets, jax.lax.stop_gradient(outputs.poses[-1]), keys["discriminator"]
+        task, state, targets, jax.lax.stop_gradient(outputs.poses[-1]), keys["discriminator"]
     )
-    discriminator = jax.tree.map(lambda new, old: jnp.where(is_warm, new, old), discriminator, state.discriminator)
+    discriminator = _where(is_warm, discriminator, state.discriminator)
 
     def objective(outputs):
-        fake_logits, _ = discriminate(task, discriminator, outputs.poses[-1], keys["gan"])
+        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
         terms = loss_terms(task, outputs, contrast, fake_logits, targets)
         return _total(task, terms, is_warm), terms
 
     (total, terms), cotangent = jax.value_and_grad(objective, has_aux=True)(outputs)
     (gradient,) = pull_back(cotangent)
-    generator = _update(state.generator, gradient, task.generator_optimizer).replace(batch_stats=generator_stats)
+    generator = _update(state.generator, gradient, task.generator_optimizer, state.step)
+    generator = generator.replace(batch_stats=generator_stats)
 
     metrics = {f"loss/{name}": term for name, term in terms.items()}
     metrics |= {"loss/total": total, "grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
-    return TrainState(state.step + 1, generator, discriminator), metrics
+    is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
+    average = _move_average(task, state, generator)
+    after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
+    rates = {"generator": task.generator_rate, "discriminator": task.discriminator_rate}
+    metrics |= {f"learning_rate/{name}": jnp.asarray(rate(state.step), jnp.float32) for name, rate in rates.items()}
+    return _where(is_finite, after, state).replace(is_finite=is_finite), metrics
 
 
 def validation_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
-    """The terms of the objective in evaluation mode, with the mean identity instead of a sample.
+    """The terms of the objective for `state.model` in evaluation mode, with the mean identity instead of a sample.
 
     Args:
         task, state, batch: as in `train_step`.
@@ -112,8 +100,8 @@ def validation_step(task: Task, state: TrainState, batch: Batch, key: jax.Array)
     """
     keys = step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
-    outputs, (_, contrast) = generate(task, state.generator, batch, keys, train=False)
-    fake_logits, _ = discriminate(task, state.discriminator, outputs.poses[-1], keys["gan"], train=False)
+    outputs, (_, contrast) = generate(task, state.model, batch, keys, train=False)
+    fake_logits, _ = discriminate(task, state.discriminator.variables, outputs.poses[-1], keys["gan"], train=False)
     terms = loss_terms(task, outputs, contrast, fake_logits, targets)
     return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": _total(task, terms, True)}
 
@@ -122,49 +110,6 @@ def step_keys(key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
     """The keys of one step, one for each use of chance."""
     uses = ("dropout", "identity", "permutation", "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
-
-
-def generate(
-    task: Task, network: Network, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
-) -> tuple[Outputs, tuple[Any, Contrast]]:
-    """The generator on one batch, for its own identities and, in the same run, for a permutation of them.
-
-    Audio, text and identity are encoded once. The two identities of a clip lie side by side on the batch axis
-    of the pose inferer, so that a batch split over devices stays where it is.
-
-    Returns:
-        The outputs, and (batch statistics after the run, the run with the other identities).
-    """
-    num_clips = batch["mel"].shape[0]
-    poses = subtract_mean(task, batch["directions"])
-    seed = poses[:, : task.num_seed_frames]
-
-    def run(model):
-        features = model.encode_audio(batch["mel"], train=train)
-        text = model.encode_text(batch["words"], train=train)
-        mean, log_variance = model.encode_identity(batch[task.identity_input], train=train)
-        f_id = mean
-        if train:
-            f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
-        # A turn of the batch: a permutation in which no clip, unless alone, keeps its own identity.
-        turn = jax.random.randint(keys["permutation"], (), 1, max(num_clips, 2))
-        other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, turn, axis=0))
-        both = jnp.stack([f_id, other_f_id], axis=1).reshape(2 * num_clips, -1)
-        twice = [jnp.repeat(array, 2, axis=0) for array in (*features, seed)]
-        levels = model.infer(tuple(twice[:3]), both, twice[3], train=train)
-        pairs = [level.reshape(num_clips, 2, *level.shape[1:]) for level in levels]
-        outputs = Outputs(tuple(pair[:, 0] for pair in pairs), tuple(features), text, mean, log_variance)
-        return outputs, Contrast(pairs[-1][:, 1], f_id, other_f_id)
-
-    (outputs, contrast), batch_stats = _apply(task.generator, network, keys["dropout"], train, method=run)
-    return outputs, (batch_stats, contrast)
-
-
-def discriminate(
-    task: Task, network: Network, poses: jax.Array, key: jax.Array, *, train: bool = True
-) -> tuple[jax.Array, Any]:
-    """Logits (B,) of poses (B, N, pose_dim), and the batch statistics after this pass."""
-    return _apply(task.discriminator, network, key, train, poses, train=train)
 
 
 def loss_terms(
@@ -183,15 +128,6 @@ def loss_terms(
     }
 
 
-def _apply(
-    module: nn.Module, network: Network, key: jax.Array, update: bool, *args: Any, **kwargs: Any
-) -> tuple[Any, Any]:
-    """Result and batch statistics; those of `network` unless they are to `update`."""
-    mutable = ["batch_stats"] if update else []
-    result, updates = module.apply(network.variables, *args, mutable=mutable, rngs={"dropout": key}, **kwargs)
-    return result, updates.get("batch_stats", network.batch_stats)
-
-
 def _total(task: Task, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
     weights: dict[str, float | jax.Array] = dict(task.losses.weights)
     assert weights.keys() == terms.keys()
@@ -200,21 +136,34 @@ def _total(task: Task, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -
 
 
 def _update_discriminator(
-    task: Task, network: Network, real: jax.Array, fake: jax.Array, key: jax.Array
+    task: Task, state: TrainState, real: jax.Array, fake: jax.Array, key: jax.Array
 ) -> tuple[Network, Metrics]:
+    network = state.discriminator
     real_key, fake_key = jax.random.split(key)
 
     def objective(params):
-        real_logits, batch_stats = discriminate(task, network.replace(params=params), real, real_key)
-        after_real = network.replace(params=params, batch_stats=batch_stats)
-        fake_logits, batch_stats = discriminate(task, after_real, fake, fake_key)
+        variables = network.variables | {"params": params}
+        real_logits, batch_stats = discriminate(task, variables, real, real_key)
+        fake_logits, batch_stats = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
         return losses.gan_discriminator(real_logits, fake_logits), batch_stats
 
     (loss, batch_stats), gradient = jax.value_and_grad(objective, has_aux=True)(network.params)
-    updated = _update(network, gradient, task.discriminator_optimizer).replace(batch_stats=batch_stats)
+    updated = _update(network, gradient, task.discriminator_optimizer, state.step).replace(batch_stats=batch_stats)
     return updated, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
 
-def _update(network: Network, gradient: Any, optimizer: optax.GradientTransformation) -> Network:
-    updates, opt_state = optimizer.update(gradient, network.opt_state, network.params)
+def _update(network: Network, gradient: Any, optimizer: optax.GradientTransformation, step: jax.Array) -> Network:
+    update = optax.with_extra_args_support(optimizer).update
+    updates, opt_state = update(gradient, network.opt_state, network.params, step=step)
     return network.replace(params=optax.apply_updates(network.params, updates), opt_state=opt_state)
+
+
+def _move_average(task: Task, state: TrainState, generator: Network) -> Any:
+    if state.average is None:
+        return None
+    kept = jnp.minimum(task.average_decay, (1 + state.step) / (10 + state.step))
+    return jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, state.average, generator.variables)
+
+
+def _where(condition: jax.Array, new: Any, old: Any) -> Any:
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), new, old)

@@ -1,6 +1,7 @@
 """What is trained: both networks, their optimisers and the weights of the objective, built from a config.
 
-This is the only place that reads `config.model` and `config.loss`, and the one place of decision D1.
+This is the only place that reads `config.model` and `config.loss`, the settings of `config.train` that decide on
+an update, and the one place of decision D1.
 """
 
 import dataclasses
@@ -17,11 +18,13 @@ from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton, normalize
+from ha2g_jax.train.optimizers import SCHEDULES, adam, learning_rate
 
 TERMS = ("gan", "huber", "physical", "style", "kld", "contrastive")
 # The key of the batch that E_ID reads, for each kind of identity.
 _IDENTITY_INPUTS = {"images": "frames", "speakers": "speaker"}
 _GAN_KINDS = ("non_saturating", "minimax")
+_DTYPES = ("float32", "bfloat16")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,9 +45,14 @@ class Task:
 
     Attributes:
         generator, discriminator: the modules.
-        generator_optimizer, discriminator_optimizer: Adam with the rates of `config.train`.
+        generator_optimizer, discriminator_optimizer: Adam behind the limit of the gradient's norm; their `update`
+            may take `step=`.
+        generator_rate, discriminator_rate: the learning rates at a step.
         losses: weights and numbers of the objective.
         warmup_steps: steps before the GAN term (D9).
+        average_decay: most that the running average of the generator keeps in a step; 0 for no average.
+        dtype: of activations in training. Parameters are float32 in any case, and so is all of synthesis.
+        num_parts: parts of the batch that go through the pose inferer one after the other.
         skeleton: with the mean directions and angle statistics of the training split.
         num_frames, num_seed_frames: N and M.
         identity_input: "frames" or "speaker", the key of the batch that E_ID reads.
@@ -56,8 +64,13 @@ class Task:
     discriminator: models.Discriminator
     generator_optimizer: optax.GradientTransformation
     discriminator_optimizer: optax.GradientTransformation
+    generator_rate: optax.Schedule
+    discriminator_rate: optax.Schedule
     losses: LossSettings
     warmup_steps: int
+    average_decay: float
+    dtype: jnp.dtype
+    num_parts: int
     skeleton: Skeleton
     num_frames: int
     num_seed_frames: int
@@ -80,14 +93,16 @@ def build_task(
     Args:
         config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
         skeleton: with the statistics of the training split.
-        vocabulary_size, num_speakers: of the training split.
+        vocabulary_size, num_speakers: of the training split; where windows are mirrored, a table of speakers has
+            as many rows again for their mirror images, in the same order.
         steps_per_epoch: turns `config.train.warmup_epochs` into steps; only training needs it.
         word_vectors: (vocabulary_size, embedding_dim) to start the word table from.
 
     Raises:
-        UserError: a loss weight that names no term, a term without a weight, an unknown choice, or word
-            vectors of another size than the table.
+        UserError: a loss weight that names no term, a term without a weight, an unknown choice, a number that
+            makes no sense, or word vectors of another size than the table.
     """
+    _check_numbers(config.train)
     kind = _choice("model.identity.kind", config.model.identity.kind, tuple(_IDENTITY_INPUTS))
     table = (vocabulary_size, config.model.text.embedding_dim)
     if word_vectors is not None and word_vectors.shape != table:
@@ -95,15 +110,24 @@ def build_task(
             f"word vectors have shape {word_vectors.shape}, expected {table}: "
             f"set --config.model.text.embedding_dim={word_vectors.shape[-1]}"
         )
+    train = config.train
+    schedule = _choice("train.schedule", train.schedule, SCHEDULES)
+    generator_rate = learning_rate(schedule, train.learning_rate, train.steps)
+    discriminator_rate = learning_rate(schedule, train.discriminator_learning_rate, train.steps)
     return Task(
         generator=_generator(config, skeleton, vocabulary_size, num_speakers),
         discriminator=models.Discriminator(
             hidden_dim=config.model.discriminator.hidden_dim, layers=config.model.discriminator.layers
         ),
-        generator_optimizer=_adam(config.train.learning_rate, config.train.betas),
-        discriminator_optimizer=_adam(config.train.discriminator_learning_rate, config.train.betas),
+        generator_optimizer=adam(generator_rate, train.betas, train.clip_norm),
+        discriminator_optimizer=adam(discriminator_rate, train.betas, train.clip_norm),
+        generator_rate=generator_rate,
+        discriminator_rate=discriminator_rate,
         losses=_loss_settings(config.loss),
-        warmup_steps=config.train.warmup_epochs * steps_per_epoch,
+        warmup_steps=train.warmup_epochs * steps_per_epoch,
+        average_decay=train.ema,
+        dtype=jnp.dtype(_choice("train.dtype", train.dtype, _DTYPES)),
+        num_parts=train.accumulate,
         skeleton=skeleton,
         num_frames=config.data.num_frames,
         num_seed_frames=config.data.num_seed_frames,
@@ -115,16 +139,21 @@ def build_task(
 
 def _generator(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> models.HA2G:
     audio, text, identity, inferer = (config.model[part] for part in ("audio", "text", "identity", "inferer"))
+    is_recomputed = config.train.accumulate > 1
     if identity.kind == "images":
-        identity_encoder = models.ImageIdentity(width=identity.width, feature_dim=identity.feature_dim)
+        identity_encoder = models.ImageIdentity(
+            width=identity.width, feature_dim=identity.feature_dim, is_recomputed=is_recomputed
+        )
     else:
-        identity_encoder = models.SpeakerIdentity(num_speakers=num_speakers, feature_dim=identity.feature_dim)
+        num_rows = 2 * num_speakers if config.data.mirror else num_speakers
+        identity_encoder = models.SpeakerIdentity(num_speakers=num_rows, feature_dim=identity.feature_dim)
     return models.HA2G(
         audio=models.AudioEncoder(
             blocks=tuple(audio.blocks),
             channels=tuple(audio.channels),
             stem_stride=tuple(audio.stem_stride),
             feature_dim=audio.feature_dim,
+            is_recomputed=is_recomputed,
         ),
         text=models.TextEncoder(
             vocabulary_size=vocabulary_size,
@@ -164,8 +193,18 @@ def _choice(field: str, value: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-def _adam(learning_rate: float, betas: tuple[float, float]) -> optax.GradientTransformation:
-    return optax.adam(learning_rate, b1=betas[0], b2=betas[1])
+def _check_numbers(train: Config) -> None:
+    expected = {
+        "ema": ("from 0 to below 1", 0 <= train.ema < 1),
+        "clip_norm": ("0 or more", train.clip_norm >= 0),
+        "accumulate": (
+            f"a divisor of config.train.batch_size, {train.batch_size}",
+            train.accumulate >= 1 and train.batch_size % train.accumulate == 0,
+        ),
+    }
+    for name, (range_, is_met) in expected.items():
+        if not is_met:
+            raise UserError(f"config.train.{name} is {train[name]}, expected {range_}: set --config.train.{name}")
 
 
 def subtract_mean(task: Task, directions: jax.Array) -> jax.Array:

@@ -34,7 +34,8 @@ class Validation:
                 "take more data or set --config.train.devices=1"
             )
         order = np.random.default_rng(0).permutation(len(windows))  # so that a batch has many speakers, as in training
-        self._batches = order[: len(order) // size * size].reshape(-1, size)
+        batches = order[: len(order) // size * size].reshape(-1, jax.process_count(), size // jax.process_count())
+        self._batches = batches[:, jax.process_index()]  # this host's rows of each batch
 
     def __call__(self, state: TrainState, key: jax.Array) -> dict[str, float]:
         """Name of each term of `validation_step` -> its mean."""

@@ -140,8 +140,33 @@ def test_damaged_shard(path):
         Corpus.open(path)
     for damaged in (data[:300] + bytes(50) + data[350:], bytes(len(data))):
         shard.write_bytes(damaged)
-        with pytest.raises(UserError, match=r"^.*cannot be read.*$"):
+        with pytest.raises(UserError, match=r"^.*test-00000\.array_record cannot be read .*$"):
             list(Corpus.open(path).clips("test"))
     shard.unlink()
     with pytest.raises(UserError, match="0 bytes instead of"):
         Corpus.open(path)
+
+
+def test_a_clip_is_found_in_its_shard(tmp_path, monkeypatch):
+    """Messages name the shard and the number in it; a shard that is damaged names itself."""
+    monkeypatch.setattr("ha2g_jax.data.corpus._CLIPS_PER_SHARD", 2)
+    write(tmp_path / "corpus")
+    clips = Corpus.open(tmp_path / "corpus").clips("train")
+    assert [clips.place(index).split("/")[-1] for index in range(3)] == [
+        "train-00000.array_record",
+        "train-00000.array_record",
+        "train-00001.array_record",
+    ]
+    assert [clips.place(index).split(" of ")[0] for index in range(3)] == ["record 0", "record 1", "record 0"]
+    assert [clips.fields(index)["id"] for index in range(3)] == ["a", "b", "c"]
+    shard = tmp_path / "corpus" / "train-00001.array_record"
+    shard.write_bytes(b"\x07" * shard.stat().st_size)
+    with pytest.raises(UserError, match=r"train-00001\.array_record cannot be read"):
+        Corpus.open(tmp_path / "corpus").clips("train")
+
+
+def test_a_shard_without_permission(path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda file, mode: "train" not in str(file))  # a superuser may read everything
+    with pytest.raises(UserError, match=r"train-00000\.array_record may not be read .*chmod"):
+        Corpus.open(path).clips("train")
+    assert len(Corpus.open(path).clips("test")) == 2

@@ -75,3 +75,12 @@ def test_foreign_content(clip):
     for other in ([], 3, {"a": 1}):
         with pytest.raises(UserError, match="damaged"):
             decode_clip(msgpack.dumps(other) or b"")
+
+
+def test_a_message_names_the_record(clip):
+    record = encode_clip(clip)
+    with pytest.raises(UserError, match=r"^record 3 of x is damaged"):
+        decode_clip(record[:-1], "record 3 of x")
+    at = record.index(b"fLaC")
+    with pytest.raises(UserError, match=r"^clip a-0, record 3 of x, is damaged"):
+        decode_clip(record[:at] + b"nope" + record[at + 4 :], "record 3 of x")

@@ -1,12 +1,17 @@
-"""Windows cut what belongs together, and batches come in an order that can be repeated."""
+"""Windows cut what belongs together, decode only what is asked for, and name every record that cannot be used."""
+
+import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
 from ha2g_jax.audio import SAMPLE_RATE, window_column
+from ha2g_jax.data import records
+from ha2g_jax.data.clip_cache import ClipCache
 from ha2g_jax.data.corpus import Corpus, CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.data.windows import Windows, batches, resize_frames
+from ha2g_jax.data.windows import Windows, resize_frames
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.text import UNKNOWN, Word
@@ -23,15 +28,14 @@ def _positions() -> np.ndarray:
     return np.einsum("ijt,kj->tki", turn, SKELETON.mean_pose).astype(np.float32)
 
 
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Corpus:
-    """One clip of 4 s in which a click, a word and a turn of the body meet in frame 40."""
+def _clip(name: str = "a", speaker: str = "ada", **changes) -> Clip:
+    """A clip of 4 s in which a click, a word and a turn of the body meet in frame 40."""
     audio = np.zeros(NUM_FRAMES * SAMPLE_RATE // 15, np.float32)
     click = EVENT * SAMPLE_RATE // 15
     audio[click : click + 200] = np.random.default_rng(0).uniform(-0.5, 0.5, 200)
     clip = Clip(
-        id="a",
-        speaker="ada",
+        id=name,
+        speaker=speaker,
         audio=audio,
         words=(Word("long", 0.5, 1.5), Word("click", EVENT / 15, EVENT / 15 + 0.2)),
         positions=_positions(),
@@ -39,10 +43,22 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Corpus:
         source_time=0.0,
         window_starts=(0, 10, 20, 26, 30),
     )
-    path = tmp_path_factory.mktemp("corpus") / "clicks"
-    with CorpusWriter(path, splits=("train",), skeleton=SKELETON.name, fps=15, metadata={}) as writer:
-        writer.add("train", encode_clip(clip))
+    return dataclasses.replace(clip, **changes)
+
+
+def _write(path, *records: bytes) -> Corpus:
+    """A corpus of the records, as its validation split."""
+    with CorpusWriter(path, splits=("train", "val"), skeleton=SKELETON.name, fps=15, metadata={}) as writer:
+        writer.add("train", encode_clip(_clip()))
+        for record in records:
+            writer.add("val", record)
     return Corpus.open(path)
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Corpus:
+    clips = [_clip(name, speaker) for name, speaker in (("b", "ada"), ("c", "ben"), ("d", "ada"))]
+    return _write(tmp_path_factory.mktemp("corpus") / "clicks", *map(encode_clip, clips))
 
 
 @pytest.fixture
@@ -93,52 +109,136 @@ def test_reference_frames_are_resized_once_per_clip(corpus):
     assert (resize_frames(np.full((1, 48, 48, 3), 7, np.uint8), 32) == 7).all()
 
 
-def test_errors_say_what_to_do(corpus, windows):
+def test_errors_say_what_to_do(corpus):
     with pytest.raises(UserError, match="61 frames"):
         Windows(corpus, "train", corpus.vocabulary(), num_frames=61, num_reference_frames=4)
     with pytest.raises(UserError, match=r"identity\.kind=speakers"):
         Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=7, image_size=32)
-    with pytest.raises(UserError, match="batch of 5 is more than the 4 windows"):
-        batches(windows, 5, seed=0)
 
 
-@pytest.fixture(scope="module")
-def talk_windows(tiny_talk) -> Windows:
-    corpus = Corpus.open(tiny_talk)
-    return Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4, jitter=9)
+def _val(corpus: Corpus, **options) -> Windows:
+    return Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_frames=4, **options)
 
 
-def _directions(iterator, count: int) -> np.ndarray:
-    return np.stack([next(iterator)["directions"] for _ in range(count)])
+@pytest.fixture
+def count_decoding(monkeypatch):
+    """How often audio and images of a clip were decoded."""
+    counts = {"audio": 0, "frames": 0}
+    for kind in counts:
+        decode = getattr(records, f"decode_{kind}")
+
+        def counted(*arguments, kind=kind, decode=decode):
+            counts[kind] += 1
+            return decode(*arguments)
+
+        monkeypatch.setattr(records, f"decode_{kind}", counted)
+    return counts
 
 
-def test_a_seed_gives_an_order(talk_windows):
-    first, again, other = (_directions(batches(talk_windows, 8, seed), 3) for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
+def test_a_clip_is_decoded_when_asked_for_and_then_kept(corpus, count_decoding):
+    windows = _val(corpus, image_size=32)
+    assert count_decoding == {"audio": 0, "frames": 0}
+    for index in range(4):  # the windows of clip b
+        windows[index]
+    assert count_decoding == {"audio": 1, "frames": 1}
+    windows[4]
+    assert count_decoding == {"audio": 2, "frames": 2}
 
 
-def test_each_epoch_has_every_window_in_another_order(tiny_talk):
-    corpus = Corpus.open(tiny_talk)
-    windows = Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_frames=4)
-    everything = sorted(windows[index]["directions"].tobytes() for index in range(len(windows)))
-    iterator = batches(windows, 1, seed=0)
-    first, second = ([next(iterator)["directions"][0].tobytes() for _ in windows] for _ in range(2))
-    assert sorted(first) == everything == sorted(second)
-    assert first != second
+def test_the_cache_keeps_to_its_size(corpus, count_decoding):
+    """Room for two of three clips: the one longest unused goes. Room for none: all still works."""
+    track = _val(corpus)._read.track(0)
+    size = track.mel.nbytes + track.directions.nbytes + 1000
+    windows = _val(corpus, cache_bytes=2 * size)
+    count_decoding["audio"] = 0
+    for index in (0, 4, 0, 8, 0):  # of clips b, c, b, d, b
+        windows[index]
+    assert count_decoding["audio"] == 3
+    windows[4]
+    assert count_decoding["audio"] == 4
+    bare = windows.with_cache(0)
+    for index in (0, 0):
+        np.testing.assert_array_equal(bare[index]["mel"], windows[index]["mel"])
+    assert count_decoding["audio"] == 6
 
 
-def test_an_iterator_continues_from_its_state(talk_windows):
-    iterator = batches(talk_windows, 8, seed=0)
-    _directions(iterator, 3)
-    state = iterator.get_state()
-    expected = _directions(iterator, 3)
-    resumed = batches(talk_windows, 8, seed=0)
-    resumed.set_state(state)
-    np.testing.assert_array_equal(_directions(resumed, 3), expected)
+def test_motion_and_images_decode_no_speech(corpus, count_decoding):
+    windows = _val(corpus, image_size=32)
+    motion = [windows.directions(index) for index in range(len(windows))]
+    assert count_decoding == {"audio": 0, "frames": 0}
+    ada, ben = corpus.speakers.index("ada"), corpus.speakers.index("ben")
+    assert windows.speakers() == {ada, ben}
+    assert len(windows.reference_frames(ada, limit=1)) == 1
+    assert count_decoding == {"audio": 0, "frames": 1}
+    assert [frames.shape for frames in windows.reference_frames(ada)] == [(4, 32, 32, 3)] * 2
+    assert _val(corpus).reference_frames(ada) == []
+    for index in range(len(windows)):
+        np.testing.assert_array_equal(motion[index], windows[index]["directions"])
 
 
-def test_jitter_starts_windows_between_the_stored_starts(talk_windows):
-    stored = {talk_windows[index]["directions"].tobytes() for index in range(len(talk_windows))}
-    drawn = {example.tobytes() for example in _directions(batches(talk_windows, 8, seed=0), 4).reshape(32, 34, 42, 3)}
-    assert len(drawn - stored) > 16
+def test_a_pickled_copy_is_small_and_equal(corpus):
+    windows = _val(corpus, image_size=224)
+    windows.directions(0)
+    expected = windows[5]
+    data = pickle.dumps(windows)
+    assert len(data) < 20_000 < expected["frames"].nbytes
+    for name, array in pickle.loads(data)[5].items():
+        np.testing.assert_array_equal(array, expected[name])
+
+
+def test_kept_arrays_cannot_be_written_to(corpus):
+    """They are shared by all windows of a clip."""
+    with pytest.raises(ValueError, match="read-only"):
+        _val(corpus)[0]["directions"][0] = 0
+
+
+def test_two_threads_that_decode_one_clip_get_one_track(corpus):
+    """While one decodes, another may have put the same clip into the cache; that one stays."""
+    track = _val(corpus)._read.track(0)
+
+    def decode(number):
+        if not calls:
+            calls.append(number)
+            cache[number]  # the other thread, at the worst moment
+        return track._replace(mel=track.mel.copy())
+
+    calls: list[int] = []
+    cache = ClipCache(decode, 1 << 20)
+    assert cache[0] is cache.peek(0) is cache[0]
+
+
+def test_names_of_windows(corpus):
+    windows = _val(corpus)
+    assert [windows.name(index) for index in (0, 3, 4)] == ["b@0", "b@26", "c@0"]
+
+
+def _with_nan() -> np.ndarray:
+    positions = _positions()
+    positions[7, 3, 1] = np.nan
+    return positions
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"positions": _with_nan()}, r"clip bad \(record 1 of .*val-00000.array_record\) .*NaN.* frame 7; mend"),
+        ({"positions": np.zeros((60, 43, 3), np.float32)}, r"clip bad \(record 1 of .*\(60, 43, 3\), expected"),
+        ({"positions": np.zeros((60, 10), np.float32)}, r"clip bad \(record 1 of .*\(60, 10\), expected \(T, 10, 3\)"),
+        ({"reference_frames": None}, r"clip bad \(record 1 of .* has 0 images .*identity\.kind=speakers"),
+    ],
+)
+def test_a_record_that_cannot_be_used_is_named_at_the_start(tmp_path, change, message):
+    corpus = _write(tmp_path / "corpus", encode_clip(_clip("good")), encode_clip(_clip("bad", **change)))
+    with pytest.raises(UserError, match=message):
+        _val(corpus, image_size=32)
+
+
+def test_damaged_speech_is_named_when_it_is_decoded(tmp_path):
+    good = encode_clip(_clip("good"))
+    silent = encode_clip(_clip("silent"))
+    at = silent.index(b"fLaC")
+    corpus = _write(tmp_path / "corpus", good, silent[:at] + b"nope" + silent[at + 4 :])
+    windows = _val(corpus)
+    assert windows[0]["mel"].shape == (128, 70)
+    with pytest.raises(UserError, match=r"clip silent, record 1 of .*val-00000.array_record, is damaged"):
+        windows[4]

@@ -22,6 +22,11 @@ def tone(seconds: float) -> np.ndarray:
     return (0.3 * np.sin(2 * np.pi * 440 * np.arange(round(seconds * 16000)) / 16000)).astype(np.float32)
 
 
+def pictures(path) -> np.ndarray:
+    with av.open(str(path)) as container:
+        return np.stack([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)])
+
+
 @pytest.mark.parametrize("seconds", [0.2, 1.0, 2.51])
 def test_picture_and_sound_last_as_long_as_the_speech(tmp_path, motion, seconds):
     write_video(tmp_path / "v.mp4", motion, tone(seconds), size=64, has_progress=False)
@@ -60,3 +65,16 @@ def test_an_interrupted_video_leaves_nothing(tmp_path, motion, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "v.mp4", motion, tone(1), size=64, has_progress=False)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_motions_by_name_are_drawn_side_by_side_with_their_names(tmp_path, motion):
+    still = Motion.from_directions(motion.skeleton, motion.directions[:1], 15)
+    write_video(tmp_path / "v.mp4", {"left": motion, "right": still}, tone(1), size=64, has_progress=False)
+    write_video(tmp_path / "l.mp4", motion, tone(1), size=64, has_progress=False)
+    both, left = (pictures(tmp_path / name).astype(int) for name in ("v.mp4", "l.mp4"))
+    assert both.shape == (30, 64, 128, 3)
+    bodies = slice(16, None)  # names are above
+    moved = np.abs(both[-1] - both[0])[bodies].mean(axis=(0, 2))
+    assert moved[64:].mean() < 1 < moved[:64].mean()
+    np.testing.assert_allclose(both[:, bodies, :64].mean(), left[:, bodies].mean(), atol=1)
+    assert np.abs(both[0, :16, :64] - left[0, :16]).max() > 50

@@ -12,15 +12,22 @@ import pytest
 from ha2g_jax import config as configs
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train.state import init_state
+from ha2g_jax.train.step import train_step
 from ha2g_jax.train.task import build_task
 
 NUM_WORDS, NUM_SPEAKERS = 11, 5
 
 
 @pytest.fixture
-def config():
+def config(make_config):
     """TED-Gesture (three levels) at debug size, with dropout and one epoch of warm-up."""
-    return _config()
+    return make_config()
+
+
+@pytest.fixture(scope="session")
+def make_config():
+    """A function that makes `config`."""
+    return _config
 
 
 def _config():
@@ -51,6 +58,18 @@ def task(build):
 def state(task):
     """A fresh state of `task`, its warm-up over."""
     return init_state(task, jax.random.key(0)).replace(step=jnp.int32(task.warmup_steps))
+
+
+@pytest.fixture(scope="session")
+def step(task):
+    """The compiled step of `task`; call it with the shapes of `batch`."""
+    return jax.jit(functools.partial(train_step, task))
+
+
+@pytest.fixture(scope="session")
+def batch(task, make_batch):
+    """Three windows of noise."""
+    return make_batch(task, 3)
 
 
 @pytest.fixture(scope="session")

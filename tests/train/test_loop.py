@@ -1,6 +1,6 @@
 """A run writes what it promises, stops cleanly, and goes on as if it had never been stopped."""
 
-import contextlib
+import json
 import math
 import pathlib
 import signal
@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import tqdm
 
-from ha2g_jax import launch
+from ha2g_jax import launch, losses
+from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import loop, model_folder
-from ha2g_jax.train.writers import MetricsWriter, StepLog, read_metrics
+from ha2g_jax.train.log import StepLog
+from ha2g_jax.train.writers import read_metrics
 
 CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "talk.py"
 
@@ -32,9 +33,9 @@ def config_for(tiny_talk):
 
 @pytest.fixture(scope="module")
 def run(config_for, tmp_path_factory):
-    """The workdir of a run of four steps, with checkpoints at 2 and 4."""
+    """The workdir of a run of five steps, with checkpoints at 2, 4 and 5."""
     workdir = tmp_path_factory.mktemp("runs") / "whole"
-    loop.train(config_for(steps=4), workdir)
+    loop.train(config_for(steps=5, log_every=3), workdir)
     return workdir
 
 
@@ -42,14 +43,21 @@ def _parameters(workdir):
     return jax.tree.leaves(model_folder.load(workdir / "latest").variables)
 
 
+def _steps(folder):
+    return sorted(path.name for path in folder.iterdir() if path.is_dir())
+
+
 def test_a_run_writes_metrics_and_checkpoints(run):
-    lines = read_metrics(run / loop.METRICS)
-    assert [line["step"] for line in lines] == [1, 2, 2, 3, 4, 4]
+    lines = read_metrics(run / "metrics.jsonl")
+    assert [line["step"] for line in lines] == [2, 3, 4, 5, 5]
     assert all(math.isfinite(value) for line in lines for value in line.values())
-    assert {"loss/huber", "loss/total", "grad_norm/generator", "windows_per_second", "seconds"} <= lines[0].keys()
-    assert {"validation/loss/huber", "validation/loss/total"} <= lines[2].keys()
-    assert sorted(path.name for path in (run / "latest").iterdir() if path.is_dir()) == ["2", "4"]
-    assert len([path for path in (run / "best").iterdir() if path.is_dir()]) == 1
+    assert {"loss/huber", "loss/total", "grad_norm/generator", "learning_rate/generator"} <= lines[1].keys()
+    assert {"windows_per_second", "waiting_percent", "seconds"} <= lines[1].keys()
+    assert {"validation/loss/huber", "validation/loss/total"} <= lines[0].keys()
+    assert _steps(run / "latest") == ["4", "5"]
+    assert len(_steps(run / "best")) == 1
+    assert json.loads((run / "run.json").read_text())["starts"][0]["step"] == 0
+    assert list((run / "tensorboard").iterdir())
 
 
 def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, tmp_path, monkeypatch):
@@ -63,22 +71,29 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, t
     before = signal.getsignal(signal.SIGTERM)
     with monkeypatch.context() as patch:
         patch.setattr(StepLog, "add", add_and_stop)
-        loop.train(config_for(steps=3), tmp_path)
+        loop.train(config_for(steps=4, log_every=3), tmp_path)
     assert signal.getsignal(signal.SIGTERM) is before
-    assert [path.name for path in (tmp_path / "latest").iterdir() if path.is_dir()] == ["1"]
+    assert _steps(tmp_path / "latest") == ["2"]  # a step later all hosts know; step 3 would have written a line
 
-    with (tmp_path / loop.METRICS).open("a") as file:
-        file.write('{"step": 2, "loss/total": 0.0}\n{"step": 3, "los')  # as a killed run leaves it
-    loop.train(config_for(steps=4), tmp_path)
+    with (tmp_path / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 4, "loss/total": 0.0}\n{"step": 5, "los')  # as a killed run leaves it
+    loop.train(config_for(steps=5, log_every=3), tmp_path)
     for found, expected in zip(_parameters(tmp_path), _parameters(run), strict=True):
         np.testing.assert_array_equal(found, expected)
-    whole, resumed = read_metrics(run / loop.METRICS), read_metrics(tmp_path / loop.METRICS)
-    assert [line["step"] for line in resumed] == [line["step"] for line in whole]
+    whole, resumed = (read_metrics(workdir / "metrics.jsonl") for workdir in (run, tmp_path))
+    for found, expected in zip(resumed, whole, strict=True):
+        assert _without_times(found) == _without_times(expected)
     assert resumed[-1] == whole[-1]
+    assert [start["step"] for start in json.loads((tmp_path / "run.json").read_text())["starts"]] == [0, 2]
+
+
+def _without_times(line):
+    times = {"seconds", "windows_per_second", "waiting_percent", "compile_seconds"}
+    return {name: value for name, value in line.items() if name not in times}
 
 
 def test_any_checkpoint_can_be_exported(run, tmp_path):
-    for number, source in enumerate((run, run / "latest" / "2")):
+    for number, source in enumerate((run, run / "latest" / "4")):
         folder = model_folder.export(source, tmp_path / str(number))
         exported, original = model_folder.load(folder), model_folder.load(source)
         jax.tree.map(np.testing.assert_array_equal, exported.variables, original.variables)
@@ -119,24 +134,20 @@ def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
         loop.train(config, tmp_path / "run")
 
 
-@pytest.fixture
-def log(tmp_path):
-    """A log of batches of two that writes every other step."""
-    with contextlib.closing(MetricsWriter(tmp_path / "metrics.jsonl", step=0)) as writer:
-        yield StepLog(writer, tqdm.tqdm(disable=True), batch_size=2, is_due=lambda step: step % 2 == 0)
+def test_a_run_goes_on_with_its_own_corpus_only(run, config_for, tmp_path):
+    build.make_talk(tmp_path / "other", speakers=4, minutes=2, seed=1, workers=1)
+    config = config_for(steps=6)
+    with config.unlocked():
+        config.data.path = str(tmp_path / "other")
+    with pytest.raises(UserError, match="a run on another corpus than"):
+        loop.train(config, run)
 
 
-def test_metrics_are_means_written_one_step_late(log, tmp_path):
-    for step, value in ((1, 1.0), (2, 3.0)):
-        log.add(step, {"loss/huber": jnp.float32(value)})
-    assert read_metrics(tmp_path / "metrics.jsonl") == []
-    log.flush()
-    (line,) = read_metrics(tmp_path / "metrics.jsonl")
-    assert (line["step"], line["loss/huber"]) == (2, 2.0)
-
-
-def test_a_loss_that_is_not_finite_is_named(log, tmp_path):
-    log.add(6, {"loss/huber": jnp.float32(1), "loss/physical": jnp.float32(jnp.nan)})
-    with pytest.raises(UserError, match="loss/physical not finite at step 6"):
-        log.flush()
-    assert read_metrics(tmp_path / "metrics.jsonl") == []
+def test_a_step_that_is_not_finite_ends_the_run_and_can_be_looked_at(config_for, tmp_path, monkeypatch):
+    physical = losses.physical
+    monkeypatch.setattr(losses, "physical", lambda *args: physical(*args) * jnp.nan)
+    with pytest.raises(UserError, match=r"loss/physical.* not finite at step 1, on the windows \S+@\d+, .*/failed, "):
+        loop.train(config_for(steps=3), tmp_path)
+    report = json.loads((tmp_path / "failed.json").read_text())
+    assert report["step"] == 1 and len(report["windows"]) == 4
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model_folder.load(tmp_path / "failed").variables))

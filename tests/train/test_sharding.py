@@ -1,6 +1,8 @@
-"""Eight devices give the numbers of one."""
+"""Any number of devices and processes gives the numbers of one."""
 
-from typing import Any
+import pathlib
+import runpy
+import types
 
 import jax
 import jax.numpy as jnp
@@ -9,29 +11,68 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
+from ha2g_jax.train.state import init_state
+
+processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
+NUM_STEPS, BATCH_SIZE = 5, 8
 
 
-def run(task, state, batches, num_devices):
-    mesh = sharding.data_mesh(jax.devices()[:num_devices])
-    step: Any = sharding.compile_step(task, mesh)
-    state = sharding.replicate(mesh, state)
-    history = []
-    for batch in batches:
-        state, metrics = step(state, sharding.shard_batch(mesh, batch), jax.random.key(1))
-        history.append(metrics)
-    assert step._cache_size() == 1
-    return jax.device_get((state, history))
+@pytest.fixture(scope="module")
+def start(make_batch):
+    """Task, state and batches of `NUM_STEPS` steps of plain gradient descent, all terms of the objective at work."""
+    task = processes.sgd_task()
+    state = init_state(task, jax.random.key(0)).replace(step=jnp.int32(task.warmup_steps))
+    return task, jax.device_get(state), [make_batch(task, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
 
 
-def test_eight_devices_equal_one(task, state, make_batch):
+@pytest.fixture(scope="module")
+def alone(start):
+    """The state after the steps on one device, and their metrics."""
+    return processes.train(*start, jax.devices()[:1])
+
+
+def assert_same_parameters(found, expected, before):
+    """Within 1e-5 of the largest value of each array.
+
+    A bias right before a BatchNorm has no gradient: it leaves its 0 only by rounding, to values around 1e-10, which
+    agree to no digit. An absolute bound of 1e-9 lets them pass, and is checked to be far below what steps change.
+    """
+    moved = []
+    named = jax.tree_util.tree_leaves_with_path(expected)
+    for (path, b), a, c in zip(named, found, jax.tree.leaves(before), strict=True):
+        if "params" in (name := jax.tree_util.keystr(path)):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(b).max() + 1e-9, err_msg=name)
+            moved.append(np.abs(b - c).max() / (1e-5 * np.abs(b).max() + 1e-9))
+    assert np.median(moved) > 20  # tolerances that an array has moved by
+
+
+def test_eight_devices_equal_one(start, alone):
     assert jax.device_count() == 8
-    batches = [make_batch(task, 8, seed) for seed in range(3)]
-    one, eight = (run(task, state, batches, num_devices) for num_devices in (1, 8))
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), one, eight)
+    eight, history = processes.train(*start, jax.devices())
+    assert_same_parameters(jax.tree.leaves(eight), alone[0], start[1])
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), (eight, history), alone)
 
 
-def test_validation_runs_on_the_mesh(task, state, make_batch):
-    batch, results = make_batch(task, 8), []
+def test_two_processes_equal_one_and_agree_on_the_end(start, alone, tmp_path):
+    found, stops = processes.train_in_processes(tmp_path, *start[1:], count=2, devices=1)
+    assert_same_parameters(found, alone[0], start[1])
+    assert [step for step, is_end in enumerate(stops) if is_end] == [processes.STOP_AT]  # asked for by the second
+
+
+def test_a_step_is_compiled_once(start, monkeypatch):
+    task, state, (batch, *_) = start
+    traces = []
+    monkeypatch.setattr(sharding, "train_step", lambda task, state, batch, key: (traces.append(1), (state, {}))[1])
+    mesh = sharding.data_mesh()
+    step, state = sharding.compile_step(task, mesh), sharding.replicate(mesh, state)
+    for stop in (False, True, False):
+        state, metrics = step(state, sharding.shard_batch(mesh, batch), jax.random.key(1), stop)
+        assert bool(metrics["stop"]) is stop
+    assert len(traces) == 1
+
+
+def test_validation_runs_on_the_mesh(start):
+    (task, state, (batch, *_)), results = start, []
     for num_devices in (1, 8):
         mesh = sharding.data_mesh(jax.devices()[:num_devices])
         validate = sharding.compile_validation_step(task, mesh)
@@ -40,14 +81,29 @@ def test_validation_runs_on_the_mesh(task, state, make_batch):
         np.testing.assert_allclose(value, results[1][name], rtol=1e-4)
 
 
-def test_batch_is_split_and_state_is_whole(task, make_batch):
+def test_batch_is_split_and_state_is_whole(start):
     mesh = sharding.data_mesh()
-    batch = sharding.shard_batch(mesh, make_batch(task, 16))
-    assert {shard.data.shape for shard in batch["mel"].addressable_shards} == {(2, 128, 70)}
+    batch = sharding.shard_batch(mesh, start[2][0])
+    assert {shard.data.shape for shard in batch["mel"].addressable_shards} == {(1, 128, 70)}
     whole = sharding.replicate(mesh, jnp.arange(3))
     assert {shard.data.shape for shard in whole.addressable_shards} == {(3,)}
 
 
-def test_batch_that_does_not_split_is_refused(task, make_batch):
+@pytest.mark.parametrize("original", [np.zeros(4096, np.float32), jnp.zeros(4096)], ids=["numpy", "jax"])
+def test_what_was_replicated_stays_valid_when_the_copy_is_given_up(original):
+    copies = sharding.replicate(sharding.data_mesh(), original)
+    added = jax.jit(lambda x: x + 1, donate_argnums=0)(copies)
+    assert copies.is_deleted()
+    np.testing.assert_array_equal(original, 0)
+    assert all(np.all(np.asarray(shard.data) == 1) for shard in added.addressable_shards)
+
+
+def test_batch_that_does_not_split_is_refused(make_batch):
     with pytest.raises(UserError, match="batch of 6 does not split over 8 devices"):
-        sharding.shard_batch(sharding.data_mesh(), make_batch(task, 6))
+        sharding.shard_batch(sharding.data_mesh(), make_batch(processes.sgd_task(), 6))
+
+
+def test_hosts_with_unequal_devices_are_refused(monkeypatch):
+    monkeypatch.setattr(jax, "process_count", lambda: 2)  # the second host brings none of these devices
+    with pytest.raises(UserError, match=r"hosts bring 8, 0 devices .* --config\.train\.devices=0"):
+        sharding.data_mesh()

@@ -1,6 +1,7 @@
 """Fresh networks: same key, same numbers; word vectors where the task has them."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,15 @@ def test_state_is_a_function_of_the_key(task, state):
     assert first.step == 0
     assert jax.tree.all(jax.tree.map(jnp.array_equal, first.replace(step=state.step), state))
     assert not jax.tree.all(jax.tree.map(jnp.array_equal, first.generator.params, other.generator.params))
+
+
+def test_an_average_has_the_variables_of_the_generator_and_is_the_model(task, state):
+    assert state.average is None
+    assert state.model == state.generator.variables
+    averaged = dataclasses.replace(task, average_decay=0.9)
+    start = jax.eval_shape(functools.partial(init_state, averaged), jax.random.key(0))
+    assert start.model is start.average
+    assert jax.tree.map(jnp.shape, start.average) == jax.tree.map(jnp.shape, state.generator.variables)
 
 
 def test_word_vectors_start_the_table(task, state):

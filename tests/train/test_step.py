@@ -13,33 +13,28 @@ from ha2g_jax.train import step as steps
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.task import TERMS, subtract_mean
 
-
-@pytest.fixture(scope="module")
-def step(task):
-    """The compiled step; every test calls it with the same shapes."""
-    return jax.jit(functools.partial(steps.train_step, task))
-
-
-@pytest.fixture(scope="module")
-def batch(task, make_batch):
-    return make_batch(task, 3)
+NETWORKS = ("generator", "discriminator")
 
 
 def max_difference(first, second):
     return max(jax.tree.leaves(jax.tree.map(lambda a, b: float(jnp.max(jnp.abs(a - b))), first, second)))
 
 
+def equal(first, second):
+    return jax.tree.all(jax.tree.map(jnp.array_equal, first, second))
+
+
 def two_pass_step(task, state, batch, key):
     """The plain alternation: a forward pass to train the discriminator, another to train the generator."""
     keys = steps.step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
-    fake = steps.generate(task, state.generator, batch, keys)[0].poses[-1]
+    fake = steps.generate(task, state.generator.variables, batch, keys)[0].poses[-1]
     real_key, fake_key = jax.random.split(keys["discriminator"])
 
     def discriminator_loss(params):
-        network = state.discriminator.replace(params=params)
-        real_logits, batch_stats = steps.discriminate(task, network, targets, real_key)
-        fake_logits, _ = steps.discriminate(task, network.replace(batch_stats=batch_stats), fake, fake_key)
+        variables = state.discriminator.variables | {"params": params}
+        real_logits, batch_stats = steps.discriminate(task, variables, targets, real_key)
+        fake_logits, _ = steps.discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
         return losses.gan_discriminator(real_logits, fake_logits)
 
     updates, _ = task.discriminator_optimizer.update(
@@ -48,8 +43,9 @@ def two_pass_step(task, state, batch, key):
     discriminator = state.discriminator.replace(params=optax.apply_updates(state.discriminator.params, updates))
 
     def generator_loss(params):
-        outputs, (_, contrast) = steps.generate(task, state.generator.replace(params=params), batch, keys)
-        fake_logits, _ = steps.discriminate(task, discriminator, outputs.poses[-1], keys["gan"])
+        variables = state.generator.variables | {"params": params}
+        outputs, (_, contrast) = steps.generate(task, variables, batch, keys)
+        fake_logits, _ = steps.discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
         terms = steps.loss_terms(task, outputs, contrast, fake_logits, targets)
         return sum(weight * terms[name] for name, weight in task.losses.weights)
 
@@ -98,7 +94,10 @@ def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(task, 
 def test_terms_are_those_that_have_weights(task, state, batch):
     _, metrics = jax.eval_shape(functools.partial(steps.train_step, task), state, batch, jax.random.key(1))
     names = {f"loss/{name}" for name in (*TERMS, "total", "discriminator")}
-    assert metrics.keys() == names | {"grad_norm/generator", "grad_norm/discriminator"}
+    names |= {
+        f"{name}/{network}" for name in ("grad_norm", "learning_rate") for network in ("generator", "discriminator")
+    }
+    assert metrics.keys() == names
     assert {value.shape for value in metrics.values()} == {()}
 
 
@@ -114,6 +113,30 @@ def test_silence_without_words_trains(step, state, batch):
     after, metrics = step(state, batch | silence, jax.random.key(1))
     assert all(jnp.isfinite(value) for value in metrics.values())
     assert jax.tree.all(jax.tree.map(lambda x: bool(jnp.isfinite(x).all()), after.generator.params))
+
+
+@pytest.mark.parametrize("is_warm", [True, False])
+def test_a_step_that_is_not_finite_leaves_the_state_as_it_was(step, state, batch, is_warm):
+    before = state if is_warm else state.replace(step=jnp.int32(0))
+    broken = batch | {"directions": np.where(np.arange(3)[:, None, None, None] == 1, np.nan, batch["directions"])}
+    after, metrics = step(before, broken, jax.random.key(1))
+    assert not jnp.isfinite(metrics["loss/huber"])
+    assert not jnp.isfinite(metrics["loss/discriminator"])
+    assert jnp.isfinite(metrics["loss/contrastive"])
+    assert not after.is_finite
+    assert equal(after.replace(is_finite=before.is_finite), before)
+    later, metrics = step(after, batch, jax.random.key(1))
+    assert equal(later, after)
+    assert metrics == step(before, batch, jax.random.key(1))[1]
+
+
+def test_a_discriminator_that_is_not_finite_counts_in_warmup_too(step, state, batch):
+    params = {**state.discriminator.params, "linear_2": {"kernel": jnp.full((28, 1), jnp.inf), "bias": jnp.zeros(1)}}
+    broken = state.replace(step=jnp.int32(0), discriminator=state.discriminator.replace(params=params))
+    after, metrics = step(broken, batch, jax.random.key(1))
+    assert not jnp.isfinite(metrics["loss/discriminator"])
+    assert not after.is_finite
+    assert equal(after.replace(is_finite=broken.is_finite), broken)
 
 
 def test_validation_uses_the_mean_identity(task, state, batch):

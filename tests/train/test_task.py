@@ -41,7 +41,13 @@ def test_every_term_must_have_a_weight(config, build):
 
 @pytest.mark.parametrize(
     ("section", "field", "value"),
-    [("loss", "gan", "wgan"), ("model.identity", "kind", "video"), ("model.text", "receptive_field", "wide")],
+    [
+        ("loss", "gan", "wgan"),
+        ("model.identity", "kind", "video"),
+        ("model.text", "receptive_field", "wide"),
+        ("train", "schedule", "linear"),
+        ("train", "dtype", "float16"),
+    ],
 )
 def test_an_unknown_choice_is_named(config, build, section, field, value):
     part = config
@@ -50,6 +56,27 @@ def test_an_unknown_choice_is_named(config, build, section, field, value):
     part[field] = value
     with pytest.raises(UserError, match=rf"config.{section}.{field} is '{value}', expected one of"):
         build(config)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("ema", 1.0, "from 0 to below 1"),
+        ("clip_norm", -0.5, "0 or more"),
+        ("accumulate", 0, "a divisor of config.train.batch_size, 4"),
+        ("accumulate", 3, "a divisor of config.train.batch_size, 4"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_named(config, build, field, value, expected):
+    config.train[field] = value
+    with pytest.raises(UserError, match=rf"config.train.{field} is {value}, expected {expected}: set --config.train"):
+        build(config)
+
+
+def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build):
+    assert build(config).generator.identity.num_speakers == 5
+    config.data.mirror = 0.5
+    assert build(config).generator.identity.num_speakers == 10
 
 
 def test_word_vectors_of_another_size_are_refused(config, build):

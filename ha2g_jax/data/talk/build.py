@@ -96,21 +96,23 @@ def make_talk(
 
 
 def talk_path(spec: str) -> pathlib.Path:
-    """The folder of a corpus: "talk" is the default Talk corpus, built on first use; else `spec` is a path.
-
-    It is kept in $HA2G_CACHE, by default ~/.cache/ha2g-jax.
-    """
-    if spec != "talk":
-        return pathlib.Path(spec)
-    cache = os.environ.get("HA2G_CACHE")
-    path = (pathlib.Path(cache) if cache else pathlib.Path.home() / ".cache" / "ha2g-jax") / _VERSION
-    if not path.exists():
+    """The folder of a corpus: "talk" is the default Talk corpus, built on first use; else `spec` is a path."""
+    path = talk_folder(spec)
+    if spec == "talk" and not path.exists():
         try:
             make_talk(path)
         except UserError:
             if not path.exists():  # else another process has made the same corpus meanwhile
                 raise
     return path
+
+
+def talk_folder(spec: str) -> pathlib.Path:
+    """Where `talk_path` has a corpus, or will have it: "talk" in $HA2G_CACHE, by default ~/.cache/ha2g-jax."""
+    if spec != "talk":
+        return pathlib.Path(spec)
+    cache = os.environ.get("HA2G_CACHE")
+    return (pathlib.Path(cache) if cache else pathlib.Path.home() / ".cache" / "ha2g-jax") / _VERSION
 
 
 @contextlib.contextmanager

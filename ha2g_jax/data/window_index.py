@@ -1,0 +1,88 @@
+"""Where the windows of a split are: one pass over its records, which finds every record that cannot be used."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import tqdm
+
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+
+
+class WindowIndex(NamedTuple):
+    """The windows of a split, and what is known of its clips without decoding them.
+
+    Attributes:
+        clips, starts: (W,) int32 number of the clip and first frame of each window.
+        names: id of each clip.
+        speakers: (clips,) int32 index of the speaker of each clip.
+    """
+
+    clips: np.ndarray
+    starts: np.ndarray
+    names: list[str]
+    speakers: np.ndarray
+
+
+def make_index(corpus: Corpus, split: str, num_frames: int, num_images: int = 0) -> WindowIndex:
+    """The windows of `num_frames` frames of a split.
+
+    Audio and images stay compressed; all else of each record is looked at.
+
+    Args:
+        corpus: where the clips are.
+        split: name of the split.
+        num_frames: N.
+        num_images: that each clip must have.
+
+    Raises:
+        UserError: no clip has N frames, or a record is damaged, has positions that are not finite or not of the
+            corpus' skeleton, an unknown speaker or too few images; named with its shard.
+    """
+    clips = corpus.clips(split)
+    speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
+    names, speakers, starts, counts = [], [], [], []
+    for number in tqdm.trange(len(clips), desc=f"Reading {split}", unit="clip", leave=False, disable=None):
+        fields = clips.fields(number)
+        place = f"clip {fields['id']} ({clips.place(number)})"
+        _check_positions(fields["positions"], corpus, place)
+        _check_images(fields["reference_frames"], num_images, place)
+        if fields["speaker"] not in speaker_index:
+            raise UserError(f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; import it again")
+        last = len(fields["positions"]) - num_frames
+        fitting = [start for start in fields["window_starts"] if 0 <= start <= last]
+        names.append(fields["id"])
+        speakers.append(speaker_index[fields["speaker"]])
+        starts.append(np.array(fitting, np.int32))
+        counts.append(len(fitting))
+    if not sum(counts):
+        raise UserError(f"no clip of split {split!r} of {corpus.path} has {num_frames} frames; lower data.num_frames")
+    return WindowIndex(
+        clips=np.repeat(np.arange(len(clips), dtype=np.int32), counts),
+        starts=np.concatenate(starts),
+        names=names,
+        speakers=np.array(speakers, np.int32),
+    )
+
+
+def _check_positions(positions: np.ndarray, corpus: Corpus, place: str) -> None:
+    expected = corpus.skeleton.num_joints
+    if positions.ndim != 3 or positions.shape[1:] != (expected, 3):
+        raise UserError(
+            f"{place} has positions of shape {positions.shape}, expected (T, {expected}, 3) of skeleton "
+            f"{corpus.skeleton.name}; make or import the corpus again"
+        )
+    is_finite = np.isfinite(positions).all(axis=(1, 2))
+    if not is_finite.all():
+        raise UserError(
+            f"{place} has positions that are NaN or infinite, first in frame {is_finite.argmin()}; "
+            "mend or leave out this clip where it comes from and make or import the corpus again"
+        )
+
+
+def _check_images(images: list[Any] | None, expected: int, place: str) -> None:
+    found = len(images or [])
+    if found < expected:
+        raise UserError(
+            f"{place} has {found} images of its speaker, expected {expected}: set --config.model.identity.kind=speakers"
+        )

@@ -1,0 +1,117 @@
+"""What is refused before a run starts, rather than after hours."""
+
+import json
+import pathlib
+from typing import Any
+
+import jax
+import numpy as np
+
+from ha2g_jax import config as configs
+from ha2g_jax.config import Config
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import model_folder
+from ha2g_jax.train.assets import STATISTICS, Assets
+from ha2g_jax.train.task import TERMS
+
+# Settings that may differ from those a workdir was made with: they leave the updates as they are. A corpus may have
+# moved; that it is the same one is seen by `check_corpus`.
+_FREE_SETTINGS = {
+    "data.path",
+    "data.workers",
+    "data.cache_gib",
+    "train.steps",
+    "train.log_every",
+    "train.validate_every",
+    "train.checkpoint_every",
+    "train.sample_every",
+    "train.keep",
+    "train.wandb",
+    "train.devices",
+}
+_AT_LEAST = {"steps": 1, "batch_size": 1, "log_every": 1, "validate_every": 1, "checkpoint_every": 1, "keep": 1}
+_AT_LEAST |= {"sample_every": 0, "devices": 0}
+
+
+def check_settings(config: Config) -> None:
+    """Looks at the settings of `config.train` and `config.data` that no other part looks at in time.
+
+    Raises:
+        UserError: one of them cannot be used.
+    """
+    for name, least in _AT_LEAST.items():
+        if config.train[name] < least:
+            raise UserError(
+                f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
+            )
+    terms = [f"loss/{name}" for name in (*TERMS, "total")]
+    if config.train.best_by not in terms:
+        raise UserError(f"config.train.best_by is {config.train.best_by!r}, expected one of {', '.join(terms)}")
+    devices = jax.device_count()
+    if config.train.devices > devices:
+        raise UserError(
+            f"there are {devices} devices, not {config.train.devices}: set --config.train.devices=0 for all"
+        )
+    if config.train.devices and jax.process_count() > 1:
+        raise UserError(
+            f"config.train.devices is {config.train.devices}, but a run of {jax.process_count()} processes uses all "
+            "devices: set --config.train.devices=0"
+        )
+    if config.data.workers < 0 or config.data.cache_gib < 0:
+        raise UserError("config.data.workers and config.data.cache_gib cannot be negative: set --config.data.workers=0")
+
+
+def check_workdir(workdir: pathlib.Path, config: Config) -> None:
+    """Sees that the folder of a run is new or was made with the same config.
+
+    Raises:
+        UserError: it was made with another config, whose differing settings are named, or cannot be a folder.
+    """
+    if not workdir.is_dir() and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
+        raise UserError(f"{workdir} is no folder; choose another --workdir")
+    path = workdir / model_folder.CONFIG
+    if not path.exists():
+        return
+    try:
+        stored = configs.from_json(json.loads(path.read_text()))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UserError(f"{path} is damaged ({error}); choose another --workdir") from error
+    old, new = (_flat(model_folder.config_to_json(values)) for values in (stored, config))
+    # The learning rates of a cosine depend on where it ends.
+    free = _FREE_SETTINGS - ({"train.steps"} if config.train.schedule == "cosine" else set())
+    differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
+    if differing := [name for name in differing if name not in free]:
+        changes = ", ".join(f"{name} ({old.get(name)} there, {new.get(name)} here)" for name in differing)
+        raise UserError(
+            f"{workdir} is a run with another config: {changes}; repeat its settings or choose another --workdir"
+        )
+
+
+def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
+    """Sees that a run goes on with the corpus that it started with.
+
+    Args:
+        workdir: of the run.
+        assets: that the run stored when it started.
+        corpus: that it is to go on with.
+
+    Raises:
+        UserError: it is another one.
+    """
+    skeleton = corpus.skeleton
+    same = assets.vocabulary.words == corpus.vocabulary().words and all(
+        np.array_equal(getattr(assets.skeleton, name), getattr(skeleton, name)) for name in STATISTICS
+    )
+    if not same:
+        raise UserError(
+            f"{workdir} is a run on another corpus than {corpus.path}: set --config.data.path to the one it started "
+            "with or choose another --workdir"
+        )
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat = {}
+    for name, value in values.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return flat

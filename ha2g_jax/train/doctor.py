@@ -1,0 +1,177 @@
+"""Looks at everything that a run needs, before it is started: the machine, the config, the data, and one step."""
+
+import pathlib
+import statistics
+import sys
+import time
+from typing import Any
+
+import jax
+import tqdm
+
+from ha2g_jax import config as configs
+from ha2g_jax.config import Config
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.talk import speech
+from ha2g_jax.data.talk.build import talk_folder
+from ha2g_jax.data.talk.voices import Voice
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import inputs
+from ha2g_jax.train.checks import check_settings
+from ha2g_jax.train.loop import VALIDATION
+from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
+from ha2g_jax.train.measure import TimedStep
+
+_STEPS = 5
+_SECONDS = 20.0  # after which no further step is timed
+
+
+def examine(config: Config | None = None, *, has_step: bool = True) -> list[Finding]:
+    """Looks at the machine, and at what a config needs.
+
+    Args:
+        config: of the run; None for the smallest one, without data.
+        has_step: whether to compile and time a step, which takes a minute or more.
+    """
+    findings = [*examine_machine(), _speech()]
+    if findings[2].trouble and not findings[2].found:  # without devices, nothing can be computed
+        return findings
+    corpus = None
+    if config is None:
+        config = configs.debug(configs.paper("ted_expressive"))
+        findings.append(Finding("data", "none asked for; --config FILE[:SIZE] names some"))
+    else:
+        settings, (data, corpus) = _settings(config), _data(config)
+        findings += [settings, *data, _word_vectors(config)]
+        has_step = has_step and not settings.trouble
+    return [*findings, _step(config, corpus)] if has_step else findings
+
+
+def as_text(findings: list[Finding]) -> str:
+    """A line for each finding: "ok" and what it is, or "wrong" and what to do."""
+    width = max(len(finding.name) for finding in findings)
+    lines = [
+        f"{'wrong' if finding.trouble else 'ok':5}  {finding.name:{width}}  "
+        + "; ".join(filter(None, (finding.found, finding.trouble)))
+        for finding in findings
+    ]
+    return "\n".join(lines)
+
+
+def as_json(findings: list[Finding]) -> dict[str, Any]:
+    """The findings, and in "ok" whether all is well, as plain values."""
+    rows = [finding._asdict() | {"ok": not finding.trouble} for finding in findings]
+    return {"ok": is_well(findings), "findings": rows}
+
+
+def is_well(findings: list[Finding]) -> bool:
+    return not any(finding.trouble for finding in findings)
+
+
+def _speech() -> Finding:
+    try:
+        speech.say("hello", Voice("en-us", "m1", 50, 50, 170))
+    except UserError as error:
+        return Finding("speech", "", str(error))
+    return Finding("speech", "espeak-ng speaks, for the Talk corpus")
+
+
+def _settings(config: Config) -> Finding:
+    train = config.train
+    found = f"{config.name} on {config.skeleton}, batches of {train.batch_size} in {train.dtype}, {train.steps} steps"
+    try:
+        check_settings(config)
+    except UserError as error:
+        return Finding("config", found, str(error))
+    return Finding("config", found)
+
+
+def _word_vectors(config: Config) -> Finding:
+    path = config.model.text.vectors
+    if path and not pathlib.Path(path).is_file():
+        return Finding("words", "", f"no word vectors at {path}: set --config.model.text.vectors to a file, or to ''")
+    return Finding("words", f"vectors of {path}" if path else "random vectors to start from")
+
+
+def _data(config: Config) -> tuple[list[Finding], Corpus | None]:
+    """Findings on the corpus and each of its splits, and the corpus where it can be opened."""
+    folder = talk_folder(config.data.path)
+    if config.data.path == "talk" and not folder.exists():
+        return [Finding("data", f"the Talk corpus is not made yet; training makes it in {folder}")], None
+    try:
+        corpus = inputs.open_corpus(config)
+    except UserError as error:
+        return [Finding("data", "", str(error))], None
+    whole = Finding("data", f"{corpus.path}, {corpus.skeleton.name} at {corpus.fps:g} fps")
+    return [whole, *(_split(config, corpus, split) for split in corpus.splits)], corpus
+
+
+def _split(config: Config, corpus: Corpus, split: str) -> Finding:
+    """Reads every record of a split, and decodes the first and the last."""
+    values: dict[str, Any] = {"split": split, "speakers": len(corpus.speakers_of(split))}
+    try:
+        clips = corpus.clips(split)
+        numbers = tqdm.trange(len(clips), desc=f"Looking at {split}", unit="clip", leave=False, disable=None)
+        frames = sum(len(clips.fields(number)["positions"]) for number in numbers)
+        _ = clips[0], clips[-1]
+        values |= {"clips": len(clips), "hours": frames / corpus.fps / 3600}
+        if split in (TRAIN, VALIDATION):
+            windows = inputs.open_windows(config, corpus, corpus.vocabulary(), split)
+            values["windows"] = len(windows)
+    except UserError as error:
+        return Finding("data", split, str(error), values)
+    counts = [f"{values[key]} {key}" for key in ("clips", "windows", "speakers") if key in values]
+    found = f"{split}: {values['hours']:.2f} hours, {', '.join(counts)}"
+    if values.get("windows", config.train.batch_size) < config.train.batch_size:
+        trouble = f"fewer windows than a batch of {config.train.batch_size}: lower --config.train.batch_size"
+        return Finding("data", found, trouble, values)
+    return Finding("data", found, values=values)
+
+
+def _step(config: Config, corpus: Corpus | None) -> Finding:
+    sys.stderr.write("compiling the train step, which takes a minute or more\n")
+    values: dict[str, Any] = {}
+    found = ""
+    try:
+        step = TimedStep(config, corpus)
+        values = {"compile_seconds": step.compile_seconds, "devices": step.num_devices, "batch_size": step.batch_size}
+        found = f"compiled in {step.compile_seconds:.1f} s"
+        if step.memory is not None:
+            values |= {"memory": step.memory._asdict() | {"total": step.memory.total}}
+            found += f", needs {gib(step.memory.total)}" + (" on each device" if step.num_devices > 1 else "")
+            if trouble := _lack_of_memory(step.memory.total, step.num_devices):
+                return Finding("step", found, trouble, values)
+        seconds = _time(step)
+    except UserError as error:
+        return Finding("step", found, str(error), values)
+    except jax.errors.JaxRuntimeError as error:
+        return Finding("step", found, f"it fails ({str(error).splitlines()[0]}): {_LESS_MEMORY}", values)
+    values |= {"step_seconds": seconds, "windows_per_second": step.batch_size / seconds}
+    found += f"; {seconds:.3g} s a step, {step.batch_size / seconds:.3g} windows/s"
+    return Finding("step", found, values=values)
+
+
+_LESS_MEMORY = "lower --config.train.batch_size or raise --config.train.accumulate"
+
+
+def _lack_of_memory(size: int, num_devices: int) -> str:
+    """What to do where a step of so many bytes on each device does not fit, "" where it does."""
+    if jax.default_backend() == "cpu":  # whose devices share the memory of the host
+        size, available = size * num_devices, host_memory()[1]
+    else:
+        stats = [device.memory_stats() or {} for device in jax.local_devices()]
+        free = [s["bytes_limit"] - s["bytes_in_use"] for s in stats if {"bytes_limit", "bytes_in_use"} <= s.keys()]
+        available = min(free, default=None)
+    if available is None or size <= available:
+        return ""
+    return f"{gib(size)} are more than the {gib(available)} available, so it was not run: {_LESS_MEMORY}"
+
+
+def _time(step: TimedStep) -> float:
+    """Median seconds of a few steps after the first."""
+    step.run()
+    seconds: list[float] = []
+    started = time.perf_counter()
+    while not seconds or (len(seconds) < _STEPS and time.perf_counter() - started < _SECONDS):
+        seconds.append(step.run())
+    return statistics.median(seconds)

@@ -1,0 +1,170 @@
+"""The log of a run: means of the metrics, the speed, and how much of it was spent on waiting for data."""
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import tqdm
+
+from ha2g_jax.train.step import Metrics
+from ha2g_jax.train.writers import Writer
+
+_STOP = "stop"
+_TOTAL = "loss/total"
+_NOTICEABLE = 5.0  # percent of time spent waiting from which the progress bar shows it
+
+
+class NotFinite(Exception):
+    """A metric of a step is not finite.
+
+    Attributes:
+        step: whose.
+        names: of the terms of the loss that are not finite; if there is none, of the other metrics.
+    """
+
+    def __init__(self, step: int, names: list[str]):
+        super().__init__(f"{', '.join(names)} not finite at step {step}")
+        self.step, self.names = step, names
+
+
+class StepLog:
+    """Writes the metrics of steps, one step late, so that the device never waits for them.
+
+    A line has the means of all metrics over the steps since the last line, and, beside the first line's
+    `compile_seconds` (the first step, which counts for no speed):
+
+    - `windows_per_second` over the whole time since the last line, without the parts set `apart`,
+    - `waiting_percent`: the share of that time in which the loop was `waiting` for data,
+    - `seconds` since this log was begun.
+
+    Args:
+        writer: gets the lines.
+        bar: shows progress.
+        batch_size: windows a step, of all hosts.
+        is_due: whether a line is to be written for a step.
+        pending: `state` of the log of a run that this one continues.
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        bar: tqdm.tqdm,
+        batch_size: int,
+        is_due: Callable[[int], bool],
+        pending: dict[str, Any] | None = None,
+    ):
+        self._writer, self._bar, self._batch_size, self._is_due = writer, bar, batch_size, is_due
+        self._waiting: tuple[int, Metrics] | None = None
+        self._num_steps: int = pending["steps"] if pending else 0
+        self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
+        self._is_stopping = False
+        self._start = time.perf_counter()
+        self._compile_seconds: float | None = None
+        self._is_compile_reported = False
+        # Of the present line; timing begins when the first step has been read, with nothing of it included.
+        self._line_start: float | None = None
+        self._timed_steps, self._waited, self._apart = 0, 0.0, 0.0
+        self._apart_start: float | None = None
+
+    @contextlib.contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Around what takes the next batch."""
+        start = time.perf_counter()
+        yield
+        self._waited += time.perf_counter() - start
+
+    @contextlib.contextmanager
+    def stepping(self) -> Iterator[None]:
+        """Around what starts a step, which for the first is the time to compile it."""
+        start = time.perf_counter()
+        yield
+        if self._compile_seconds is None:
+            self._compile_seconds = time.perf_counter() - start
+
+    @contextlib.contextmanager
+    def apart(self) -> Iterator[None]:
+        """Around what is no training: validation, checkpoints, samples. A flush in it is training all the same."""
+        self._apart_start = time.perf_counter()
+        yield
+        self._apart += time.perf_counter() - self._apart_start
+        self._apart_start = None
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether a step that was read had the metric "stop": all hosts know then that one of them is to stop."""
+        return self._is_stopping
+
+    def state(self) -> dict[str, Any]:
+        """The sums of the steps read since the last line, as JSON keeps them to the last digit; flush first."""
+        return {"steps": self._num_steps, "sums": dict(self._sums)}
+
+    def add(self, step: int, metrics: Metrics) -> None:
+        """Takes the metrics of a step, and deals with those of the one before.
+
+        Raises:
+            NotFinite: one of the step before is not finite.
+        """
+        self.flush()
+        self._waiting = (step, metrics)
+
+    def flush(self) -> dict[str, float] | None:
+        """Waits for the step that was added last, deals with its metrics and returns them; None without one.
+
+        Raises:
+            NotFinite: one of them is not finite. The means of the steps before it are then written as the line of
+                the step before it.
+        """
+        if self._waiting is None:
+            return None
+        (step, arrays), self._waiting = self._waiting, None
+        if self._apart_start is not None:
+            self._apart += time.perf_counter() - self._apart_start
+        metrics = {name: float(value) for name, value in jax.device_get(arrays).items()}
+        if self._apart_start is not None:
+            self._apart_start = time.perf_counter()
+        self._is_stopping |= bool(metrics.pop(_STOP, False))
+        if bad := [name for name, value in metrics.items() if not math.isfinite(value)]:
+            self._write(step - 1)
+            terms = [name for name in bad if name.startswith("loss/") and name != _TOTAL]
+            raise NotFinite(step, terms or bad)
+        self._num_steps += 1
+        self._sums = {name: self._sums.get(name, 0.0) + value for name, value in metrics.items()}
+        self._bar.update()
+        if self._line_start is None:
+            self._begin_line()
+        else:
+            self._timed_steps += 1
+        if self._is_due(step):
+            self._write(step)
+        return metrics
+
+    def _write(self, step: int) -> None:
+        if not self._num_steps:
+            return
+        line = {name: value / self._num_steps for name, value in self._sums.items()}
+        shown = f"huber {line['loss/huber']:.4f}"
+        now = time.perf_counter()
+        if self._compile_seconds is not None and not self._is_compile_reported:
+            line["compile_seconds"] = self._compile_seconds
+            self._is_compile_reported = True
+        if self._timed_steps and self._line_start is not None:
+            seconds = now - self._line_start - self._apart
+            line["windows_per_second"] = self._timed_steps * self._batch_size / seconds
+            line["waiting_percent"] = 100 * self._waited / seconds
+            shown += f", {line['windows_per_second']:.0f} windows/s"
+            if line["waiting_percent"] > _NOTICEABLE:
+                shown += f", {line['waiting_percent']:.0f} % waiting for data"
+        self._writer.write(step, line | {"seconds": now - self._start})
+        self._bar.set_postfix_str(shown)
+        self._num_steps, self._sums = 0, {}
+        if self._line_start is not None:
+            self._begin_line()
+
+    def _begin_line(self) -> None:
+        self._line_start = time.perf_counter()
+        if self._apart_start is not None:
+            self._apart_start = self._line_start
+        self._timed_steps, self._waited, self._apart = 0, 0.0, 0.0

@@ -1,0 +1,114 @@
+"""The train step of a config by itself, on random data: time, speed and memory."""
+
+import time
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS
+from ha2g_jax.config import Config
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.train import sharding
+from ha2g_jax.train.state import init_state
+from ha2g_jax.train.task import Task, build_task
+
+# Of TED, about; where no data say how large the tables of words and speakers are.
+_NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
+
+
+class Memory(NamedTuple):
+    """What a compiled step needs on each device, in bytes.
+
+    Attributes:
+        arguments: the state and the batch that go in.
+        outputs: the state and the metrics that come out.
+        aliased: of the outputs, what takes the place of arguments.
+        temporary: everything in between.
+    """
+
+    arguments: int
+    outputs: int
+    aliased: int
+    temporary: int
+
+    @property
+    def total(self) -> int:
+        return self.arguments + self.outputs - self.aliased + self.temporary
+
+
+class TimedStep:
+    """The train step of a config, compiled for the devices it asks for but not yet run.
+
+    Args:
+        config: see `ha2g_jax.config.paper`.
+        corpus: its words and speakers decide on the size of tables; None for tables as large as those of TED.
+
+    Attributes:
+        batch_size, num_devices: of one step.
+        compile_seconds: to trace and to compile; less where the compiler had stored the program before.
+        memory: that it needs, None where the compiler does not tell.
+
+    Raises:
+        UserError: a setting that cannot be used, or a batch that does not split over the devices.
+    """
+
+    def __init__(self, config: Config, corpus: Corpus | None = None):
+        skeleton = corpus.skeleton if corpus else load_skeleton(config.skeleton)
+        num_words = len(corpus.vocabulary()) if corpus else _NUM_WORDS
+        num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else _NUM_SPEAKERS
+        task = build_task(config, skeleton, num_words, num_speakers)
+        self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
+        self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size
+        data = random_batch(task, self.batch_size, num_words, num_speakers)
+        self._batch = sharding.shard_batch(self._mesh, data)
+        self._key = jax.random.key(config.seed)
+        self._state: Any = None
+
+        started = time.perf_counter()
+        self._shapes = jax.eval_shape(lambda key: init_state(task, key), self._key)
+        # What `compile_step` gives compiles when it is called; this compiles the same without an argument at hand.
+        step = jax.jit(sharding.compile_step(task, self._mesh), donate_argnums=0)
+        self._step = step.lower(self._shapes, self._batch, self._key).compile()
+        self.compile_seconds = time.perf_counter() - started
+        self.memory = _memory(self._step)
+
+    def run(self) -> float:
+        """Does one step and returns its seconds; the first call makes the state, which is not counted."""
+        if self._state is None:
+            # Any numbers take the same time, and the program that draws proper ones takes long to compile.
+            state = jax.tree.map(lambda x: np.full(x.shape, 0.01, x.dtype), self._shapes)
+            self._state = sharding.replicate(self._mesh, state)
+        started = time.perf_counter()
+        self._state, metrics = self._step(self._state, self._batch, self._key)
+        jax.block_until_ready((self._state, metrics))
+        return time.perf_counter() - started
+
+
+def random_batch(task: Task, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
+    """Noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
+    random = np.random.default_rng(0)
+    directions = random.normal(0, 0.3, (size, task.num_frames, task.skeleton.num_bones, 3))
+    batch = {
+        "mel": random.uniform(-80, 0, (size, NUM_MELS, WINDOW_COLUMNS)).astype(np.float32),
+        "words": random.integers(num_words, size=(size, task.num_frames), dtype=np.int32),
+        "directions": normalize((directions + task.skeleton.mean_directions).astype(np.float32)),
+        "speaker": random.integers(num_speakers, size=size, dtype=np.int32),
+    }
+    if task.identity_input == "frames":
+        shape = (size, task.num_seed_frames, task.image_size, task.image_size, 3)
+        batch["frames"] = random.integers(256, size=shape, dtype=np.uint8)
+    return batch
+
+
+def _memory(step: jax.stages.Compiled) -> Memory | None:
+    found = step.memory_analysis()
+    if found is None:
+        return None
+    return Memory(
+        arguments=found.argument_size_in_bytes,
+        outputs=found.output_size_in_bytes,
+        aliased=found.alias_size_in_bytes,
+        temporary=found.temp_size_in_bytes,
+    )

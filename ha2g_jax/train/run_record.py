@@ -1,0 +1,157 @@
+"""The record of a run, `run.json`: its config, and for every start of it the code, the machine and the data."""
+
+import contextlib
+import datetime
+import hashlib
+import importlib.metadata
+import json
+import os
+import pathlib
+import platform
+import secrets
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import tqdm
+
+from ha2g_jax.config import Config
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.train.model_folder import RUN, config_to_json
+
+# The packages whose version can change a number, and those that write what a run leaves behind.
+_PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
+_PACKAGES += ("ml-collections", "numpy", "scipy", "librosa", "soxr", "soundfile", "av", "pillow", "safetensors")
+
+_SOURCE = pathlib.Path(__file__).resolve().parent.parent
+_GIT_PATIENCE = 5.0  # seconds
+
+
+def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> None:
+    """Adds one start to the `run.json` of a workdir and keeps the earlier ones; for the first host only.
+
+    Args:
+        workdir: folder of the run; there already.
+        config: of the run, as resolved from its file and the command line.
+        step: that the run starts or goes on from.
+        corpus: that it is trained on.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    record = _read(workdir)
+    start = {
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "step": step,
+        "command": sys.argv,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "versions": _versions(),
+        "commit": commit(_SOURCE),
+        "seeds": {"run": config.seed},
+        "hardware": _hardware(),
+        "corpus": {"path": str(corpus.path.resolve()), "sha256": _digest(corpus)},
+    }
+    _write(workdir, record | {"config": config_to_json(config), "starts": [*record["starts"], start]})
+
+
+def wandb_id(workdir: pathlib.Path) -> str:
+    """The id of the Weights & Biases run of a workdir, drawn at the first start and kept in its `run.json`.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    record = _read(workdir)
+    if not record.get("wandb_id"):
+        record["wandb_id"] = secrets.token_hex(6)
+        _write(workdir, record)
+    return record["wandb_id"]
+
+
+def commit(package: pathlib.Path) -> str | None:
+    """The git commit of a package's source tree, ending in "-dirty" where files differ from it.
+
+    None where the package is installed rather than checked out, even if a repository lies around it.
+    """
+    git = ["git", "-C", str(package)]
+    top = _output([*git, "rev-parse", "--show-toplevel"])
+    if top is None or pathlib.Path(top).resolve() != package.resolve().parent:
+        return None
+    return _output([*git, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"])
+
+
+@contextlib.contextmanager
+def writing(path: pathlib.Path) -> Iterator[None]:
+    """Turns the failure to write a file or folder, such as a full disk, into a `UserError` that names it."""
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"{path} cannot be written ({error.strerror or error}): see to that, then the same command continues"
+        ) from error
+
+
+def _read(workdir: pathlib.Path) -> dict[str, Any]:
+    """What `run.json` has; a damaged one is set aside, because a record must not stop a run."""
+    path = workdir / RUN
+    if not path.exists():
+        return {"starts": []}
+    try:
+        record = json.loads(path.read_text())
+    except ValueError:
+        record = None
+    if isinstance(record, dict) and isinstance(record.get("starts", []), list):
+        return {"starts": []} | record
+    aside = path.with_name(f"{RUN}.damaged")
+    with writing(aside):
+        path.replace(aside)
+    tqdm.tqdm.write(f"{path} is damaged: kept as {aside.name}, a new one is begun", file=sys.stderr)
+    return {"starts": []}
+
+
+def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
+    temporary = workdir / f"{RUN}.new"
+    with writing(workdir / RUN):
+        temporary.write_text(json.dumps(record, indent=1) + "\n")
+        temporary.replace(workdir / RUN)
+
+
+def _versions() -> dict[str, str]:
+    installed = {}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # left out of a partial installation
+            installed[name] = importlib.metadata.version(name)
+    return installed
+
+
+def _hardware() -> dict[str, Any]:
+    """Devices of all hosts by kind, the number of processes, and the cores and memory (GiB) of this host."""
+    has_memory = {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys()
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if has_memory else None
+    return {
+        "devices": dict(Counter(device.device_kind for device in jax.devices())),
+        "processes": jax.process_count(),
+        "cpus": os.cpu_count(),
+        "memory_gib": memory and round(memory, 1),
+    }
+
+
+def _digest(corpus: Corpus) -> str:
+    """The hash of `dataset.json`, which holds the hashes of all shards."""
+    return hashlib.sha256((corpus.path / "dataset.json").read_bytes()).hexdigest()
+
+
+def _output(command: list[str]) -> str | None:
+    """What a command prints, None where it fails, is not there or takes too long."""
+    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}  # so that only reading is done
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_GIT_PATIENCE, env=environment, check=False
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None if done.returncode == 0 else None

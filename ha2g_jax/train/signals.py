@@ -1,0 +1,86 @@
+"""SIGTERM and Ctrl-C end a run in order: after the step at hand, with a checkpoint."""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+# Python answers a signal between two of its own instructions, and compiling the step is one that lasts a minute.
+_PATIENCE = 5.0  # seconds
+
+
+class Stop:
+    """Whether the run was asked to end. Until `begin` it has nothing to save, and a signal ends it at once."""
+
+    def __init__(self) -> None:
+        self._asked, self._begun = threading.Event(), threading.Event()
+
+    def begin(self) -> None:
+        """From here on there are steps to save: a signal is only noted, and the loop ends by itself."""
+        self._begun.set()
+
+    @property
+    def has_begun(self) -> bool:
+        return self._begun.is_set()
+
+    def ask(self) -> None:
+        self._asked.set()
+
+    def is_set(self) -> bool:
+        return self._asked.is_set()
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[Stop]:
+    """Turns SIGTERM and Ctrl-C into a `Stop`; a second Ctrl-C interrupts at once."""
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():  # where Python allows no signal handlers
+        yield stop
+        return
+    previous = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+
+    def handle(number: int, _: FrameType | None) -> None:
+        stop.ask()
+        if number == signal.SIGINT:
+            signal.signal(number, previous[signal.SIGINT])  # a scheduler may send SIGTERM twice, and means it once
+        if not stop.has_begun:
+            _say_nothing_lost()
+            raise SystemExit(0)
+
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    previous_wakeup = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    finished = threading.Event()
+    watcher = threading.Thread(target=_watch, args=(receiver, stop, finished), daemon=True)
+    watcher.start()
+    for number in previous:
+        signal.signal(number, handle)
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(previous_wakeup)
+        finished.set()
+        sender.close()  # ends the watcher
+        watcher.join()
+        receiver.close()
+
+
+def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> None:
+    """Ends the process where the main thread, busy in a compiler, does not answer the signal itself."""
+    while number := receiver.recv(1):
+        if number[0] not in (signal.SIGTERM, signal.SIGINT) or stop.has_begun:
+            continue
+        if not finished.wait(_PATIENCE) and not stop.has_begun:
+            _say_nothing_lost()
+            os._exit(0)
+
+
+def _say_nothing_lost() -> None:
+    sys.stderr.write("stopped before the first step: nothing was lost; the same command continues\n")
+    sys.stderr.flush()

@@ -1,0 +1,152 @@
+"""What augmentation changes is what it says, by the amount it says, in every array that must agree."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ha2g_jax.audio import FLOOR_DB, SAMPLE_RATE, log_mel
+from ha2g_jax.data.augment import Augmentation, add_noise, augment, make_quieter, mirror_example, sound_power
+from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
+
+SKELETON = load_skeleton("ted_expressive")
+NUM_SPEAKERS = 3
+
+
+@pytest.fixture
+def example() -> dict[str, Any]:
+    rng = np.random.default_rng(0)
+    directions = SKELETON.mean_directions + rng.normal(0, 0.2, (34, SKELETON.num_bones, 3))
+    return {
+        "mel": rng.uniform(-60, 0, (128, 70)).astype(np.float32),
+        "words": rng.integers(0, 9, 34).astype(np.int32),
+        "directions": normalize(directions.astype(np.float32)),
+        "speaker": np.int32(2),
+        "frames": rng.integers(0, 256, (4, 8, 8, 3)).astype(np.uint8),
+    }
+
+
+def test_mirror_changes_pose_images_and_speaker_together(example):
+    mirrored = mirror_example(example, SKELETON, NUM_SPEAKERS)
+    left, right = SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")
+    before, after = (directions_to_positions(SKELETON, e["directions"]) for e in (example, mirrored))
+    # The two sides differ in their mean bone lengths by a few millimetres.
+    np.testing.assert_allclose(after[:, left], before[:, right] * (-1, 1, 1), atol=0.02)
+    np.testing.assert_array_equal(mirrored["frames"][:, :, 0], example["frames"][:, :, -1])
+    assert mirrored["speaker"].dtype == np.int32
+    assert mirrored["speaker"] == 2 + NUM_SPEAKERS
+    for name in ("mel", "words"):
+        assert mirrored[name] is example[name]
+
+
+def test_mirror_twice_is_the_example(example):
+    twice = mirror_example(mirror_example(example, SKELETON, NUM_SPEAKERS), SKELETON, -NUM_SPEAKERS)
+    for name, array in example.items():
+        np.testing.assert_array_equal(twice[name], array)
+
+
+def _other_side(skeleton) -> tuple[list[int], np.ndarray]:
+    """For each angle the number of that on the other side, and whether it is one with a palm normal."""
+    bones = [*skeleton.mirror_bones.tolist(), *(skeleton.num_bones + palm for palm in (1, 0))]
+    pairs = [frozenset(pair) for pair in skeleton.angle_pairs]
+    partners = [pairs.index(frozenset(bones[bone] for bone in pair)) for pair in skeleton.angle_pairs]
+    return partners, np.array([max(pair) >= skeleton.num_bones for pair in skeleton.angle_pairs])
+
+
+@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
+def test_joint_angles_in_a_mirror_are_those_of_the_other_side(name):
+    """But for palm normals: a mirror turns a cross product over, so that their angles become pi less them."""
+    skeleton = load_skeleton(name)
+    rng = np.random.default_rng(0)
+    directions = normalize(rng.normal(size=(20, skeleton.num_bones, 3)))
+    pose = {"directions": directions, "speaker": np.int32(0)}
+    angles = joint_angles(skeleton, directions)
+    mirrored = joint_angles(skeleton, mirror_example(pose, skeleton, 1)["directions"])
+    partners, has_palm = _other_side(skeleton)
+    swapped = angles[:, partners]
+    np.testing.assert_allclose(mirrored, np.where(has_palm, np.pi - swapped, swapped), atol=1e-6)
+
+
+def test_a_mirror_keeps_to_the_angle_statistics_of_people():
+    """Eq. 8 expects of a mirrored pose what it expects of a pose: the means of both sides are near each other."""
+    partners, has_palm = _other_side(SKELETON)
+    assert has_palm.sum() == 2
+    other = SKELETON.angle_mean[partners]
+    np.testing.assert_allclose(SKELETON.angle_mean, np.where(has_palm, 1 - other, other), atol=0.07)
+
+
+def test_quieter_speech(example):
+    quieter = make_quieter(example["mel"], 30)
+    np.testing.assert_allclose(quieter, np.maximum(example["mel"] - 30, FLOOR_DB), atol=1e-5)
+    assert quieter.dtype == np.float32 and quieter.min() == FLOOR_DB
+    np.testing.assert_array_equal(make_quieter(example["mel"], 0), example["mel"])
+
+
+@pytest.mark.parametrize("snr_db", [0.0, 10.0, 40.0])
+def test_noise_has_the_power_asked_for(snr_db):
+    """Speech far below the noise in most bins, so that what was added can be measured."""
+    mel = np.full((128, 70), FLOOR_DB, np.float32)
+    mel[10:14, 20:40] = -3
+    noisy = add_noise(mel, snr_db, np.random.default_rng(0))
+    speech, both = (np.power(10.0, array / 10) for array in (mel, noisy))
+    measured = 10 * np.log10(sound_power(speech) / sound_power(both - speech))
+    assert abs(measured - snr_db) < 0.5
+    assert noisy.dtype == np.float32 and noisy.max() <= 0
+
+
+def test_noise_is_that_of_a_waveform():
+    """The mean spectrogram is that of real white noise added to the samples at the same ratio."""
+    rng = np.random.default_rng(0)
+    time = np.arange(70 * 512) / SAMPLE_RATE
+    harmonics = [np.sin(2 * np.pi * 131 * k * time + k**2) / k for k in range(1, 30)]
+    speech = np.stack(harmonics).sum(axis=0).astype(np.float32)
+    noise = rng.normal(size=len(speech)).astype(np.float32)
+    noise *= np.sqrt(np.mean(speech**2) / np.mean(noise**2) / 10)  # 10 dB
+    reference = 1e5  # so that nothing is cut at 0 dB
+    clean, real = log_mel(speech, reference)[:, :70], log_mel(speech + noise, reference)[:, :70]
+    noisy = add_noise(clean, 10.0, rng)
+    difference = 10 * np.log10(np.power(10, noisy / 10).mean(axis=1) / np.power(10, real / 10).mean(axis=1))
+    assert abs(difference.mean()) < 0.5
+    assert np.abs(difference).max() < 3
+
+
+def test_silence_stays_silence():
+    silence = np.full((128, 70), FLOOR_DB, np.float32)
+    np.testing.assert_array_equal(add_noise(silence, 10.0, np.random.default_rng(0)), silence)
+
+
+def test_random_numbers_decide_all(example):
+    settings = Augmentation(mirror=0.5, gain_db=6.0, noise=0.5)
+
+    def draw(seed):
+        return augment(example, settings, SKELETON, NUM_SPEAKERS, np.random.default_rng(seed))
+
+    for name, array in draw(0).items():
+        np.testing.assert_array_equal(array, draw(0)[name])
+    mirrored = [draw(seed)["speaker"] >= NUM_SPEAKERS for seed in range(40)]
+    assert 8 < sum(mirrored) < 32
+    assert len({draw(seed)["mel"].tobytes() for seed in range(40)}) == 40
+
+
+def test_each_setting_alone(example):
+    """A share of 1 changes every example, and only the arrays that it is about."""
+    changes = {
+        "mirror": ({"mirror": 1.0}, {"directions", "speaker", "frames"}),
+        "gain": ({"gain_db": 20.0}, {"mel"}),
+        "noise": ({"noise": 1.0, "noise_snr_db": (0.0, 5.0)}, {"mel"}),
+        "nothing": ({"jitter": 3}, set()),
+    }
+    before = {name: array.copy() for name, array in example.items()}
+    for settings, expected in changes.values():
+        after = augment(example, Augmentation(**settings), SKELETON, NUM_SPEAKERS, np.random.default_rng(0))
+        assert {name for name in example if not np.array_equal(after[name], before[name])} == expected
+    for name, array in before.items():
+        np.testing.assert_array_equal(example[name], array)
+
+
+def test_white_noise_is_flat():
+    """A band of the spectrogram holds power per hertz, so white noise has the same in all."""
+    noise = np.random.default_rng(1).normal(size=8 * SAMPLE_RATE).astype(np.float32)
+    power = np.power(10, log_mel(noise) / 10)
+    bands = power.mean(axis=1)
+    np.testing.assert_allclose(bands / bands.mean(), 1, atol=0.35)

@@ -1,0 +1,141 @@
+"""Starts the processes of a run for the tests, and is what they run.
+
+`python processes.py COORDINATOR COUNT ID START.npz END.npz` trains on this process' rows of the batches in a file. The
+tests take the functions from here with `runpy`.
+"""
+
+import concurrent.futures
+import dataclasses
+import functools
+import os
+import pathlib
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+import optax
+
+from ha2g_jax import config as configs
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train import hosts, sharding
+from ha2g_jax.train.state import TrainState, init_state
+from ha2g_jax.train.task import Task, build_task
+
+STOP_AT = 2  # the step at which the last process asks to end
+
+_ROOT = pathlib.Path(__file__).parent.parent.parent
+_TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without a cache
+
+
+def sgd_task() -> Task:
+    """TED-Gesture at debug size with dropout and the GAN term, under plain gradient descent."""
+    config = configs.debug(configs.paper("ted_gesture"))
+    config.model.identity.kind = "speakers"
+    config.model.inferer.layers = 2
+    config.model.inferer.dropout = 0.3
+    config.train.warmup_epochs = 1
+    task = build_task(config, load_skeleton("ted_gesture"), 11, 5, steps_per_epoch=2)
+    return dataclasses.replace(task, generator_optimizer=optax.sgd(1e-4), discriminator_optimizer=optax.sgd(1e-2))
+
+
+def train(
+    task: Task, state: TrainState, batches: Sequence[dict[str, np.ndarray]], devices: list[Any], stop_at: int = -1
+) -> tuple[TrainState, list[dict[str, np.ndarray]]]:
+    """The state after a step on each batch (this process' rows of it), and the metrics of the steps."""
+    mesh = sharding.data_mesh(devices)
+    step = sharding.compile_step(task, mesh)
+    state, history = sharding.replicate(mesh, state), []
+    for number, batch in enumerate(batches):
+        state, metrics = step(state, sharding.shard_batch(mesh, batch), jax.random.key(1), number == stop_at)
+        history.append(metrics)
+    return jax.device_get((state, history))
+
+
+def train_in_processes(
+    folder: pathlib.Path, state: TrainState, batches: Sequence[dict[str, np.ndarray]], count: int, devices: int
+) -> tuple[list[np.ndarray], list[bool]]:
+    """The leaves of the state after `train` in `count` processes with `devices` each, and which steps were to end."""
+    start, end = folder / "start.npz", folder / "end.npz"
+    leaves: dict[str, Any] = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
+    rows: dict[str, Any] = {
+        f"{number}/{name}": array for number, batch in enumerate(batches) for name, array in batch.items()
+    }
+    np.savez(start, **leaves, **rows)
+    coordinator = free_address()
+    commands = [
+        [sys.executable, __file__, coordinator, str(count), str(process), str(start), str(end)]
+        for process in range(count)
+    ]
+    for code, output in finish(commands, devices):
+        assert code == 0, output
+    with np.load(end) as stored:
+        return [stored[name] for name in leaves], stored["stop"].tolist()
+
+
+def free_address() -> str:
+    """HOST:PORT of this machine that nobody listens at."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return f"127.0.0.1:{server.getsockname()[1]}"
+
+
+def finish(
+    commands: Sequence[Sequence[str]], devices: int = 1, variables: Sequence[dict[str, str]] = ()
+) -> list[tuple[int | None, str]]:
+    """Runs commands at the same time: of each the exit code (None if it did not end in time) and what it printed.
+
+    Args:
+        commands: one a process.
+        devices: virtual CPU devices of each process.
+        variables: of the environment, for each process.
+    """
+    common = {
+        "JAX_PLATFORMS": "cpu",
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
+        "JAX_COMPILATION_CACHE_DIR": str(_ROOT / ".cache" / "jax"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+        "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",  # on CPUs only process 0 finds what it compiled before in the cache
+    }
+
+    def run(command: Sequence[str], own: dict[str, str]) -> tuple[int | None, str]:
+        environment = {**os.environ, **common, **own}
+        try:
+            done = subprocess.run(
+                command,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                timeout=_TIMEOUT,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            return None, (error.stdout or b"").decode()
+        return done.returncode, done.stdout.decode()
+
+    with concurrent.futures.ThreadPoolExecutor(len(commands)) as pool:
+        return list(pool.map(run, commands, variables or [{}] * len(commands)))
+
+
+def _main(coordinator: str, count: str, process: str, start: str, end: str) -> None:
+    hosts.start(coordinator, int(count), int(process))
+    task = sgd_task()
+    structure = jax.tree.structure(jax.eval_shape(functools.partial(init_state, task), jax.random.key(0)))
+    batches: list[dict[str, np.ndarray]] = []
+    with np.load(start) as stored:
+        state = jax.tree.unflatten(structure, [stored[f"state/{number}"] for number in range(structure.num_leaves)])
+        while names := [name for name in stored.files if name.startswith(f"{len(batches)}/")]:
+            rows = {name.split("/")[1]: np.split(stored[name], int(count))[int(process)] for name in names}
+            batches.append(rows)
+    is_last = int(process) == int(count) - 1
+    state, history = train(task, state, batches, jax.devices(), STOP_AT if is_last else -1)
+    if hosts.is_first():
+        leaves = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
+        np.savez(end, **leaves, stop=[metrics["stop"] for metrics in history])
+    hosts.stop()
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

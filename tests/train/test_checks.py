@@ -1,0 +1,72 @@
+"""What cannot be used is refused before a run starts, and what makes no difference is let through."""
+
+import pytest
+
+from ha2g_jax import config as configs
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.text import Vocabulary
+from ha2g_jax.train import checks, model_folder
+from ha2g_jax.train.assets import Assets
+
+
+@pytest.fixture
+def config():
+    return configs.debug(configs.paper("ted_gesture"))
+
+
+@pytest.fixture
+def workdir(config, tmp_path):
+    """A folder that a run of `config` has described."""
+    skeleton = load_skeleton("ted_gesture")
+    starts = skeleton.mean_directions[None, None].repeat(4, axis=1)
+    model_folder.write_description(tmp_path, config, Assets(skeleton, Vocabulary(("one",)), {}, starts))
+    return tmp_path
+
+
+@pytest.mark.parametrize(("name", "value"), [("path", "elsewhere"), ("workers", 3), ("cache_gib", 1.0)])
+def test_a_run_may_move_to_another_machine(workdir, config, name, value):
+    config.data[name] = value
+    config.train.devices = 4
+    checks.check_workdir(workdir, config)
+
+
+def test_differing_settings_are_named(workdir, config):
+    config.seed, config.loss.weights.gan = 1, 0.5
+    with pytest.raises(UserError, match=r"loss\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"):
+        checks.check_workdir(workdir, config)
+
+
+def test_the_end_of_a_cosine_is_no_free_setting(workdir, config):
+    config.train.steps = 9
+    checks.check_workdir(workdir, config)
+    config.train.schedule = "cosine"
+    with pytest.raises(UserError, match=r"train\.schedule .*, train\.steps"):
+        checks.check_workdir(workdir, config)
+
+
+def test_a_workdir_from_before_a_setting_existed_goes_on(workdir, config):
+    path = workdir / model_folder.CONFIG
+    path.write_text("\n".join(line for line in path.read_text().splitlines() if '"mirror"' not in line))
+    checks.check_workdir(workdir, config)
+    path.write_text("{")
+    with pytest.raises(UserError, match=r"config\.json is damaged"):
+        checks.check_workdir(workdir, config)
+
+
+def test_a_workdir_must_be_a_folder(tmp_path, config):
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(UserError, match="is no folder"):
+            checks.check_workdir(path, config)
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "value"),
+    [("train", "steps", 0), ("train", "sample_every", -1), ("train", "devices", 99), ("data", "workers", -1)],
+)
+def test_settings_that_cannot_be_used_are_named(config, section, name, value):
+    checks.check_settings(config)
+    config[section][name] = value
+    with pytest.raises(UserError, match=name):
+        checks.check_settings(config)

@@ -1,0 +1,170 @@
+"""The doctor names what is wrong and what to do, spoils nothing, and measures a step."""
+
+import json
+import types
+
+import pytest
+
+from ha2g_jax import cli
+from ha2g_jax import config as configs
+from ha2g_jax.train import doctor, machine
+from ha2g_jax.train.measure import Memory
+
+
+@pytest.fixture
+def config(tiny_talk):
+    """The debug size on a corpus that fits it."""
+    config = configs.debug(configs.paper("ted_expressive"))
+    config.data.path = str(tiny_talk)
+    return config
+
+
+def troubles(findings: list[machine.Finding]) -> dict[str, str]:
+    """Name -> what is wrong, of all that is."""
+    return {finding.name: finding.trouble for finding in findings if finding.trouble}
+
+
+def examine(config) -> dict[str, str]:
+    return troubles(doctor.examine(config, has_step=False))
+
+
+def test_all_is_well_with_a_config_that_fits_its_data(config):
+    findings = doctor.examine(config, has_step=False)
+    assert troubles(findings) == {}
+    values = [finding.values for finding in findings if finding.values]
+    splits = {value["split"]: value for value in values if "split" in value}
+    assert list(splits) == ["train", "val", "test", "test_unseen_speakers"]
+    assert sum(values["hours"] for values in splits.values()) == pytest.approx(2 / 60, rel=0.3)
+    assert splits["train"]["windows"] > 0
+
+
+@pytest.fixture
+def a_step(monkeypatch, tmp_path, tiny_talk):
+    """The arguments of a command that finds all well, on a step that is not compiled."""
+    monkeypatch.setattr(doctor, "_step", lambda config, corpus: machine.Finding("step", "quick"))
+    path = tmp_path / "config.py"
+    path.write_text(
+        "from ha2g_jax import config as configs\n"
+        "def get_config(size):\n"
+        "    config = configs.sized(configs.paper('ted_expressive'), size)\n"
+        f"    config.data.path = {str(tiny_talk)!r}\n"
+        "    return config\n"
+    )
+    return ["doctor", "--config", f"{path}:debug"]
+
+
+def test_the_command_prints_aligned_lines_or_json(a_step, capsys):
+    assert cli.main(a_step) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all(line.startswith("ok     ") for line in lines)
+    assert len({line.index(line.split(maxsplit=2)[2]) for line in lines}) == 1
+    assert cli.main([*a_step, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"] and len(report["findings"]) == len(lines)
+
+
+def test_the_exit_code_says_whether_something_is_wrong(a_step, tmp_path, capsys):
+    path = tmp_path / "config.py"
+    path.write_text(path.read_text().replace("config.data.path =", "config.data.path = '/nowhere' +"))
+    assert cli.main(a_step) == 1
+    wrong = [line for line in capsys.readouterr().out.splitlines() if line.startswith("wrong")]
+    assert len(wrong) == 1 and "no corpus in /nowhere" in wrong[0]
+    assert cli.main(["doctor", "--config", "missing.py"]) == 2
+
+
+def test_data_that_are_missing_or_of_another_kind_are_named(config, tmp_path, tiny_talk):
+    config.data.path = str(tmp_path / "empty")
+    assert "dataset.json is missing" in examine(config)["data"]
+    config.data.path = ""
+    assert "--config.data.path" in examine(config)["data"]
+    config.data.path, config.skeleton = str(tiny_talk), "ted_gesture"
+    assert "has skeleton ted_expressive" in examine(config)["data"]
+
+
+def test_a_damaged_record_is_named(config, monkeypatch):
+    from ha2g_jax.data.corpus import Clips
+    from ha2g_jax.data.records import unpack
+
+    def last_is_damaged(clips, number):
+        return unpack(
+            clips.record(number)[:-40] if number == len(clips) - 1 else clips.record(number), f"record {number}"
+        )
+
+    monkeypatch.setattr(Clips, "fields", last_is_damaged)
+    findings = doctor.examine(config, has_step=False)
+    damaged = [finding.found for finding in findings if "damaged" in finding.trouble]
+    assert damaged == ["train", "val", "test", "test_unseen_speakers"]
+
+
+def test_talk_is_not_made_for_a_look(config, monkeypatch, tmp_path):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    config.data.path = "talk"
+    findings = doctor.examine(config, has_step=False)
+    assert troubles(findings) == {}
+    assert any("not made yet" in finding.found for finding in findings)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_would_stop_a_run_later_is_named_now(config, tmp_path):
+    config.model.text.vectors = str(tmp_path / "vectors.txt")
+    config.train.batch_size = 100_000
+    config.train.best_by = "loss/hubber"
+    found = examine(config)
+    assert "vectors.txt" in found["words"]
+    assert "batch of 100000" in found["data"]
+    assert "loss/hubber" in found["config"]
+
+
+def test_settings_that_cannot_be_used_are_not_measured(config):
+    config.train.batch_size = 0
+    assert "step" not in {finding.name for finding in doctor.examine(config)}
+
+
+def test_a_gpu_that_jax_does_not_use_is_named(monkeypatch, tmp_path):
+    (tmp_path / "nvidia0").touch()
+    monkeypatch.setattr(machine, "_GPU_FILES", (str(tmp_path / "nvidia0"),))
+    assert "JAX_PLATFORMS=cpu" in troubles(machine.examine_machine())["devices"]
+    monkeypatch.delenv("JAX_PLATFORMS")
+    assert "jax[cuda13]" in troubles(machine.examine_machine())["devices"]
+    monkeypatch.setattr(machine, "_version", lambda package: "1.0")
+    assert "jax-cuda12-plugin does not start" in troubles(machine.examine_machine())["devices"]
+
+
+def test_the_limit_of_a_container_counts(monkeypatch, tmp_path):
+    memory = tmp_path / "meminfo"
+    memory.write_text("MemTotal: 2000 kB\nMemFree: 10 kB\nMemAvailable: 1500 kB\n")
+    monkeypatch.setattr(machine, "_MEMORY", memory)
+    monkeypatch.setattr(machine, "_CONTAINER", tmp_path)
+    assert machine.host_memory() == (2000 * 1024, 1500 * 1024)
+    (tmp_path / "memory.max").write_text("1000\n")
+    (tmp_path / "memory.current").write_text("400\n")
+    assert machine.host_memory() == (1000, 600)
+    (tmp_path / "memory.max").write_text("max\n")
+    assert machine.host_memory() == (2000 * 1024, 1500 * 1024)
+
+
+def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):
+    def never():
+        raise AssertionError("it ran")
+
+    step = types.SimpleNamespace(
+        compile_seconds=1.0, num_devices=8, batch_size=4, run=never, memory=Memory(2 << 30, 1 << 30, 1 << 30, 1 << 30)
+    )
+    monkeypatch.setattr(doctor, "TimedStep", lambda *_: step)
+    monkeypatch.setattr(doctor, "host_memory", lambda: (64 << 30, 20 << 30))
+    finding = doctor.examine(config)[-1]
+    assert finding.name == "step"
+    assert "24.0 GiB are more than the 20.0 GiB available" in finding.trouble
+    assert "--config.train.batch_size" in finding.trouble
+
+
+def test_a_step_is_compiled_and_timed(capsys):
+    config = configs.debug(configs.paper("ted_gesture"))
+    config.model.identity.kind = "speakers"  # the least to compile
+    values = doctor.examine(config)[-1].values
+    assert values is not None
+    assert values["windows_per_second"] == pytest.approx(4 / values["step_seconds"])
+    memory = values["memory"]
+    assert memory["total"] > memory["arguments"] > 1 << 20
+    assert memory["aliased"] > 0.9 * memory["outputs"]  # the state is updated in place
+    assert "compiling" in capsys.readouterr().err

@@ -1,0 +1,196 @@
+"""Processes find each other by flags, Slurm or Kubernetes, and none is left behind when one fails."""
+
+import pathlib
+import re
+import runpy
+import sys
+import threading
+import types
+
+import jax
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import hosts
+from ha2g_jax.train.writers import read_metrics
+
+processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
+TALK = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "talk.py"
+SLURM = {
+    "SLURM_JOB_ID": "1234",
+    "SLURM_STEP_NODELIST": "node[07-08]",
+    "SLURM_STEP_NUM_NODES": "2",
+    "SLURM_STEP_NUM_TASKS": "8",
+    "SLURM_NTASKS": "8",
+    "SLURM_PROCID": "5",
+    "SLURM_LOCALID": "1",
+}
+
+
+@pytest.fixture
+def joined(monkeypatch):
+    """What `jax.distributed.initialize` was called with, in an environment that says nothing."""
+    for name in (*SLURM, "JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID", "JOB_COMPLETION_INDEX"):
+        monkeypatch.delenv(name, raising=False)
+    calls = []
+    monkeypatch.setattr(jax.distributed, "initialize", lambda **settings: calls.append(settings))
+    return calls
+
+
+def _place(call):
+    return call["coordinator_address"], call["num_processes"], call["process_id"]
+
+
+ALONE = {
+    "nothing": {},
+    "an interactive shell of Slurm": SLURM | {"SLURM_STEP_NUM_TASKS": "1"},
+    "a batch script": {name: value for name, value in SLURM.items() if "STEP" not in name},
+    "an indexed job of single processes": {"JOB_COMPLETION_INDEX": "3"},
+    "a job of one": {"JAX_COORDINATOR_ADDRESS": "a:1", "JAX_NUM_PROCESSES": "1", "JAX_PROCESS_ID": "0"},
+}
+
+
+@pytest.mark.parametrize("environment", ALONE.values(), ids=ALONE)
+def test_one_process_joins_nobody(environment, joined, monkeypatch):
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    hosts.start(None, None, None)
+    hosts.stop()
+    assert not joined and hosts.is_first()
+
+
+def test_one_process_of_an_srun_stays_apart_when_told_so(joined, monkeypatch):
+    for name, value in SLURM.items():
+        monkeypatch.setenv(name, value)
+    hosts.start(None, 1, None)
+    assert not joined
+
+
+def test_flags_go_before_variables(joined, monkeypatch):
+    monkeypatch.setenv("JAX_COORDINATOR_ADDRESS", "ha2g-0.ha2g:8476")
+    monkeypatch.setenv("JAX_NUM_PROCESSES", "4")
+    monkeypatch.setenv("JOB_COMPLETION_INDEX", "3")
+    hosts.start(None, None, None)
+    hosts.start(None, None, 2)
+    hosts.start("node1:1", 2, 0)
+    assert [_place(call) for call in joined] == [
+        ("ha2g-0.ha2g:8476", 4, 3),
+        ("ha2g-0.ha2g:8476", 4, 2),
+        ("node1:1", 2, 0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "visible", "devices"),
+    [("2", "0,1,2,3", None), ("8", "0,1,2,3", []), ("2", "1", []), ("2", "", None)],
+    ids=["one a GPU", "one a node", "one bound to a GPU", "no GPUs"],
+)
+def test_slurm_tasks_share_the_devices_of_their_node(nodes, visible, devices, joined, monkeypatch):
+    monkeypatch.delenv("JAX_LOCAL_DEVICE_IDS", raising=False)
+    for name, value in (SLURM | {"SLURM_STEP_NUM_NODES": nodes, "CUDA_VISIBLE_DEVICES": visible}).items():
+        monkeypatch.setenv(name, value)
+    hosts.start(None, None, None)
+    (call,) = joined
+    assert (call["cluster_detection_method"], call["local_device_ids"]) == ("slurm", devices)
+
+
+WRONG = {
+    "no coordinator": ((None, 2, 0), "add --coordinator"),
+    "only a coordinator": (("node1:1", None, None), "add --num_processes and --process_id"),
+    "no port": (("node1", 2, 0), "HOST:PORT, such as"),
+    "one too far": (("node1:1", 2, 2), "process_id is 2 of 2 processes"),
+    "negative": (("node1:1", 2, -1), "process_id is -1"),
+    "none at all": (("node1:1", 0, 0), "process_id is 0 of 0"),
+    "the second of one": (("node1:1", 1, 1), "process_id is 1 of 1"),
+}
+
+
+@pytest.mark.parametrize(("flags", "message"), WRONG.values(), ids=WRONG)
+def test_flags_that_do_not_fit_together_are_refused(flags, message, joined):
+    with pytest.raises(UserError, match=re.escape(message)):
+        hosts.start(*flags)
+    assert not joined
+
+
+def test_a_variable_that_is_no_number_is_named(joined, monkeypatch):
+    monkeypatch.setenv("JAX_NUM_PROCESSES", "two")
+    with pytest.raises(UserError, match="JAX_NUM_PROCESSES='two'"):
+        hosts.start("node1:1", None, 0)
+
+
+def test_processes_that_do_not_come_are_waited_for_only_so_long(joined, monkeypatch):
+    released = threading.Event()
+    monkeypatch.setattr(jax.distributed, "initialize", lambda **_: released.wait())
+    monkeypatch.setattr(hosts, "_JOIN_SECONDS", 0.1)
+    with pytest.raises(UserError, match="not all processes of the run have joined at node1:1"):
+        hosts.start("node1:1", 2, 1)
+    released.set()
+
+
+def test_a_port_that_is_taken_is_named(joined, monkeypatch):
+    def initialize(**_):
+        raise jax.errors.JaxRuntimeError("UNKNOWN: Failed to start RPC server")
+
+    monkeypatch.setattr(jax.distributed, "initialize", initialize)
+    with pytest.raises(UserError, match=r"cannot join the run at node1:1 \(UNKNOWN: .*\): see that its port is free"):
+        hosts.start("node1:1", 2, 0)
+
+
+PRINT_PLACE = """
+import jax
+from ha2g_jax.train import hosts
+hosts.start(None, None, None)
+print("place", jax.process_index(), jax.process_count(), jax.device_count(), hosts.is_first())
+hosts.stop()
+"""
+
+
+def test_tasks_of_slurm_join():
+    port = processes.free_address().split(":")[1]
+    shared = SLURM | {"SLURM_STEP_NUM_TASKS": "2", "SLURM_NTASKS": "2", "SLURM_STEP_NUM_NODES": "1"}
+    shared |= {"SLURM_STEP_NODELIST": "localhost", "JAX_COORDINATOR_PORT": port}
+    variables = [shared | {"SLURM_PROCID": number, "SLURM_LOCALID": number} for number in "01"]
+    results = processes.finish([[sys.executable, "-c", PRINT_PLACE]] * 2, 2, variables)
+    for number, (code, output) in enumerate(results):
+        assert code == 0 and f"place {number} 2 4 {number == 0}" in output, output
+
+
+FAIL = """
+import sys
+from ha2g_jax.train import hosts
+hosts._PART_SECONDS = 2
+hosts.start(sys.argv[1], 2, int(sys.argv[2]))
+if sys.argv[2] in sys.argv[3]:
+    sys.exit("this one fails")
+hosts.stop()  # stands for a step: it waits for the other
+"""
+
+
+@pytest.mark.parametrize("failing", ["0", "1"])
+def test_a_process_that_fails_ends_the_others(failing):
+    address = processes.free_address()
+    results = processes.finish([[sys.executable, "-c", FAIL, address, number, failing] for number in "01"])
+    (code, output), (waiting, _) = results[int(failing)], results[1 - int(failing)]
+    assert code == 1 and output.splitlines()[-1] == "this one fails"
+    assert waiting not in (0, None)
+
+
+def test_processes_that_all_fail_keep_their_exit_code():
+    address = processes.free_address()
+    code = FAIL.replace("sys.exit(", "print(sys.argv[2], end=''), sys.exit(2 or ")
+    for number, (returned, output) in enumerate(
+        processes.finish([[sys.executable, "-c", code, address, number, "01"] for number in "01"])
+    ):
+        assert returned == 2 and output.endswith(str(number))
+
+
+def test_a_run_of_two_processes_through_the_launcher(tiny_talk, tmp_path):
+    workdir, address = tmp_path / "run", processes.free_address()
+    common = [sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={TALK}:debug", f"--workdir={workdir}"]
+    common += [f"--config.data.path={tiny_talk}", "--config.train.devices=0"]
+    commands = [[*common, f"--coordinator={address}", "--num_processes=2", f"--process_id={n}"] for n in "01"]
+    first, second = processes.finish(commands)
+    assert (first[0], second[0]) == (0, 0), f"{first[1]}\n---\n{second[1]}"
+    assert str(workdir) in first[1].splitlines() and str(workdir) not in second[1].splitlines()
+    assert [line["step"] for line in read_metrics(workdir / "metrics.jsonl")] == [1, 2, 2]
+    assert [path.name for path in (workdir / "latest").iterdir() if path.is_dir()] == ["2"]

@@ -1,0 +1,163 @@
+"""Lines are exact means, also across a resume; their speeds are of training alone."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import tqdm
+
+from ha2g_jax.train import log as logs
+from ha2g_jax.train.log import NotFinite, StepLog
+
+
+class _Lines(list):
+    """A writer that keeps what it gets."""
+
+    def write(self, step, metrics):
+        self.append((step, metrics))
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def lines():
+    return _Lines()
+
+
+@pytest.fixture
+def start(lines):
+    """A function that begins a log of batches of two."""
+
+    def start(every=2, pending=None):
+        bar = tqdm.tqdm(disable=True)
+        return StepLog(lines, bar, batch_size=2, is_due=lambda step: step % every == 0, pending=pending)
+
+    return start
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A function that lets time pass, for the log only."""
+    now = [100.0]
+    monkeypatch.setattr(logs.time, "perf_counter", lambda: now[0])
+
+    def sleep(seconds):
+        now[0] += seconds
+
+    return sleep
+
+
+def _metrics(huber=0.0, **others):
+    return {"loss/huber": jnp.float32(huber)} | {name: jnp.float32(value) for name, value in others.items()}
+
+
+def test_metrics_are_means_written_one_step_late(start, lines):
+    log = start()
+    for step, value in ((1, 1.0), (2, 3.0)):
+        log.add(step, _metrics(value))
+    assert lines == []
+    assert log.flush() == {"loss/huber": 3.0}
+    assert log.flush() is None
+    ((step, line),) = lines
+    assert (step, line["loss/huber"]) == (2, 2.0)
+
+
+def test_a_run_that_goes_on_writes_the_means_of_one_that_was_not_stopped(start, lines):
+    values = np.random.default_rng(0).normal(size=7).astype(np.float32)
+    whole = start(every=7)
+    for step, value in enumerate(values, 1):
+        whole.add(step, _metrics(value))
+    whole.flush()
+    stopped = start(every=7)
+    for step, value in enumerate(values[:3], 1):
+        stopped.add(step, _metrics(value))
+    stopped.flush()
+    resumed = start(every=7, pending=json.loads(json.dumps(stopped.state())))
+    for step, value in enumerate(values[3:], 4):
+        resumed.add(step, _metrics(value))
+    resumed.flush()
+    (_, expected), (_, found) = lines
+    assert found["loss/huber"] == expected["loss/huber"]
+    assert resumed.state() == {"steps": 0, "sums": {}}
+
+
+def test_speeds_are_of_training_alone(start, lines, clock):
+    log = start(every=3)
+    for step in range(1, 8):
+        with log.waiting():
+            clock(0.5 if step > 1 else 40.0)  # until the first batch is there
+        with log.stepping():
+            clock(0.25 if step > 1 else 60.0)  # to compile
+        log.add(step, _metrics())
+        if step == 4:
+            with log.apart():
+                clock(1000.0)
+    (_, first), (_, second) = lines
+    assert first["compile_seconds"] == 60.0 and "compile_seconds" not in second
+    for line in (first, second):
+        assert line["windows_per_second"] == pytest.approx(2 / 0.75)
+        assert line["waiting_percent"] == pytest.approx(100 * 0.5 / 0.75)
+    assert (first["seconds"], second["seconds"]) == pytest.approx((102.25, 1104.5))
+
+
+def test_the_device_is_at_work_while_a_flush_waits_for_it(start, lines, clock, monkeypatch):
+    log = start(every=2)
+    read = logs.jax.device_get
+    monkeypatch.setattr(logs.jax, "device_get", lambda arrays: (clock(0.5), read(arrays))[1])
+    for step in range(1, 5):
+        log.add(step, _metrics())
+        with log.apart():
+            clock(1000.0)
+            log.flush()
+            clock(1000.0)
+    assert [step for step, _ in lines] == [2, 4]
+    assert [line["windows_per_second"] for _, line in lines] == pytest.approx([4.0, 4.0])
+
+
+def test_a_line_of_the_first_step_alone_has_no_speed(start, lines):
+    log = start(every=1)
+    log.add(1, _metrics())
+    log.flush()
+    assert "windows_per_second" not in lines[0][1]
+
+
+def test_a_stop_that_the_hosts_agreed_on_is_remembered_and_not_written(start, lines):
+    log = start()
+    for step, stop in ((1, False), (2, True), (3, False)):
+        log.add(step, _metrics() | {"stop": jnp.bool_(stop)})
+        assert log.is_stopping == (step == 3)  # one step late
+    log.flush()
+    assert log.is_stopping and "stop" not in lines[0][1]
+
+
+def test_the_terms_that_are_not_finite_are_named(start, lines):
+    log = start(every=4)
+    log.add(1, _metrics(1.0))
+    log.add(2, _metrics(np.inf) | {"loss/total": jnp.float32(np.nan), "grad_norm/generator": jnp.float32(np.nan)})
+    with pytest.raises(NotFinite, match="loss/huber not finite at step 2") as caught:
+        log.add(3, _metrics(2.0))
+    assert (caught.value.step, caught.value.names) == (2, ["loss/huber"])
+    ((step, line),) = lines  # what was sound is not lost
+    assert (step, line["loss/huber"]) == (1, 1.0)
+
+
+def test_a_gradient_that_is_not_finite_is_named(start, lines):
+    log = start()
+    log.add(1, _metrics() | {"grad_norm/generator": jnp.float32(np.nan)})
+    with pytest.raises(NotFinite, match="grad_norm/generator not finite at step 1"):
+        log.flush()
+    assert lines == []
+
+
+def test_the_bar_says_when_data_are_late(lines, clock):
+    with tqdm.tqdm(total=4) as bar:
+        log = StepLog(lines, bar, batch_size=4, is_due=lambda step: step == 3)
+        for step in (1, 2, 3, 4):
+            with log.waiting():
+                clock(0.1)
+            with log.stepping():
+                clock(0.9)
+            log.add(step, _metrics(0.5))
+        assert bar.n == 3 and bar.postfix == "huber 0.5000, 4 windows/s, 10 % waiting for data"

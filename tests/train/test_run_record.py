@@ -1,0 +1,83 @@
+"""Every start of a run is recorded, and a record that cannot be had or read stops no run."""
+
+import hashlib
+import json
+import pathlib
+import subprocess
+import sys
+
+import jax
+import pytest
+
+from ha2g_jax import config as configs
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import run_record
+
+
+@pytest.fixture
+def start(tmp_path, tiny_talk):
+    """A function that records a start at a step and gives what `run.json` then has."""
+    config, corpus = configs.debug(configs.paper("ted_expressive")), Corpus.open(tiny_talk)
+
+    def start(step):
+        run_record.write(tmp_path, config, step, corpus)
+        return json.loads((tmp_path / "run.json").read_text())
+
+    return start
+
+
+def test_every_start_is_kept(start, tmp_path, tiny_talk, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["ha2g", "train", "--config=x"])
+    start(0)
+    identity = run_record.wandb_id(tmp_path)
+    record = start(7)
+    assert [entry["step"] for entry in record["starts"]] == [0, 7]
+    assert record["wandb_id"] == identity == run_record.wandb_id(tmp_path)
+    assert record["config"]["train"]["batch_size"] == 4
+    entry = record["starts"][1]
+    assert entry["command"] == ["ha2g", "train", "--config=x"]
+    assert entry["versions"]["jax"] == jax.__version__ and "numpy" in entry["versions"]
+    assert entry["seeds"] == {"run": 0}
+    assert entry["hardware"]["devices"] == {"cpu": 8} and entry["hardware"]["processes"] == 1
+    digest = hashlib.sha256((tiny_talk / "dataset.json").read_bytes()).hexdigest()
+    assert entry["corpus"] == {"path": str(tiny_talk), "sha256": digest}
+
+
+@pytest.mark.parametrize("text", ['{"starts": [', "[]", '{"starts": 1}'])
+def test_a_damaged_record_is_set_aside(start, tmp_path, capsys, text):
+    (tmp_path / "run.json").write_text(text)
+    assert [entry["step"] for entry in start(3)["starts"]] == [3]
+    assert (tmp_path / "run.json.damaged").read_text() == text
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1 and "run.json is damaged" in printed
+
+
+def test_a_record_that_cannot_be_written_is_named(start, tmp_path):
+    (tmp_path / "run.json.new").symlink_to("/dev/full")
+    with pytest.raises(UserError, match=r"run\.json cannot be written \(No space left on device\)"):
+        start(0)
+
+
+def _git(folder: pathlib.Path, *arguments: str) -> None:
+    who = ["-c", "user.name=x", "-c", "user.email=x@x"]
+    subprocess.run(["git", "-C", str(folder), *who, *arguments], check=True, capture_output=True)
+
+
+def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", "/dev/null")
+    package, other = tmp_path / "package", tmp_path / "env" / "package"
+    for folder in (package, other):
+        folder.mkdir(parents=True)
+        (folder / "code.py").write_text("1\n")
+    assert run_record.commit(package) is None
+    _git(tmp_path, "init")
+    _git(tmp_path, "add", "package")
+    _git(tmp_path, "commit", "-m", "x")
+    clean = run_record.commit(package)
+    assert clean is not None and len(clean) == 40
+    assert run_record.commit(other) is None  # installed in a folder of somebody's repository
+    (package / "code.py").write_text("2\n")
+    assert run_record.commit(package) == f"{clean}-dirty"
+    monkeypatch.setenv("PATH", "")
+    assert run_record.commit(package) is None

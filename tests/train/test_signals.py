@@ -1,0 +1,56 @@
+"""A signal is noted once there is something to save, and ends the process at once before that."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from ha2g_jax.train.signals import stop_signals
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+# A process that has not begun and holds the main thread where Python cannot answer, as a compiler does.
+BUSY = """
+import hashlib
+from ha2g_jax.train.signals import stop_signals
+with stop_signals():
+    print("ready", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 200_000_000)  # a minute or more
+"""
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_is_noted_and_the_handlers_come_back(number):
+    before = [signal.getsignal(each) for each in SIGNALS]
+    with stop_signals() as stop:
+        stop.begin()
+        assert not stop.is_set()
+        signal.raise_signal(number)
+        assert stop.is_set()
+    assert [signal.getsignal(each) for each in SIGNALS] == before
+
+
+def test_a_second_interrupt_does_not_wait():
+    with pytest.raises(KeyboardInterrupt), stop_signals() as stop:
+        stop.begin()
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_before_there_is_anything_to_save_the_process_leaves_with_0(number, capsys):
+    with pytest.raises(SystemExit) as exit_info, stop_signals():
+        signal.raise_signal(number)
+    assert exit_info.value.code == 0
+    assert "nothing was lost" in capsys.readouterr().err
+
+
+def test_a_busy_compiler_does_not_hold_the_process():
+    process = subprocess.Popen([sys.executable, "-c", BUSY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    time.sleep(0.2)  # into the call
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 0 and "nothing was lost" in errors
