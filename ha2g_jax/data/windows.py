@@ -154,9 +154,10 @@ class _Reader(NamedTuple):
     def track(self, number: int) -> Track:
         fields = self.clips.fields(number)
         word_ends = np.maximum.accumulate([0.0, *(word.end for word in fields["words"])])[1:]
+        # librosa lays the columns of a spectrogram one after the other; batches want rows.
         track = Track(
-            mel=log_mel(records.decode_audio(fields, self.clips.place(number))).astype(np.float16),
-            directions=positions_to_directions(self.skeleton, fields["positions"]),
+            mel=log_mel(records.decode_audio(fields, self.clips.place(number))).astype(np.float16, order="C"),
+            directions=np.ascontiguousarray(positions_to_directions(self.skeleton, fields["positions"])),
             words=fields["words"],
             word_starts=np.array([word.start for word in fields["words"]]),
             word_ends=word_ends,

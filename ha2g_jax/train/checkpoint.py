@@ -212,7 +212,11 @@ class Checkpoints:
             if jax.process_index() == 0:
                 for folder in self._temporary():
                     shutil.rmtree(folder, ignore_errors=True)
-            left = f"{self._folder.name}/{self.steps()[-1]} is whole" if self.steps() else "there is none before it"
+            left = (
+                f"{self._folder.name}/{self.steps()[-1]} is whole"
+                if self.steps()
+                else f"{self._folder.name} has none before it"
+            )
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
                 f"cannot write checkpoint {self._folder / str(self._writing)} ({orbax_errors.reason(error)}; it takes "

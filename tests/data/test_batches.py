@@ -48,6 +48,13 @@ def _assert_equal(found, expected) -> None:
             np.testing.assert_array_equal(batch[name], other[name])
 
 
+@pytest.mark.parametrize("size", [1, 8])
+def test_batches_are_row_major_and_own_their_memory(windows, size):
+    """As shared memory takes them; and nobody can write into a clip in the cache."""
+    for batch in _take(batches(windows, size, 0, augmentation=Augmentation(mirror=0.5)), 4):
+        assert all(array.flags.c_contiguous and array.flags.writeable for array in batch.values())
+
+
 def test_a_seed_gives_an_order(windows, expected):
     _assert_equal(_take(batches(windows, 8, 0, augmentation=EVERYTHING), 6), expected)
     other = _take(batches(windows, 8, 1, augmentation=EVERYTHING), 1)
