@@ -34,7 +34,7 @@ def paper(skeleton: str) -> Config:
     config.data.noise = 0.0  # share of training windows with noise in the speech
     config.data.noise_snr_db = (10.0, 40.0)  # least and most dB by which the speech is louder than the noise
     config.data.workers = 0  # processes that read and decode clips; 0 for threads of this one
-    config.data.cache_gib = 8.0  # memory for decoded clips, of all workers of this host
+    config.data.cache_gib = 8.0  # memory for the decoded clips of a split, of all workers of this host
 
     config.model = ml_collections.ConfigDict()
     config.model.audio = ml_collections.ConfigDict()

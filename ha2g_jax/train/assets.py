@@ -75,7 +75,7 @@ def speaker_identities(
     def identity(speaker):
         if task.identity_input == "speaker":
             return np.asarray(_encode(task, variables, np.int32(speaker)))
-        images = windows.reference_frames(speaker)[:_CLIPS_PER_SPEAKER]
+        images = windows.reference_frames(speaker, limit=_CLIPS_PER_SPEAKER)
         return np.mean([_encode(task, variables, frames) for frames in images], axis=0)
 
     return {name: identity(speaker) for speaker, name in enumerate(names)}

@@ -58,8 +58,23 @@ def check_settings(config: Config) -> None:
             f"config.train.devices is {config.train.devices}, but a run of {jax.process_count()} processes uses all "
             "devices: set --config.train.devices=0"
         )
-    if config.data.workers < 0 or config.data.cache_gib < 0:
-        raise UserError("config.data.workers and config.data.cache_gib cannot be negative: set --config.data.workers=0")
+    _check_data(config.data)
+
+
+def _check_data(data: Config) -> None:
+    quietest, loudest = data.noise_snr_db
+    expected = {
+        "jitter": ("0 or more", data.jitter >= 0),
+        "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
+        "gain_db": ("0 or more", data.gain_db >= 0),
+        "noise": ("from 0 to 1", 0 <= data.noise <= 1),
+        "noise_snr_db": ("a lower and an upper bound", quietest <= loudest),
+        "workers": ("0 or more", data.workers >= 0),
+        "cache_gib": ("0 or more", data.cache_gib >= 0),
+    }
+    for name, (range_, is_met) in expected.items():
+        if not is_met:
+            raise UserError(f"config.data.{name} is {data[name]}, expected {range_}: set --config.data.{name}")
 
 
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:

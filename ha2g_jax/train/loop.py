@@ -76,6 +76,7 @@ def _train(
     validation_windows = inputs.open_windows(config, corpus, vocabulary, VALIDATION)
     batch_size, num_steps = config.train.batch_size, config.train.steps
 
+    stop.enter_compiler()
     task = build_task(
         config,
         corpus.skeleton,

@@ -18,6 +18,11 @@ class Stop:
 
     def __init__(self) -> None:
         self._asked, self._begun = threading.Event(), threading.Event()
+        self.may_raise = True
+
+    def enter_compiler(self) -> None:
+        """From here on a signal must not raise: compilers call back into Python, and an exception would crash them."""
+        self.may_raise = False
 
     def begin(self) -> None:
         """From here on there are steps to save: a signal is only noted, and the loop ends by itself."""
@@ -47,9 +52,12 @@ def stop_signals() -> Iterator[Stop]:
         stop.ask()
         if number == signal.SIGINT:
             signal.signal(number, previous[signal.SIGINT])  # a scheduler may send SIGTERM twice, and means it once
-        if not stop.has_begun:
-            _say_nothing_lost()
-            raise SystemExit(0)
+        if stop.has_begun:
+            return
+        if not stop.may_raise:
+            _leave()
+        _say_nothing_lost()
+        raise SystemExit(0)
 
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
@@ -77,8 +85,12 @@ def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> No
         if number[0] not in (signal.SIGTERM, signal.SIGINT) or stop.has_begun:
             continue
         if not finished.wait(_PATIENCE) and not stop.has_begun:
-            _say_nothing_lost()
-            os._exit(0)
+            _leave()
+
+
+def _leave() -> None:
+    _say_nothing_lost()
+    os._exit(0)
 
 
 def _say_nothing_lost() -> None:

@@ -63,7 +63,13 @@ def test_a_workdir_must_be_a_folder(tmp_path, config):
 
 @pytest.mark.parametrize(
     ("section", "name", "value"),
-    [("train", "steps", 0), ("train", "sample_every", -1), ("train", "devices", 99), ("data", "workers", -1)],
+    [
+        ("train", "steps", 0),
+        ("train", "sample_every", -1),
+        ("train", "devices", 99),
+        ("data", "workers", -1),
+        ("data", "mirror", 2.0),
+    ],
 )
 def test_settings_that_cannot_be_used_are_named(config, section, name, value):
     checks.check_settings(config)
