@@ -119,7 +119,7 @@ def _train(
         lambda step: _is_due(step, config.train.log_every, num_steps),
         pending=record.get("log"),
     )
-    is_sampling = draw_sample is not None and config.train.sample_every and hosts.is_first()
+    sample_every = config.train.sample_every if hosts.is_first() else 0
     trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
     def trained() -> tuple[Any, Assets]:
@@ -155,7 +155,7 @@ def _train(
                         if scores[config.train.best_by] < best_score:
                             best_score = scores[config.train.best_by]
                             save(best)
-                    if is_sampling and _is_due(step, config.train.sample_every, num_steps):
+                    if draw_sample and sample_every and _is_due(step, sample_every, num_steps):
                         draw_sample(workdir / SAMPLES, step, task, *trained(), config, corpus.clips(VALIDATION)[0])
                     if _is_due(step, config.train.checkpoint_every, num_steps):
                         log.flush()
