@@ -84,7 +84,8 @@ def batches(
     if not flags.FLAGS.is_parsed():
         flags.FLAGS.mark_as_parsed()  # grain reads its absl flags; a program that has none leaves them unparsed
     with _stop_signals_blocked():
-        iterator = iter(dataset.mp_prefetch(grain.MultiprocessingOptions(workers), worker_init_fn=_start_worker))
+        shared = dataset.mp_prefetch(grain.MultiprocessingOptions(workers), worker_init_fn=_start_worker)
+        iterator = iter(shared.map(_own))
         iterator.get_state()  # makes the iterators of the workers, which can then be started
         iterator.start_prefetch()
     return iterator
@@ -114,6 +115,11 @@ def _stack(examples: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     its pipe is full ends only when it is killed, after 25 s.
     """
     return {name: np.ascontiguousarray(np.stack([example[name] for example in examples])) for name in examples[0]}
+
+
+def _own(batch: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Copies out of the memory shared with the workers, which JAX on a CPU would hold on to until the process ends."""
+    return {name: np.array(array) for name, array in batch.items()}
 
 
 def _check_shared_memory(windows: Windows, batch_size: int, workers: int) -> None:
