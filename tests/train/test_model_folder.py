@@ -83,7 +83,7 @@ DAMAGE = {
     "more tensors": (_edit("config.json", lambda config: config["model"]["text"].update(layers=9)), "is missing"),
     "no config": (lambda folder: (folder / "config.json").unlink(), "config.json is missing"),
     "config is no JSON": (lambda folder: (folder / "config.json").write_text("{"), "config.json is damaged"),
-    "a setting is gone": (_edit("config.json", lambda config: config.pop("loss")), "config.json is damaged"),
+    "no skeleton": (_edit("config.json", lambda config: config.pop("skeleton")), "config.json is damaged"),
     "assets are no JSON": (lambda folder: (folder / "assets.json").write_text("[]"), "assets.json is damaged"),
     "no start poses": (_edit("assets.json", lambda assets: assets.update(seed_poses=[])), "seed_poses has shape"),
     "short statistics": (
