@@ -1,11 +1,9 @@
 """Videos of a clip as the model performs it while it is trained, beside the true motion."""
 
-import functools
 import pathlib
 import sys
 from typing import Any
 
-import jax
 import numpy as np
 import tqdm
 
@@ -18,7 +16,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis.model import Model, choose_style, generate_directions
-from ha2g_jax.train.assets import Assets
+from ha2g_jax.train.assets import Assets, encode_identity
 from ha2g_jax.train.task import Task
 
 _SECONDS = 10
@@ -71,12 +69,5 @@ def _style(model: Model, clip: Clip) -> np.ndarray:
         return choose_style(model, speaker=clip.speaker)[0]
     if model.task.identity_input == "frames" and clip.reference_frames is not None:
         frames = resize_frames(clip.reference_frames[: model.task.num_seed_frames], model.task.image_size)
-        return np.asarray(_encode_frames(model.task, model.variables, frames))
+        return np.asarray(encode_identity(model.task, model.variables, frames))
     return choose_style(model, style_seed=_SEED)[0]
-
-
-@functools.partial(jax.jit, static_argnames="task")
-def _encode_frames(task: Task, variables: dict[str, Any], frames: jax.Array) -> jax.Array:
-    """The mean of f_id (18,) for images (M, S, S, 3) of one person."""
-    outputs: Any = task.generator.apply(variables, frames[None], train=False, method="encode_identity")
-    return outputs[0][0]

@@ -74,15 +74,16 @@ def speaker_identities(
 
     def identity(speaker):
         if task.identity_input == "speaker":
-            return np.asarray(_encode(task, variables, np.int32(speaker)))
+            return np.asarray(encode_identity(task, variables, np.int32(speaker)))
         images = windows.reference_frames(speaker, limit=_CLIPS_PER_SPEAKER)
-        return np.mean([_encode(task, variables, frames) for frames in images], axis=0)
+        return np.mean([encode_identity(task, variables, frames) for frames in images], axis=0)
 
     return {name: identity(speaker) for speaker, name in enumerate(names)}
 
 
 @functools.partial(jax.jit, static_argnames="task")
-def _encode(task: Task, variables: dict[str, Any], identity: jax.Array) -> jax.Array:
+def encode_identity(task: Task, variables: dict[str, Any], identity: jax.Array) -> jax.Array:
+    """The mean of f_id (18,) for what E_ID reads of one person: images (M, S, S, 3) or the index () of a speaker."""
     mean, _ = task.generator.apply(variables, identity[None], train=False, method="encode_identity")
     return mean[0]
 
