@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.whole_file import whole_file
+from ha2g_jax.whole_file import whole_file
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
 
 
