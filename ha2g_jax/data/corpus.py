@@ -19,14 +19,13 @@ from array_record.python import (
     array_record_module,  # pyright: ignore[reportAttributeAccessIssue]
 )
 
-from ha2g_jax.data import records
+from ha2g_jax.data import records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 from ha2g_jax.text import Vocabulary
 
-SCHEMA_VERSION = 1
 TRAIN = "train"
 
 _FILE = "dataset.json"
@@ -42,13 +41,16 @@ class CorpusWriter:
 
     Args:
         path: folder to make; must not exist.
-        splits: names of the splits, the training split "train" among them.
+        splits: names of the splits; statistics and vocabulary are those of "train". Some may stay empty, not all.
         skeleton: name of the skeleton of the clips.
         fps: frames per second of the positions.
         metadata: name, source, licence and whatever else describes the corpus; stored as given.
 
+    Attributes:
+        metadata: as given; may be added to until the end.
+
     Raises:
-        UserError: `path` exists, or at the end a split is empty.
+        UserError: `path` exists, or at the end there is no clip.
     """
 
     def __init__(
@@ -57,8 +59,9 @@ class CorpusWriter:
         self._path = pathlib.Path(path)
         if self._path.exists():
             raise _exists(self._path)
-        self._skeleton, self._fps, self._metadata = load_skeleton(skeleton), fps, metadata
+        self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
+        self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)
         self._speakers: dict[str, list[str]] = {split: [] for split in splits}
         self._words: collections.Counter[str] = collections.Counter()
         self._statistics = MotionStatistics(self._skeleton)
@@ -91,11 +94,13 @@ class CorpusWriter:
         self._writer.write(record)
         self._counts[split] += 1
         fields = records.unpack(record)
+        self._windows[split] += len(fields["window_starts"])
+        self._seconds[split] += len(fields["positions"]) / self._fps
         if fields["speaker"] not in self._speakers[split]:
             self._speakers[split].append(fields["speaker"])
         if split == TRAIN:
             self._words.update(word.text.lower() for word in fields["words"])
-            self._statistics.update(fields["positions"])
+            self._statistics.update(fields["positions"], fields["window_starts"])
 
     def _close_shard(self) -> None:
         if self._writer is not None:
@@ -103,18 +108,20 @@ class CorpusWriter:
         self._writer = None
 
     def _finish(self) -> None:
-        if empty := [split for split, count in self._counts.items() if not count]:
-            raise UserError(f"no clips for {', '.join(empty)}; give more data")
-        speakers = [*self._speakers[TRAIN], *(name for names in self._speakers.values() for name in names)]
+        if not any(self._counts.values()):
+            raise UserError(f"no clip to write to {self._path}; give more data")
+        speakers = [*self._speakers.get(TRAIN, []), *(name for names in self._speakers.values() for name in names)]
         dataset = {
-            "schema_version": SCHEMA_VERSION,
-            **self._metadata,
+            "schema_version": schema.VERSION,
+            **self.metadata,
             "skeleton": self._skeleton.name,
             "fps": self._fps,
             "speakers": list(dict.fromkeys(speakers)),
             "splits": {
                 split: {
                     "clips": self._counts[split],
+                    "windows": self._windows[split],
+                    "seconds": round(self._seconds[split], 3),
                     "speakers": self._speakers[split],
                     "shards": [_describe(self._folder / shard) for shard in self._shards[split]],
                 }
@@ -157,7 +164,7 @@ class Clips(Sequence[Clip]):
         self._ends = list(itertools.accumulate(len(source) for source in self._sources))
 
     def __len__(self) -> int:
-        return self._ends[-1]
+        return self._ends[-1] if self._ends else 0
 
     @overload
     def __getitem__(self, index: int) -> Clip: ...
@@ -236,10 +243,13 @@ class Corpus:
         except ValueError as error:
             raise UserError(f"{path / _FILE} is damaged ({error}); make or import the corpus again") from error
         version = metadata.get("schema_version") if isinstance(metadata, dict) else None
-        if version != SCHEMA_VERSION:
-            raise UserError(f"{path / _FILE} has schema version {version}, not {SCHEMA_VERSION}; make the corpus again")
+        if version not in range(1, schema.VERSION + 1):
+            raise UserError(
+                f"{path / _FILE} has schema version {version}, this version of ha2g-jax reads 1 to {schema.VERSION}: "
+                "take a newer one, or make or import the corpus again"
+            )
         try:
-            corpus = cls(path, metadata)
+            corpus = cls(path, schema.upgrade(metadata))
             shards = [shard for split in metadata["splits"].values() for shard in split["shards"]]
             sizes = {path / shard["name"]: shard["bytes"] for shard in shards}
             _ = corpus.skeleton, corpus.vocabulary(), corpus.fps, corpus.speakers
@@ -266,13 +276,17 @@ class Corpus:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The skeleton with the statistics of this corpus' training split."""
+        """The skeleton with the statistics of this corpus' training split, or the published ones where it has none."""
         if self.metadata["skeleton"] not in SKELETONS:
             raise UserError(
                 f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}"
             )
         statistics = {name: np.array(values, np.float32) for name, values in self.metadata["statistics"].items()}
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **statistics)
+
+    def has_clips(self, split: str) -> bool:
+        """Whether there is such a split with a clip in it."""
+        return bool(self.metadata["splits"].get(split, {}).get("clips"))
 
     def speakers_of(self, split: str) -> tuple[str, ...]:
         """Names of the speakers of one split."""

@@ -13,7 +13,11 @@ from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.errors import UserError
 from ha2g_jax.text import Word
 
+WINDOW_FRAMES = 34  # N of the paper, at 15 fps
+WINDOW_STRIDE = 10
+
 _JPEG_QUALITY = 90
+_FLOATS = ("<f4", "<f8")
 
 
 class Stroke(NamedTuple):
@@ -46,13 +50,14 @@ class Clip:
         speaker: name of the speaker.
         audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
         words: in order of time.
-        positions: (T, joints, 3) float32 in metres, y down.
+        positions: (T, joints, 3) in metres, y down; float32, or float64 where rounding would show in short bones.
         reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None where the source has none.
         source_time: start in the talk, in seconds.
         window_starts: frames at which a training window may start.
         strokes: the true gestures, for a corpus that knows them.
         style: the speaker's true style vector, for a corpus that knows it.
         talk: name of the recording that the clip was cut from; splits never divide one.
+        confidence: (T, joints) float32 in [0, 1], how surely each joint was seen; None where nothing was estimated.
     """
 
     id: str
@@ -66,18 +71,18 @@ class Clip:
     strokes: tuple[Stroke, ...] = ()
     style: tuple[float, ...] = ()
     talk: str = ""
+    confidence: np.ndarray | None = None
 
 
 def encode_clip(clip: Clip) -> bytes:
-    """The clip as msgpack: audio in FLAC (16 bit), frames in JPEG, positions in float32. Equal clips, equal bytes."""
+    """The clip as msgpack: audio in FLAC (16 bit), frames in JPEG, motion as it is. Equal clips, equal bytes."""
     flac = io.BytesIO()
     soundfile.write(flac, clip.audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
     fields = {field.name: getattr(clip, field.name) for field in dataclasses.fields(Clip)}
     fields["audio"] = flac.getvalue()
-    fields["positions"] = {
-        "shape": list(clip.positions.shape),
-        "data": np.ascontiguousarray(clip.positions, "<f4").tobytes(),
-    }
+    fields["positions"] = _pack(clip.positions)
+    if clip.confidence is not None:
+        fields["confidence"] = _pack(clip.confidence)
     if clip.reference_frames is not None:
         fields["reference_frames"] = [_to_jpeg(frame) for frame in clip.reference_frames]
     return cast(bytes, msgpack.packb(fields))
@@ -105,19 +110,37 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        fields = msgpack.unpackb(record)
-        positions = fields["positions"]
-        fields["positions"] = np.frombuffer(positions["data"], "<f4").reshape(positions["shape"]).copy()
+        fields = _YOUNGER | msgpack.unpackb(record)
+        fields["positions"] = _unpack(fields["positions"])
+        if fields["confidence"] is not None:
+            fields["confidence"] = _unpack(fields["confidence"])
         fields["words"] = tuple(Word(*word) for word in fields["words"])
         fields["strokes"] = tuple(Stroke(*stroke) for stroke in fields["strokes"])
         fields["window_starts"] = tuple(fields["window_starts"])
         fields["style"] = tuple(fields["style"])
-    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException) as error:
         raise _corrupt(name, error) from error
     names = {field.name for field in dataclasses.fields(Clip)}
     if set(fields) != names:
         raise _corrupt(name, f"fields {sorted(set(fields) ^ names)} are missing or unknown")
     return fields
+
+
+# What a record of an older version lacks (see `data.schema`).
+_YOUNGER = {"confidence": None}
+
+
+def _pack(array: np.ndarray) -> dict[str, Any]:
+    floats = "<f8" if array.dtype == np.float64 else "<f4"
+    packed = {"shape": list(array.shape), "data": np.ascontiguousarray(array, floats).tobytes()}
+    return packed if floats == "<f4" else {"dtype": floats, **packed}
+
+
+def _unpack(packed: dict[str, Any]) -> np.ndarray:
+    floats = packed.get("dtype", "<f4")
+    if floats not in _FLOATS:
+        raise ValueError(f"numbers of type {floats!r}")
+    return np.frombuffer(packed["data"], floats).reshape(packed["shape"]).copy()
 
 
 def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:

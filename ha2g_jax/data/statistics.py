@@ -1,14 +1,17 @@
 """Statistics of the motion of a training split, as the model and the physical loss use them."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.skeleton import Skeleton, joint_angles, positions_to_directions
 
 
 class MotionStatistics:
-    """Running means over clips: bone lengths, poses, direction vectors, and angles in units of pi (HA2G, Eq. 8)."""
+    """Running means over the frames that training sees: bone lengths, poses, direction vectors, and angles in units of
+    pi (HA2G, Eq. 8)."""
 
     def __init__(self, skeleton: Skeleton):
         self._skeleton = skeleton
@@ -16,8 +19,16 @@ class MotionStatistics:
         self._frames = 0
         self._steps = 0
 
-    def update(self, positions: np.ndarray) -> None:
-        """Adds one clip, (T, joints, 3) positions in metres."""
+    def update(self, positions: np.ndarray, window_starts: Sequence[int]) -> None:
+        """Adds the frames of one clip that lie in a window.
+
+        Args:
+            positions: (T, joints, 3) in metres.
+            window_starts: first frame of each window.
+        """
+        is_seen = np.zeros(len(positions), bool)
+        for start in window_starts:
+            is_seen[start : start + WINDOW_FRAMES] = True
         positions = positions.astype(np.float64)
         directions = positions_to_directions(self._skeleton, positions)
         parents, children = (list(ends) for ends in zip(*self._skeleton.bones, strict=True))
@@ -28,17 +39,20 @@ class MotionStatistics:
             "mean_directions": directions,
             "angle_mean": angles,
             "angle_square": angles**2,
-            "angle_change": np.abs(np.diff(angles, axis=0)),
         }
-        for name, term in terms.items():
+        is_step = is_seen[1:] & is_seen[:-1]
+        changes = {"angle_change": np.abs(np.diff(angles, axis=0))[is_step]}
+        for name, term in ({name: term[is_seen] for name, term in terms.items()} | changes).items():
             self._sums[name] = self._sums.get(name, 0) + term.sum(axis=0)
-        self._frames += len(positions)
-        self._steps += len(positions) - 1
+        self._frames += int(is_seen.sum())
+        self._steps += int(is_step.sum())
 
     def result(self) -> dict[str, Any]:
-        """Nested lists, ready for JSON, under the field names of `Skeleton`."""
+        """Nested lists, ready for JSON, under the field names of `Skeleton`; nothing where there were no windows."""
+        if not self._frames:
+            return {}
         means = {
-            name: total / (self._steps if name == "angle_change" else self._frames)
+            name: total / (max(self._steps, 1) if name == "angle_change" else self._frames)
             for name, total in self._sums.items()
         }
         means["angle_variance"] = np.maximum(means.pop("angle_square") - means["angle_mean"] ** 2, 0)

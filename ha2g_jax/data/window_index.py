@@ -1,5 +1,6 @@
 """Where the windows of a split are: one pass over its records, which finds every record that cannot be used."""
 
+from collections.abc import Container
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,9 @@ class WindowIndex(NamedTuple):
     speakers: np.ndarray
 
 
-def make_index(corpus: Corpus, split: str, num_frames: int, num_images: int = 0) -> WindowIndex:
+def make_index(
+    corpus: Corpus, split: str, num_frames: int, num_images: int = 0, among: Container[str] | None = None
+) -> WindowIndex:
     """The windows of `num_frames` frames of a split.
 
     Audio and images stay compressed; all else of each record is looked at.
@@ -34,6 +37,7 @@ def make_index(corpus: Corpus, split: str, num_frames: int, num_images: int = 0)
         split: name of the split.
         num_frames: N.
         num_images: that each clip must have.
+        among: speakers whose clips are wanted; all by default.
 
     Raises:
         UserError: no clip has N frames, or a record is damaged, has positions that are not finite or not of the
@@ -50,13 +54,18 @@ def make_index(corpus: Corpus, split: str, num_frames: int, num_images: int = 0)
         if fields["speaker"] not in speaker_index:
             raise UserError(f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; import it again")
         last = len(fields["positions"]) - num_frames
-        fitting = [start for start in fields["window_starts"] if 0 <= start <= last]
+        is_wanted = among is None or fields["speaker"] in among
+        fitting = [start for start in fields["window_starts"] if is_wanted and 0 <= start <= last]
         names.append(fields["id"])
         speakers.append(speaker_index[fields["speaker"]])
         starts.append(np.array(fitting, np.int32))
         counts.append(len(fitting))
     if not sum(counts):
-        raise UserError(f"no clip of split {split!r} of {corpus.path} has {num_frames} frames; lower data.num_frames")
+        whose = "" if among is None else "of a speaker of training "
+        raise UserError(
+            f"no clip {whose}in split {split!r} of {corpus.path} has a window of {num_frames} frames; "
+            "lower data.num_frames, or give more data"
+        )
     return WindowIndex(
         clips=np.repeat(np.arange(len(clips), dtype=np.int32), counts),
         starts=np.concatenate(starts),

@@ -5,6 +5,7 @@ first asked for, and a window is a slice of those. Before that there is only an 
 """
 
 import copy
+from collections.abc import Container
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ class Windows:
         num_frames: N.
         num_reference_frames: M, images of a speaker.
         image_size: S, of the reference frames; None leaves them out.
+        among: speakers whose clips are wanted; all by default.
         cache_bytes: memory for decoded clips.
 
     Attributes:
@@ -52,12 +54,14 @@ class Windows:
         num_frames: int,
         num_reference_frames: int,
         image_size: int | None = None,
+        among: Container[str] | None = None,
         cache_bytes: int = 8 << 30,
     ):
         self.num_frames, self.cache_bytes = num_frames, cache_bytes
         self.skeleton, self.num_training_speakers = corpus.skeleton, len(corpus.speakers_of(TRAIN))
         self._fps, self._vocabulary = corpus.fps, vocabulary
-        self._index = make_index(corpus, split, num_frames, 0 if image_size is None else num_reference_frames)
+        num_images = 0 if image_size is None else num_reference_frames
+        self._index = make_index(corpus, split, num_frames, num_images, among)
         self._read = _Reader(corpus.clips(split), self.skeleton, num_reference_frames, image_size)
         self._cache = ClipCache(self._read.track, cache_bytes)
         self._last_motion: tuple[int, np.ndarray] | None = None
@@ -157,7 +161,7 @@ class _Reader(NamedTuple):
         # librosa lays the columns of a spectrogram one after the other; batches want rows.
         track = Track(
             mel=log_mel(records.decode_audio(fields, self.clips.place(number))).astype(np.float16, order="C"),
-            directions=np.ascontiguousarray(positions_to_directions(self.skeleton, fields["positions"])),
+            directions=self._directions(fields),
             words=fields["words"],
             word_starts=np.array([word.start for word in fields["words"]]),
             word_ends=word_ends,
@@ -169,10 +173,13 @@ class _Reader(NamedTuple):
         return track
 
     def motion(self, number: int) -> np.ndarray:
-        return positions_to_directions(self.skeleton, self.clips.fields(number)["positions"])
+        return self._directions(self.clips.fields(number))
 
     def frames(self, number: int) -> np.ndarray | None:
         return None if self.image_size is None else self._resized(self.clips.fields(number), number)
+
+    def _directions(self, fields: dict[str, Any]) -> np.ndarray:
+        return np.ascontiguousarray(positions_to_directions(self.skeleton, fields["positions"]), np.float32)
 
     def _resized(self, fields: dict[str, Any], number: int) -> np.ndarray | None:
         if self.image_size is None:

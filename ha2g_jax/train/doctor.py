@@ -18,7 +18,6 @@ from ha2g_jax.data.talk.voices import Voice
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import inputs
 from ha2g_jax.train.checks import check_settings
-from ha2g_jax.train.loop import VALIDATION
 from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
 from ha2g_jax.train.measure import TimedStep
 
@@ -113,9 +112,9 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
         clips = corpus.clips(split)
         numbers = tqdm.trange(len(clips), desc=f"Looking at {split}", unit="clip", leave=False, disable=None)
         frames = sum(len(clips.fields(number)["positions"]) for number in numbers)
-        _ = clips[0], clips[-1]
+        _ = clips[:1], clips[-1:]
         values |= {"clips": len(clips), "hours": frames / corpus.fps / 3600}
-        if split in (TRAIN, VALIDATION):
+        if len(clips) and split in (TRAIN, inputs.VALIDATION):
             windows = inputs.open_windows(config, corpus, corpus.vocabulary(), split)
             values["windows"] = len(windows)
     except UserError as error:

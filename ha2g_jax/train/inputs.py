@@ -12,6 +12,8 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.text import Vocabulary, read_word_vectors
 
+VALIDATION = "val"
+
 
 def open_corpus(config: Config) -> Corpus:
     """The corpus of a config; "talk" is made where there is none yet.
@@ -34,26 +36,36 @@ def open_corpus(config: Config) -> Corpus:
 def open_windows(config: Config, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
     """The windows of a split in the shapes that the config asks for.
 
+    A table of speakers knows those of training alone: with it, the clips of others are left out.
+
     Raises:
-        UserError: the split does not have them, or has speakers that a table of training speakers cannot know.
+        UserError: the split does not have them.
     """
     has_images = config.model.identity.kind == "images"
-    windows = Windows(
+    return Windows(
         corpus,
         split,
         vocabulary,
         num_frames=config.data.num_frames,
         num_reference_frames=config.data.num_seed_frames,
         image_size=config.data.image_size if has_images else None,
+        among=None if has_images else frozenset(corpus.speakers_of(TRAIN)),
         cache_bytes=int(config.data.cache_gib * 2**30),
     )
-    strangers = set(corpus.speakers_of(split)) - set(corpus.speakers_of(TRAIN))
-    if strangers and not has_images:
-        raise UserError(
-            f"split {split!r} has {len(strangers)} speakers that the table of training speakers lacks, such as "
-            f"{min(strangers)}: divide the data by talks, or set --config.model.identity.kind=images"
-        )
-    return windows
+
+
+def open_validation(config: Config, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
+    """The windows of the validation split, None where the corpus has none of a speaker that the model can know.
+
+    Raises:
+        UserError: the split cannot be used.
+    """
+    if not corpus.has_clips(VALIDATION):
+        return None
+    is_known = set(corpus.speakers_of(VALIDATION)) & set(corpus.speakers_of(TRAIN))
+    if config.model.identity.kind != "images" and not is_known:
+        return None
+    return open_windows(config, corpus, vocabulary, VALIDATION)
 
 
 def training_batches(

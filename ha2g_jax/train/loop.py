@@ -31,7 +31,6 @@ from ha2g_jax.train.task import build_task
 from ha2g_jax.train.validation import Validation
 from ha2g_jax.train.writers import open_writers
 
-VALIDATION = "val"
 SAMPLES, PROFILE = "samples", "profile"
 
 _NAMES_SHOWN = 8
@@ -48,8 +47,8 @@ def train(
 
     SIGTERM and Ctrl-C end the run after the step at hand with a checkpoint; the same command continues it, and the
     parameters are then those of a run that was never stopped. Found in the workdir afterwards: config.json,
-    assets.json, run.json, metrics.jsonl, tensorboard/, checkpoints in latest/ and in best/ (best on the validation
-    split), and samples/ where the config asks for them. All hosts of a run call this with the same arguments.
+    assets.json, run.json, metrics.jsonl, tensorboard/, checkpoints in latest/ and, where there is a validation split,
+    in best/, and samples/ where the config asks for them. All hosts of a run call this with the same arguments.
 
     Args:
         config: see `ha2g_jax.config.paper`.
@@ -73,7 +72,13 @@ def _train(
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), list(corpus.speakers_of(TRAIN))
     windows = inputs.open_windows(config, corpus, vocabulary, TRAIN)
-    validation_windows = inputs.open_windows(config, corpus, vocabulary, VALIDATION)
+    held_out = inputs.open_validation(config, corpus, vocabulary)
+    if held_out is None and hosts.is_first():
+        tqdm.tqdm.write(
+            f"{corpus.path} has no split {inputs.VALIDATION!r} for this model, so there will be no best checkpoint "
+            "(ha2g data split makes one)",
+            file=sys.stderr,
+        )
     batch_size, num_steps = config.train.batch_size, config.train.steps
 
     stop.enter_compiler()
@@ -87,7 +92,7 @@ def _train(
     )
     mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
     init_key, key = jax.random.split(jax.random.key(config.seed))
-    validate = Validation(task, mesh, validation_windows, batch_size)
+    validate = Validation(task, mesh, held_out, batch_size) if held_out else None
     step_function = sharding.compile_step(task, mesh)
     assets = _assets(config, workdir, corpus, windows)
 
@@ -119,6 +124,8 @@ def _train(
         lambda step: _is_due(step, config.train.log_every, num_steps),
         pending=record.get("log"),
     )
+    split, shown = (inputs.VALIDATION, held_out) if held_out else (TRAIN, windows)
+    sample_clip = corpus.clips(split)[shown.clip_index(0)]
     sample_every = config.train.sample_every if hosts.is_first() else 0
     trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
@@ -148,7 +155,7 @@ def _train(
                 with log.apart():
                     latest.check()
                     best.check()
-                    if _is_due(step, config.train.validate_every, num_steps):
+                    if validate and _is_due(step, config.train.validate_every, num_steps):
                         log.flush()
                         scores = validate(state, key)
                         writer.write(step, {f"validation/{name}": value for name, value in scores.items()})
@@ -156,7 +163,7 @@ def _train(
                             best_score = scores[config.train.best_by]
                             save(best)
                     if draw_sample and sample_every and _is_due(step, sample_every, num_steps):
-                        draw_sample(workdir / SAMPLES, step, task, *trained(), config, corpus.clips(VALIDATION)[0])
+                        draw_sample(workdir / SAMPLES, step, task, *trained(), config, sample_clip)
                     if _is_due(step, config.train.checkpoint_every, num_steps):
                         log.flush()
                         save(latest)

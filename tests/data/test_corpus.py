@@ -1,5 +1,6 @@
 """A corpus is whole or is not there, and its statistics are those of the training split alone."""
 
+import dataclasses
 import json
 import pickle
 
@@ -89,8 +90,8 @@ def test_failure_leaves_nothing(tmp_path):
     ):
         writer.add("train", encode_clip(CLIPS["train"][0]))
         raise RuntimeError("stop")
-    with pytest.raises(UserError, match="no clips for test"):
-        write(tmp_path / "corpus", {**CLIPS, "test": []})
+    with pytest.raises(UserError, match="no clip to write"):
+        write(tmp_path / "corpus", {"train": [], "test": []})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -113,6 +114,36 @@ def test_refusals(path, tmp_path):
         Corpus.open(tmp_path / "nowhere")
     with pytest.raises(UserError, match="no split 'dev'; it has train, test"):
         Corpus.open(path).clips("dev")
+
+
+def test_a_split_may_be_empty(tmp_path):
+    """An empty training split leaves the published statistics, and no vocabulary."""
+    write(tmp_path / "corpus", {"train": [], "test": CLIPS["test"]})
+    corpus = Corpus.open(tmp_path / "corpus")
+    assert (len(corpus.clips("train")), len(corpus.clips("test"))) == (0, 2)
+    assert corpus.speakers == ("cy", "al")
+    assert corpus.vocabulary().words == ()
+    np.testing.assert_array_equal(corpus.skeleton.angle_mean, skeletons.load_skeleton(SKELETON).angle_mean)
+
+
+def test_statistics_are_of_what_training_sees(tmp_path):
+    """Frames outside every window, such as those that a filter refused, do not count."""
+    clip = make_clip("a", "bo", "one", 100)
+    seen = dataclasses.replace(clip, positions=clip.positions[40:84], window_starts=(0, 10))
+    windowed = dataclasses.replace(clip, window_starts=(40, 50))
+    for name, made in (("seen", seen), ("windowed", windowed)):
+        write(tmp_path / name, {"train": [made]})
+    first, second = (Corpus.open(tmp_path / name).metadata["statistics"] for name in ("seen", "windowed"))
+    assert first == second
+
+
+def test_an_older_corpus_is_read(path):
+    """Version 1: no report of the import, and records without confidence."""
+    dataset = json.loads((path / "dataset.json").read_text())
+    (path / "dataset.json").write_text(json.dumps(dataset | {"schema_version": 1}))
+    corpus = Corpus.open(path)
+    assert corpus.metadata["import"] == {}
+    assert json.loads((path / "dataset.json").read_text())["schema_version"] == 1
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"schema_version": 99}', '{"schema_version": 1}', "\0"])

@@ -26,6 +26,7 @@ def clip() -> Clip:
         strokes=(Stroke(0.2, 0.1, 0.4, "semantic", "left", 1.25, "one"),),
         style=(0.5, -1.0),
         talk="a",
+        confidence=rng.uniform(size=(8, 43)).astype(np.float32),
     )
 
 
@@ -33,11 +34,12 @@ def test_round_trip(clip):
     """Motion, words and truth come back exactly, sound to 16 bits, pictures to what JPEG keeps."""
     read = decode_clip(encode_clip(clip))
     for field in dataclasses.fields(Clip):
-        if field.name not in ("audio", "positions", "reference_frames"):
+        if field.name not in ("audio", "positions", "reference_frames", "confidence"):
             assert getattr(read, field.name) == getattr(clip, field.name), field.name
     assert read.audio.dtype == np.float32
     np.testing.assert_allclose(read.audio, clip.audio, atol=2**-15)
     np.testing.assert_array_equal(read.positions, clip.positions)
+    np.testing.assert_array_equal(read.confidence, clip.confidence)
     assert isinstance(read.strokes[0], Stroke)
     assert isinstance(read.words[0], Word)
     assert read.reference_frames is not None and clip.reference_frames is not None
@@ -49,6 +51,19 @@ def test_bytes_are_stable(clip):
     clip = dataclasses.replace(clip, reference_frames=None)
     record = encode_clip(clip)
     assert encode_clip(decode_clip(record)) == record
+
+
+def test_positions_keep_their_precision(clip):
+    precise = dataclasses.replace(clip, positions=np.full((2, 43, 3), 1 / 3))
+    assert decode_clip(encode_clip(precise)).positions.dtype == np.float64
+    np.testing.assert_array_equal(decode_clip(encode_clip(precise)).positions, precise.positions)
+
+
+def test_a_record_of_version_1(clip):
+    """It has no confidence."""
+    fields = msgpack.unpackb(encode_clip(clip))
+    del fields["confidence"]
+    assert decode_clip(msgpack.dumps(fields) or b"").confidence is None
 
 
 @pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
@@ -67,6 +82,9 @@ def test_foreign_content(clip):
         {"audio": b"RIFF"},
         {"reference_frames": [b"\xff\xd8"]},
         {"positions": {**positions, "shape": [9, 43, 3]}},
+        {"positions": {**positions, "dtype": "|O"}},
+        {"positions": 3},
+        {"confidence": {"shape": [1], "data": b""}},
         {"words": [["hello", 0.1]]},
         {"extra": 1},
     ):

@@ -30,7 +30,6 @@ _MEAN_CLIP_SECONDS = 17.6
 _CLIPS_PER_TALK = 2
 _UNSEEN_SPEAKERS, _UNSEEN_TALKS, _TEST_TALKS, _VAL_TALKS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
 
-_WINDOW, _WINDOW_STRIDE = 34, 10
 _REFERENCE_FRAMES = 4
 _PEAK = 0.7
 _NOISE_DB = (-75.0, -50.0)  # of the room, relative to full scale
@@ -193,7 +192,7 @@ def _make_clips(talk: _Talk) -> list[bytes]:
             positions=positions,
             reference_frames=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
             source_time=time,
-            window_starts=tuple(range(0, len(positions) - _WINDOW + 1, _WINDOW_STRIDE)),
+            window_starts=tuple(range(0, len(positions) - records.WINDOW_FRAMES + 1, records.WINDOW_STRIDE)),
             strokes=strokes,
             style=tuple(style),
             talk=talk.name,

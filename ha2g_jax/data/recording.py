@@ -1,0 +1,119 @@
+"""A recording of somebody who speaks and moves, cut into clips with their windows: where mocap and video meet."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.window_filters import MOCAP, WindowFilters, choose_windows
+from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.text import Word
+
+MAX_SECONDS = 20.0  # of a clip: a reader decodes whole clips, and windows of many clips make a batch
+
+TOO_SHORT, NO_WINDOW = "too short", "no window left"
+
+# Where a piece may be cut, as shares of its length.
+_EARLIEST, _LATEST = 0.3, 0.7
+
+
+class Recording(NamedTuple):
+    """What one file, or one shot of a video, holds.
+
+    Attributes:
+        talk: name of the recording, unique in its corpus.
+        speaker: name of the speaker.
+        audio: (S,) float32, mono, 16 kHz.
+        words: in order of time, in seconds from the start of the audio.
+        positions: (T, joints, 3) in metres, in the axes of the skeleton, at the corpus' frame rate.
+        confidence: (T, joints) float32 in [0, 1], None where nothing was estimated.
+        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None where there are none.
+        source_time: start in the source, in seconds.
+    """
+
+    talk: str
+    speaker: str
+    audio: np.ndarray
+    words: tuple[Word, ...]
+    positions: np.ndarray
+    confidence: np.ndarray | None = None
+    reference_frames: np.ndarray | None = None
+    source_time: float = 0.0
+
+
+def to_clips(
+    recording: Recording,
+    skeleton: Skeleton,
+    *,
+    fps: float = 15,
+    filters: WindowFilters = MOCAP,
+    max_seconds: float = MAX_SECONDS,
+    first: int = 0,
+) -> tuple[list[Clip], SplitReport]:
+    """Cuts a recording at its longest pauses into clips, and keeps those that a window is left of.
+
+    Args:
+        recording: as long as the shorter of its motion and its audio.
+        skeleton: of the positions.
+        fps: frames per second of the positions.
+        filters: which windows to keep.
+        max_seconds: of a clip.
+        first: number of the first clip, for a talk of several shots; clips are named TALK-NUMBER.
+
+    Returns:
+        The clips in order of time, and the counts of one video. The numbers of clips that are left out stay unused.
+    """
+    num_frames = min(len(recording.positions), int(len(recording.audio) / SAMPLE_RATE * fps + 0.5))
+    pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)
+    report, clips = SplitReport(videos=1, clips=len(pieces)), []
+    for number, (start, end) in enumerate(pieces, start=first):
+        clip = _cut(recording, start, end, fps, number)
+        choice = choose_windows(clip.positions, clip.words, skeleton, fps=fps, filters=filters)
+        report.windows += len(choice.verdicts)
+        report.kept += len(choice.starts)
+        report.filtered += choice.filtered
+        if choice.starts:
+            clips.append(dataclasses.replace(clip, window_starts=choice.starts))
+        else:
+            report.rejected[NO_WINDOW if choice.verdicts else TOO_SHORT] += 1
+    return clips, report
+
+
+def _pieces(words: tuple[Word, ...], start: int, end: int, fps: float, longest: float) -> list[tuple[int, int]]:
+    """Frames [start, end) in pieces of at most `longest` frames, cut in the middle of the longest pauses."""
+    if end - start <= longest:
+        return [(start, end)]
+    early, late = (start + share * (end - start) for share in (_EARLIEST, _LATEST))
+    ends = [early, *(fps * word.end for word in words)]
+    starts = [*(fps * word.start for word in words), late]
+    pauses = [(max(a, early), min(b, late)) for a, b in zip(ends, starts, strict=True)]
+    before, after = max(pauses, key=lambda pause: pause[1] - pause[0])
+    if before > after:  # one word lies over all of it
+        before = after = (start + end) / 2
+    cut = min(max(round((before + after) / 2), start + 1), end - 1)
+    return _pieces(words, start, cut, fps, longest) + _pieces(words, cut, end, fps, longest)
+
+
+def _cut(recording: Recording, start: int, end: int, fps: float, number: int) -> Clip:
+    """The clip of frames [start, end), without windows; a word belongs to the clip in which it starts."""
+    begin, finish = start / fps, end / fps
+    words = [
+        Word(word.text, word.start - begin, min(word.end, finish) - begin)
+        for word in recording.words
+        if begin <= word.start < finish
+    ]
+    return Clip(
+        id=f"{recording.talk}-{number}",
+        speaker=recording.speaker,
+        audio=recording.audio[round(begin * SAMPLE_RATE) : round(finish * SAMPLE_RATE)],
+        words=tuple(words),
+        positions=recording.positions[start:end],
+        reference_frames=recording.reference_frames,
+        source_time=recording.source_time + begin,
+        window_starts=(),
+        talk=recording.talk,
+        confidence=None if recording.confidence is None else recording.confidence[start:end],
+    )

@@ -1,0 +1,46 @@
+"""What a run takes of a corpus that is not divided as it would like."""
+
+import dataclasses
+
+import pytest
+
+from ha2g_jax import config as configs
+from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.records import encode_clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.train import inputs
+
+
+@pytest.fixture
+def config():
+    return configs.debug(configs.paper("ted_expressive"))
+
+
+def divide(tiny_talk, path, **splits: str):
+    """A corpus whose splits hold one clip each, of the speakers named."""
+    clip = Corpus.open(tiny_talk).clips("train")[0]
+    with CorpusWriter(path, splits=tuple(splits), skeleton="ted_expressive", fps=15, metadata={}) as writer:
+        for split, speaker in splits.items():
+            if speaker:
+                writer.add(split, encode_clip(dataclasses.replace(clip, speaker=speaker, id=split)))
+    return Corpus.open(path)
+
+
+def test_without_a_validation_split(config, tiny_talk, tmp_path):
+    """One recording is one talk, which no split divides: a run does without validation."""
+    for number, splits in enumerate(({"train": "ada"}, {"train": "ada", "val": ""})):
+        corpus = divide(tiny_talk, tmp_path / str(number), **splits)
+        assert inputs.open_validation(config, corpus, corpus.vocabulary()) is None
+
+
+def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
+    """With images anybody can be validated on; with a table only speakers it has a row for."""
+    corpus = divide(tiny_talk, tmp_path / "corpus", train="ada", val="ben", test="ada")
+    with_images = inputs.open_validation(config, corpus, corpus.vocabulary())
+    assert with_images is not None
+    assert len(with_images) > 0
+    config.model.identity.kind = "speakers"
+    assert inputs.open_validation(config, corpus, corpus.vocabulary()) is None
+    assert inputs.open_windows(config, corpus, corpus.vocabulary(), "test").speakers() == {0}
+    with pytest.raises(UserError, match="no clip of a speaker of training in split 'val'"):
+        inputs.open_windows(config, corpus, corpus.vocabulary(), "val")
