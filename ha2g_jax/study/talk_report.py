@@ -14,12 +14,18 @@ from scipy import ndimage, signal, stats
 
 from ha2g_jax import figure
 from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import portrait
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
-from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
-from ha2g_jax.study.bvh import read_bvh
+from ha2g_jax.skeleton import (
+    Skeleton,
+    directions_to_positions,
+    joint_angles,
+    load_skeleton,
+    positions_to_directions,
+)
 
 _MAX_CLIPS = 200
 _STILL = 0.1  # m/s: a slower wrist is pausing
@@ -77,7 +83,7 @@ def write_report(
         raise UserError(f"{corpus_path} has no styles and strokes; give a corpus made by `ha2g data make-talk`")
     people = {"Talk": kinematics(skeleton, [clip.positions for clip in clips], corpus.fps)}
     if recording is not None:
-        people["recording"] = kinematics(skeleton, [read_bvh(recording, skeleton, corpus.fps)], corpus.fps)
+        people["recording"] = kinematics(skeleton, [_perform(recording, skeleton, corpus.fps)], corpus.fps)
     sections = [
         f"<p>{len(clips)} clips, {sum(len(clip.positions) for clip in clips) / corpus.fps / 60:.1f} minutes of the "
         "training split. Talk is a testbed: numbers on it are not numbers on people.</p>",
@@ -90,6 +96,12 @@ def write_report(
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(_PAGE.format(title=html.escape(f"Talk report: {corpus.path.name}"), body="\n".join(sections)))
     return path
+
+
+def _perform(recording: str | os.PathLike, skeleton: Skeleton, fps: float) -> np.ndarray:
+    """The recorded motion (T, joints, 3) with the bone lengths of `skeleton`, so that speeds can be compared."""
+    positions = read_motion(recording, skeleton, fps=fps).positions
+    return directions_to_positions(skeleton, positions_to_directions(skeleton, positions))
 
 
 def kinematics(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) -> Kinematics:
@@ -163,7 +175,7 @@ def _angles(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> s
     axis.set_xticks(range(len(labels)), labels, rotation=90, fontsize=7)
     axis.set(ylabel="degrees, mean and standard deviation")
     axis.legend()
-    note = "<p>A recording in BVH has no face: angles of the head say nothing for it.</p>" if len(people) > 1 else ""
+    note = "<p>BVH has no face: that of a recording is fixed to the head.</p>" if len(people) > 1 else ""
     return note + _save(pyplot, chart)
 
 

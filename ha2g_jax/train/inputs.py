@@ -10,7 +10,8 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk.build import talk_path
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Vocabulary, read_word_vectors
+from ha2g_jax.text import Vocabulary
+from ha2g_jax.word_vectors import read_word_vectors
 
 VALIDATION = "val"
 

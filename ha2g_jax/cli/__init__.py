@@ -6,6 +6,7 @@ import pathlib
 import signal
 import sys
 
+from ha2g_jax.cli import data
 from ha2g_jax.errors import UserError
 
 
@@ -69,19 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("out", type=pathlib.Path)
     export.set_defaults(run=_export_model)
 
-    data = commands.add_parser("data", help="make and inspect data").add_subparsers(required=True, metavar="COMMAND")
-    talk = data.add_parser("make-talk", help="the Talk corpus: speech and gestures with known causes")
-    talk.add_argument("out", type=pathlib.Path)
-    talk.add_argument("--speakers", type=int, default=24)
-    talk.add_argument("--minutes", type=float, default=120)
-    talk.add_argument("--seed", type=int, default=0)
-    talk.add_argument("--workers", type=int, help="processes (default: one a core)")
-    talk.set_defaults(run=_make_talk)
-    inspect = data.add_parser("inspect-talk", help="a report on the Talk corpus, with pictures")
-    inspect.add_argument("data", type=pathlib.Path)
-    inspect.add_argument("-o", "--out", type=pathlib.Path, default=pathlib.Path("talk_report"))
-    inspect.add_argument("--recording", type=pathlib.Path, help="a BVH of a real speaker to compare with")
-    inspect.set_defaults(run=_inspect_talk)
+    data.add_commands(commands)
     return parser
 
 
@@ -134,26 +123,3 @@ def _export_model(arguments: argparse.Namespace) -> None:
     from ha2g_jax.train import model_folder
 
     print(model_folder.export(arguments.workdir, arguments.out))
-
-
-def _make_talk(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.talk import build
-
-    build.make_talk(
-        arguments.out,
-        speakers=arguments.speakers,
-        minutes=arguments.minutes,
-        seed=arguments.seed,
-        workers=arguments.workers,
-    )
-    print(arguments.out)
-
-
-def _inspect_talk(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import talk_report
-
-    print(talk_report.write_report(arguments.data, arguments.out, recording=arguments.recording))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,167 @@
+"""Which joint of a motion capture file is which joint of ours: built-in maps and a user's own, all in YAML.
+
+A map has a line `OURS: NAME` for each joint of the skeleton but those of the face, and one for `head`, the joint that
+the head turns about. NAME may be a list, of which the first that the file has counts. A namespace such as `mixamorig:`
+and letter case make no difference. Two more lines may stand there: `unit`, metres in one unit of the file, and `up`,
+the file's axis that points up. A map without fingers serves TED-Gesture.
+"""
+
+import importlib.resources
+import pathlib
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import yaml
+
+from ha2g_jax.data.mocap.axes import UPS
+from ha2g_jax.data.mocap.face import FACE
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import Skeleton
+
+MAPS = ("zeroeggs", "beat", "mixamo")  # the ones that ask for more first: "auto" takes the first that fits
+AUTO = "auto"
+HEAD = "head"
+
+_MAX_BYTES = 1 << 18
+_MAX_LISTED = 100
+_NAMESPACE = re.compile(r".*[:|]|mixamorig\d*_?", re.IGNORECASE)
+
+
+class JointMap(NamedTuple):
+    """Names of joints in a file.
+
+    Attributes:
+        name: of the map.
+        names: for each of our joints, and `head`, its possible names in a file, the best first.
+        unit: metres in one unit of the file, None to find out.
+        up: the file's axis that points up, None to find out.
+    """
+
+    name: str
+    names: Mapping[str, tuple[str, ...]]
+    unit: float | None
+    up: str | None
+
+
+def choose_map(
+    joints: Sequence[str], skeleton: Skeleton, joint_map: str, file: str | pathlib.Path
+) -> tuple[JointMap, dict[str, int]]:
+    """The map for a file, and where in the file our joints are.
+
+    Args:
+        joints: names in the file.
+        skeleton: whose joints are wanted.
+        joint_map: "auto" for the first of `MAPS` that fits, or one of them, or the path of a YAML file.
+        file: what to call the file in a message.
+
+    Returns:
+        The map, and the index in `joints` of each joint of the skeleton but the face's, and of `head`.
+
+    Raises:
+        UserError: no such map, or it names joints that the file does not have.
+    """
+    candidates = [load_map(name) for name in (MAPS if joint_map == AUTO else (joint_map,))]
+    wanted = [*(joint for joint in skeleton.joints if joint not in FACE), HEAD]
+    found = [(candidate, _find(candidate, joints, wanted, file)) for candidate in candidates]
+    best, places = max(found, key=lambda item: len(item[1]))
+    if missing := [joint for joint in wanted if joint not in places]:
+        raise _lacks(file, joints, best, missing)
+    owners: dict[int, str] = {}
+    for joint, place in places.items():
+        if place in owners:
+            raise UserError(
+                f"map {best.name} takes {joints[place]} for both {owners[place]} and {joint}; name two joints"
+            )
+        owners[place] = joint
+    return best, places
+
+
+def load_map(name: str) -> JointMap:
+    """A map of `MAPS`, or one from a YAML file.
+
+    Raises:
+        UserError: no such file, or it is no map.
+    """
+    if name in MAPS:
+        path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.yaml"
+        return _parse(path.read_bytes(), name)
+    path = pathlib.Path(name)
+    if not path.is_file():
+        raise UserError(f"no joint map {name}; give {AUTO}, {', '.join(MAPS)} or the path of a YAML file")
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise UserError(f"{path} has more than {_MAX_BYTES} bytes; expected a joint map of some 40 lines")
+        return _parse(path.read_bytes(), name)
+    except OSError as error:
+        raise UserError(f"{path} cannot be read ({error.strerror}); give a joint map in YAML") from error
+
+
+def _parse(text: bytes, name: str) -> JointMap:
+    try:
+        lines = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise UserError(f"{name} is no YAML ({reason}); expected lines such as `spine: Spine3`") from error
+    if not isinstance(lines, dict) or not all(isinstance(key, str) for key in lines):
+        raise UserError(f"{name} is no joint map; expected lines such as `spine: Spine3`")
+    unit, up = lines.pop("unit", None), lines.pop("up", None)
+    if unit is not None:
+        unit = _positive(unit, name)
+    if up not in (None, *UPS):
+        raise UserError(f"{name} says up: {str(up)[:40]}; expected one of {', '.join(UPS)}")
+    return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
+
+
+def _positive(value: Any, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = 0.0
+    if not 0 < number < float("inf"):
+        raise UserError(f"{name} says unit: {str(value)[:40]}; expected metres, such as 0.01 for centimetres")
+    return number
+
+
+def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
+    names = value if isinstance(value, list) else [value]
+    if not names or not all(isinstance(item, str | int) and not isinstance(item, bool) for item in names):
+        raise UserError(f"{name} has no name for {key[:40]}; expected the name of a joint, in quotes if it is unusual")
+    return tuple(str(item) for item in names)
+
+
+def _find(
+    joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file: str | pathlib.Path
+) -> dict[str, int]:
+    """Index in the file of those wanted joints that it has."""
+    exact = {joint: index for index, joint in enumerate(joints)}
+    plain: dict[str, list[int]] = {}
+    for index, joint in enumerate(joints):
+        plain.setdefault(_plain(joint), []).append(index)
+    places: dict[str, int] = {}
+    for ours in wanted:
+        for name in joint_map.names.get(ours, ()):
+            alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
+            if len(alike) > 1:
+                both = " and ".join(joints[index] for index in alike[:2])
+                raise UserError(f"{file} has {both}, either may be {ours}; say which in a YAML map (--joint-map)")
+            if alike:
+                places[ours] = alike[0]
+                break
+    return places
+
+
+def _plain(name: str) -> str:
+    return _NAMESPACE.sub("", name, count=1).casefold()
+
+
+def _lacks(file: str | pathlib.Path, joints: Sequence[str], joint_map: JointMap, missing: list[str]) -> UserError:
+    names = {joint: " or ".join(joint_map.names.get(joint, ())) or "not in the map" for joint in missing}
+    lacking = ", ".join(f"{joint} ({name})" for joint, name in names.items())
+    listed = ", ".join(joints[:_MAX_LISTED]) + (", ..." if len(joints) > _MAX_LISTED else "")
+    no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
+    advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
+    return UserError(
+        f"{file} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a map in YAML, a line "
+        f"`{missing[0]}: NAME` for each joint, and name it with --joint-map; joints of the file: {listed}"
+    )

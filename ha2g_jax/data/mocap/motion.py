@@ -1,0 +1,92 @@
+"""The motion of a BVH file as joints of a skeleton: mapped, in metres, with a face, in the skeleton's axes."""
+
+import os
+import pathlib
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
+from ha2g_jax.data.mocap.bvh import read_bvh
+from ha2g_jax.data.mocap.face import add_face
+from ha2g_jax.data.mocap.joint_maps import AUTO, HEAD, choose_map
+from ha2g_jax.data.mocap.kinematics import world_motion
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import Skeleton
+
+_UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
+_ARM = 0.55  # metres from shoulder to wrist of an adult
+_ARM_RANGE = (0.3, 1.0)
+
+
+class Motion(NamedTuple):
+    """What one file holds, and how it was understood.
+
+    Attributes:
+        positions: (T, joints, 3) metres in the skeleton's axes, float32.
+        seconds: length of the file's motion.
+        joint_map: name of the map that fitted.
+        unit: metres in one unit of the file.
+        up: the file's axis that points up.
+    """
+
+    positions: np.ndarray
+    seconds: float
+    joint_map: str
+    unit: float
+    up: str
+
+
+def read_motion(
+    path: str | os.PathLike,
+    skeleton: Skeleton,
+    *,
+    fps: float,
+    joint_map: str = AUTO,
+    unit: float | None = None,
+) -> Motion:
+    """Reads the motion of one file.
+
+    Args:
+        path: a BVH file.
+        skeleton: the joints wanted.
+        fps: frames per second wanted.
+        joint_map: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
+        unit: metres in one unit of the file; None for the map's, or else the one of mm, cm, inch and m that makes the
+            arms most like an adult's.
+
+    Raises:
+        UserError: the file is no BVH, its joints do not fit the map, or its arms are no person's.
+    """
+    path = pathlib.Path(path)
+    bvh = read_bvh(path)
+    names, places = choose_map(bvh.joints, skeleton, joint_map, path)
+    world, rotations = world_motion(bvh, fps)
+    positions = np.zeros((len(world), skeleton.num_joints, 3))
+    for joint, place in places.items():
+        if joint != HEAD:
+            positions[:, skeleton.joint(joint)] = world[:, place]
+    unit = _find_unit(positions, skeleton, unit or names.unit, path)
+    positions *= unit
+    up = names.up or find_up(positions, skeleton)
+    head = places[HEAD]
+    try:
+        positions = add_face(positions, world[:, head] * unit, rotations[:, head], skeleton, up=up)
+        positions = to_skeleton_axes(positions, skeleton, up=up)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return Motion(positions.astype(np.float32), bvh.seconds, names.name, unit, up)
+
+
+def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None, path: pathlib.Path) -> float:
+    """Metres in one unit, checked or found by the median length of the arms."""
+    arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
+    bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
+    length = float(np.median(bones.sum(axis=-1)))
+    metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
+    if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
+        raise UserError(
+            f"{path} has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
+            f"{metres:g} m; expected about {_ARM} m: give the metres of one unit (--unit)"
+        )
+    return metres

@@ -1,0 +1,236 @@
+"""SMPL-X motion as joints of a skeleton: axis-angle poses, as in BEAT2, or positions of joints, as ExPose gives."""
+
+import os
+import pathlib
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ha2g_jax.audio import MAX_SECONDS
+from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
+from ha2g_jax.data.mocap.face import add_face
+from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
+from ha2g_jax.data.npz import read_npz
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import Skeleton
+
+AUTO = "auto"
+
+_MAX_BYTES = 1 << 28
+_MAX_FRAMES = 400_000  # more than an hour at 100 frames a second
+_MAX_MINUTES = 2 * MAX_SECONDS / 60  # of motion; with half of it, sound would not belong to it
+_POSES, _BETAS, _TRANS = "poses", "betas", "trans"
+_RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
+_POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")
+# The joints alone, with face and tips of toes and fingers, and with landmarks of the face.
+_NUM_POSITIONS = (55, 76, 127, 144)
+_MIN_FPS, _MAX_FPS = 1.0, 2000.0
+_MAX_VALUE = 1e4  # radians or metres
+_ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist
+
+_CHEST = "spine3"  # where the bone to the neck begins, which is the trunk of our skeletons
+
+
+class SmplxMotion(NamedTuple):
+    """What one file holds, and how it was understood.
+
+    Attributes:
+        positions: (T, joints, 3) metres in the skeleton's axes, float32.
+        seconds: length of the file's motion.
+        kind: "poses" or "positions of N joints".
+        up: the file's axis that points up.
+    """
+
+    positions: np.ndarray
+    seconds: float
+    kind: str
+    up: str
+
+
+def read_smplx(
+    path: str | os.PathLike,
+    skeleton: Skeleton,
+    body: Body,
+    *,
+    fps: float,
+    source_fps: float | None = None,
+    up: str = AUTO,
+) -> SmplxMotion:
+    """Reads the motion of one file.
+
+    With an array `poses` (T, 165) the 55 local rotations, relative to the T-pose with flat hands, are interpolated on
+    the sphere and hung on the body, shaped by `betas` and moved by `trans` (T, 3); so bones keep their length. Else
+    the positions (T, 55, 76, 127 or 144, 3) in metres of an array such as `joints` are interpolated on straight lines.
+
+    Args:
+        path: a `.npz`, or for positions a `.npy`.
+        skeleton: the joints wanted.
+        body: the template, or that of a model file.
+        fps: frames per second wanted.
+        source_fps: of the file; None for what it says in `mocap_frame_rate` or `fps`.
+        up: axis of the file that points up, one of `axes.UPS`; "auto" takes the one nearest to the mean spine.
+
+    Raises:
+        UserError: the file has no such arrays, or other shapes, values that are no motion, or no frame rate.
+    """
+    path = pathlib.Path(path)
+    if path.suffix.lower() == ".npy":
+        arrays: dict[str, np.ndarray] = dict(zip(_POSITIONS, read_npz(path, max_bytes=_MAX_BYTES).values()))
+    else:
+        arrays = read_npz(path, max_bytes=_MAX_BYTES, names=(_POSES, _BETAS, _TRANS, *_RATES, *_POSITIONS))
+    try:
+        return _to_motion(arrays, skeleton, body, fps, source_fps, up)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def _to_motion(
+    arrays: Mapping[str, np.ndarray], skeleton: Skeleton, body: Body, fps: float, source_fps: float | None, up: str
+) -> SmplxMotion:
+    name = next((name for name in (_POSES, *_POSITIONS) if name in arrays), None)
+    if name is None:
+        raise UserError(f"no array {_POSES} or {_POSITIONS[0]} in it; expected poses or joint positions of SMPL-X")
+    frames = _check_frames(arrays[name], name)
+    rate = source_fps or _frame_rate(arrays)
+    if (minutes := len(frames) / rate / 60) > _MAX_MINUTES:
+        raise UserError(f"{minutes:.0f} minutes at {rate:g} frames a second; expected at most {_MAX_MINUTES:.0f}")
+    moments = _moments(len(frames), rate, fps)
+    if name == _POSES:
+        kind, points = _POSES, _hang(frames, body.shaped(_shape(arrays)), moments)
+        points += _between(_translation(arrays, len(frames)), moments)[:, None]
+        positions = _choose(points, skeleton)
+        up = find_up(positions, skeleton) if up == AUTO else up
+    else:
+        kind = f"positions of {frames.shape[1]} joints"
+        positions, up = _from_positions(_between(frames, moments), skeleton, up)
+    _check_arms(positions, skeleton)
+    positions = to_skeleton_axes(positions, skeleton, up=up).astype(np.float32)
+    return SmplxMotion(positions, len(frames) / rate, kind, up)
+
+
+def _check_frames(array: np.ndarray, name: str) -> np.ndarray:
+    """(T, 55, 3) axis-angles or (T, 55 or more, 3) positions as float64."""
+    if name == _POSES:
+        is_good = array.shape[1:] in ((3 * len(JOINTS),), (len(JOINTS), 3))
+        expected = f"(frames, {3 * len(JOINTS)}), three values for each of {len(JOINTS)} joints"
+    else:
+        is_good = array.ndim == 3 and array.shape[2] == 3 and array.shape[1] in _NUM_POSITIONS
+        expected = f"(frames, {' or '.join(map(str, _NUM_POSITIONS))}, 3)"
+    if not is_good or not len(array):
+        raise UserError(f"{name} has shape {array.shape}; expected {expected}")
+    if len(array) > _MAX_FRAMES:
+        raise UserError(f"{name} has {len(array)} frames; expected at most {_MAX_FRAMES}, so cut it into recordings")
+    return _check_values(array, name).reshape(len(array), -1, 3)
+
+
+def _check_values(array: np.ndarray, name: str) -> np.ndarray:
+    if array.dtype.kind not in "fiu":
+        raise UserError(f"{name} holds {array.dtype} instead of numbers; export the motion again")
+    values = array.astype(np.float64)
+    flat = values.reshape(len(values), -1)
+    is_good = (flat.max(axis=1, initial=0) <= _MAX_VALUE) & (flat.min(axis=1, initial=0) >= -_MAX_VALUE)
+    if not is_good.all():
+        raise UserError(f"frame {int(np.argmin(is_good)) + 1} of {name} holds values that are no motion; repair it")
+    return values
+
+
+def _frame_rate(arrays: Mapping[str, np.ndarray]) -> float:
+    name = next((name for name in _RATES if name in arrays), None)
+    if name is None:
+        raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
+    value = arrays[name]
+    rate = float(value.reshape(-1)[0]) if value.size == 1 and value.dtype.kind in "fiu" else 0.0
+    if not _MIN_FPS <= rate <= _MAX_FPS:
+        raise UserError(f"{name} is {str(value)[:40]!r}; expected frames per second (--source-fps)")
+    return rate
+
+
+def _shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The shape coefficients (n,); those of the first frame where a file has them for each."""
+    betas = arrays.get(_BETAS, np.zeros(0))
+    betas = betas[0] if betas.ndim == 2 and len(betas) else betas
+    if betas.ndim != 1:
+        raise UserError(f"{_BETAS} has shape {betas.shape}; expected a list of shape coefficients")
+    return _check_values(betas[None], _BETAS)[0]
+
+
+def _translation(arrays: Mapping[str, np.ndarray], num_frames: int) -> np.ndarray:
+    trans = arrays.get(_TRANS, np.zeros((num_frames, 3)))
+    if trans.shape != (num_frames, 3):
+        raise UserError(f"{_TRANS} has shape {trans.shape}; expected {(num_frames, 3)}, as many frames as {_POSES}")
+    return _check_values(trans, _TRANS)
+
+
+def _moments(num_frames: int, source_fps: float, fps: float) -> np.ndarray:
+    """(T,) frames of the source, with fractions, at which a pose is wanted."""
+    last = num_frames - 1
+    return np.minimum(np.arange(int(last * fps / source_fps + 1e-6) + 1) * (source_fps / fps), last)
+
+
+def _neighbours(moments: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(T,) the frames before and after each moment, and how far it lies between them."""
+    before = np.floor(moments).astype(int)
+    return before, np.minimum(before + 1, num_frames - 1), moments - before
+
+
+def _between(values: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    before, after, share = _neighbours(moments, len(values))
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    return values[before] + share * (values[after] - values[before])
+
+
+def _hang(rotations: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Forward kinematics: local axis-angles (frames, 55, 3) on a body (61, 3) -> its points at moments (T, 61, 3)."""
+    before, after, share = _neighbours(moments, len(rotations))
+    positions = np.empty((len(moments), len(rest), 3))
+    positions[:, 0] = rest[0]
+    turns: list[Rotation] = []
+    for joint, parent in enumerate(PARENTS):
+        first, second = (Rotation.from_rotvec(rotations[frames, joint]) for frames in (before, after))
+        turn = first * Rotation.from_rotvec(share[:, None] * (first.inv() * second).as_rotvec())
+        turns.append(turn if parent < 0 else turns[parent] * turn)
+    parents = (*PARENTS, *[HEAD] * (len(rest) - len(JOINTS)))
+    for point, parent in enumerate(parents[1:], start=1):
+        positions[:, point] = positions[:, parent] + turns[parent].apply(rest[point] - rest[parent])
+    return positions
+
+
+def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, str]:
+    """The skeleton's joints (T, joints, 3) of SMPL-X's (T, 55 or more, 3), and the way up."""
+    has_face = found.shape[1] > len(JOINTS)
+    count = len(JOINTS) + (len(FACE) - 1 if has_face else 0)
+    points = np.zeros((len(found), len(JOINTS) + len(FACE), 3))
+    points[:, :count] = found[:, :count]
+    positions = _choose(points, skeleton)
+    up = find_up(positions, skeleton) if up == AUTO else up
+    positions_with_face = add_face(positions, points[:, HEAD], _head_rotations(points), skeleton, up=up)
+    made = [joint in FACE and (joint == "head" or not has_face) for joint in skeleton.joints]
+    positions[:, made] = positions_with_face[:, made]
+    return positions, up
+
+
+def _head_rotations(points: np.ndarray) -> np.ndarray:
+    """(T, 3, 3) rotations of the head, told from its joint and the eyeballs."""
+    left, right = (points[:, JOINTS.index(f"{side}_eyeball")] for side in ("left", "right"))
+    x, ahead = left - right, (left + right) / 2 - points[:, HEAD]
+    y = np.cross(ahead, x)
+    axes = np.stack([x, y, np.cross(x, y)], axis=-1)
+    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
+    if (lengths == 0).any():
+        raise UserError(f"the head of frame {int(np.argmax((lengths == 0).any(axis=(1, 2)))) + 1} has no eyes apart")
+    return axes / lengths
+
+
+def _choose(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """The skeleton's joints (T, joints, 3) among points (T, 61, 3)."""
+    places = {name: index for index, name in enumerate((*JOINTS, *FACE))} | {"spine": JOINTS.index(_CHEST)}
+    return points[:, [places[joint] for joint in skeleton.joints]]
+
+
+def _check_arms(positions: np.ndarray, skeleton: Skeleton) -> None:
+    arm = [skeleton.joint(f"left_{part}") for part in ("shoulder", "elbow", "wrist")]
+    length = float(np.median(np.linalg.norm(np.diff(positions[:, arm], axis=1), axis=-1).sum(axis=-1)))
+    if not _ARM_RANGE[0] <= length <= _ARM_RANGE[1]:
+        raise UserError(f"the left arm is {length:.4g} long from shoulder to wrist; expected metres, about 0.55")

@@ -1,0 +1,49 @@
+"""The user's own SMPL-X body model, reduced to what the joints need."""
+
+import os
+import pathlib
+
+import numpy as np
+
+from ha2g_jax.data.mocap.smplx_template import FACE, JOINTS, PARENTS, Body
+from ha2g_jax.data.npz import read_npz
+from ha2g_jax.errors import UserError
+
+_NUM_VERTICES = 10475
+_FACE_VERTICES = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}
+_ARRAYS = ("v_template", "shapedirs", "J_regressor", "kintree_table")
+_MAX_BYTES = 1 << 29
+
+# A file with all shape directions has 300 of them before 100 of expression, a short one 10 before 10.
+_ALL_SHAPES, _ALL_DIRECTIONS, _FEW_SHAPES = 300, 400, 10
+
+
+def read_body_model(path: str | os.PathLike) -> Body:
+    """The joints of an SMPL-X model file, J = R (v + S b) with the regressor R, and the points of the face.
+
+    Args:
+        path: `SMPLX_NEUTRAL.npz` or one like it.
+
+    Raises:
+        UserError: the file is a pickle, or not an SMPL-X model.
+    """
+    path = pathlib.Path(path)
+    if path.suffix.lower() in (".pkl", ".pickle"):
+        raise UserError(f"{path} is a pickle, which may run code when it is read; give the .npz of the same download")
+    arrays = read_npz(path, max_bytes=_MAX_BYTES, names=_ARRAYS)
+    if missing := [name for name in _ARRAYS if name not in arrays]:
+        raise UserError(f"{path} has no {', '.join(missing)}; expected a body model such as SMPLX_NEUTRAL.npz")
+    vertices, shapes, regressor, tree = (arrays[name] for name in _ARRAYS)
+    found = (vertices.shape, shapes.shape[:2], shapes.ndim, regressor.shape, tree.shape)
+    expected = ((_NUM_VERTICES, 3), (_NUM_VERTICES, 3), 3, (len(JOINTS), _NUM_VERTICES), (2, len(JOINTS)))
+    # The parent of the root is stored as -1 of one integer type or another.
+    if found != expected or tree[0, 1:].tolist() != list(PARENTS[1:]):
+        raise UserError(f"{path} is not a model of SMPL-X; expected one such as SMPLX_NEUTRAL.npz, with 55 joints")
+    if any(array.dtype.kind != "f" or not np.isfinite(array).all() for array in (vertices, shapes, regressor)):
+        raise UserError(f"{path} holds values that are no numbers; download the model again")
+    count = _ALL_SHAPES if shapes.shape[-1] >= _ALL_DIRECTIONS else _FEW_SHAPES
+    # A crown is the highest vertex of the T-pose.
+    corners = [_FACE_VERTICES.get(name, int(vertices[:, 1].argmax())) for name in FACE]
+    shapes = shapes[..., :count]
+    directions = np.concatenate([np.tensordot(regressor, shapes, 1), shapes[corners]])
+    return Body(np.concatenate([regressor @ vertices, vertices[corners]]), directions)

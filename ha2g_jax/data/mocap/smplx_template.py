@@ -1,0 +1,95 @@
+"""The joints of SMPL-X and a body of our own to hang its rotations on: an adult of 1.7 m in the T-pose.
+
+Names, order and parents of the joints are those of SMPL-X; its body model is licensed and no part of this. The lengths
+are rounded from anthropometry: limbs between joint centres from De Leva (1996), finger bones from Buryanov and Kotiuk
+(2010), heights of trunk and head from Drillis and Contini (1966).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+
+JOINTS = (
+    *("pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle"),
+    *("spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head", "left_shoulder"),
+    *("right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "jaw", "left_eyeball"),
+    "right_eyeball",
+    *(f"{side}_{finger}_{number}" for side in ("left", "right") for finger in _FINGERS for number in (1, 2, 3)),
+)
+_BODY_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15)
+PARENTS = _BODY_PARENTS + tuple(
+    (20 if index < 40 else 21) if (index - 25) % 3 == 0 else index - 1 for index in range(25, 55)
+)
+HEAD = JOINTS.index("head")
+
+# Points fixed on the head. In arrays of joint positions, all but the crown follow the joints, in this order.
+FACE = ("nose", "right_eye", "left_eye", "right_ear", "left_ear", "head")
+
+
+class Body(NamedTuple):
+    """A body in the T-pose: metres, y up, facing +z, the left on +x.
+
+    Attributes:
+        points: (61, 3), the 55 joints and the 6 points of `FACE`.
+        directions: (61, 3, n), how the points move with each of n shape coefficients.
+    """
+
+    points: np.ndarray
+    directions: np.ndarray
+
+    def shaped(self, betas: np.ndarray) -> np.ndarray:
+        """The points (61, 3) of a person with shape coefficients (m,), of which this body knows the first n."""
+        count = min(len(betas), self.directions.shape[-1])
+        return self.points + self.directions[..., :count] @ betas[:count]
+
+
+# Position in the T-pose of the joints on the midline and on the left, from the pelvis.
+_REST = {
+    "pelvis": (0.0, 0.0, 0.0),
+    "left_hip": (0.085, -0.08, 0.0),
+    "left_knee": (0.09, -0.48, 0.0),
+    "left_ankle": (0.09, -0.90, -0.03),
+    "left_foot": (0.10, -0.95, 0.10),
+    "spine1": (0.0, 0.11, -0.02),
+    "spine2": (0.0, 0.21, -0.03),
+    "spine3": (0.0, 0.29, -0.03),
+    "neck": (0.0, 0.49, -0.02),
+    "head": (0.0, 0.585, 0.0),
+    "jaw": (0.0, 0.575, 0.015),
+    "left_eyeball": (0.031, 0.642, 0.075),
+    "left_collar": (0.05, 0.43, -0.01),
+    "left_shoulder": (0.175, 0.44, -0.03),
+    "left_elbow": (0.455, 0.44, -0.03),
+    "left_wrist": (0.715, 0.44, -0.03),
+}
+# From the left wrist to the first joint of each finger, and from there to the second and the third.
+_HAND = {
+    "index": ((0.090, 0.0, 0.024), (0.040, 0.0, 0.002), (0.022, 0.0, 0.001)),
+    "middle": ((0.088, 0.003, 0.002), (0.045, 0.0, 0.0), (0.026, 0.0, 0.0)),
+    "pinky": ((0.072, -0.004, -0.034), (0.032, 0.0, -0.006), (0.018, 0.0, -0.003)),
+    "ring": ((0.081, 0.0, -0.017), (0.041, 0.0, -0.003), (0.026, 0.0, -0.002)),
+    "thumb": ((0.024, -0.012, 0.026), (0.030, -0.008, 0.033), (0.024, -0.004, 0.020)),
+}
+_FACE_REST = {
+    "nose": (0.0, 0.600, 0.115),
+    "left_eye": (0.031, 0.642, 0.086),
+    "left_ear": (0.068, 0.630, 0.003),
+    "head": (0.0, 0.720, 0.0),
+}
+
+
+def template() -> Body:
+    """The neutral body, which knows no shapes."""
+    rest = {name: np.array(place) for name, place in _REST.items()}
+    for finger, bones in _HAND.items():
+        for number, place in enumerate(rest["left_wrist"] + np.cumsum(bones, axis=0), start=1):
+            rest[f"left_{finger}_{number}"] = place
+    points = [_side(name, rest) for name in JOINTS] + [_side(name, _FACE_REST) for name in FACE]
+    return Body(np.array(points), np.zeros((len(points), 3, 0)))
+
+
+def _side(name: str, left: dict) -> np.ndarray:
+    """The place of a joint; the right is the left in a mirror."""
+    return np.array(left[name.replace("right", "left")]) * (-1 if name.startswith("right") else 1, 1, 1)

@@ -1,0 +1,99 @@
+"""Writes BVH files of a made-up person, in any naming, unit, way up and order of rotations."""
+
+import sys
+import types
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+_TO_UP = {  # rotations that take y up, facing +z, to the way up of the key
+    "y": np.eye(3),
+    "-y": np.diag([-1.0, -1.0, 1.0]),
+    "z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "-z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+}
+
+
+@pytest.fixture(scope="session")
+def bvh_files() -> types.ModuleType:
+    """The functions of this file."""
+    return sys.modules[__name__]
+
+
+def body(with_fingers: bool = True) -> dict[str, tuple[str, tuple[float, float, float]]]:
+    """Joint: (parent, offset in metres) of a person in T pose, y up, facing +z, the left at +x."""
+    joints = {
+        "hips": ("", (0.0, 0.9, 0.0)),
+        "spine": ("hips", (0.0, 0.35, 0.0)),
+        "neck": ("spine", (0.0, 0.17, 0.0)),
+        "head": ("neck", (0.0, 0.10, 0.02)),
+    }
+    for side, sign in (("left", 1), ("right", -1)):
+        joints[f"{side}_shoulder"] = ("spine", (sign * 0.15, 0.13, 0.0))
+        joints[f"{side}_elbow"] = (f"{side}_shoulder", (sign * 0.29, 0.0, 0.0))
+        joints[f"{side}_wrist"] = (f"{side}_elbow", (sign * 0.26, 0.0, 0.0))
+        for place, finger in enumerate(FINGERS if with_fingers else ()):
+            joints[f"{side}_{finger}_1"] = (f"{side}_wrist", (sign * 0.09, 0.0, 0.03 - 0.015 * place))
+            for part in (2, 3):
+                joints[f"{side}_{finger}_{part}"] = (f"{side}_{finger}_{part - 1}", (sign * 0.03, 0.0, 0.0))
+    return joints
+
+
+def swing(seconds: float, fps: float, with_fingers: bool = True) -> dict[str, np.ndarray]:
+    """Joint: (T, 3) degrees about x, y and z: arms that swing, hands that open, a head that looks about."""
+    times = np.arange(round(seconds * fps)) / fps
+    waves = np.stack([np.sin(2 * np.pi * rate * times) for rate in (0.5, 0.7, 0.9)], axis=-1)
+    return {
+        joint: (3 + 12 * ("shoulder" in joint)) * np.roll(waves, i, axis=1)
+        for i, joint in enumerate(body(with_fingers))
+    }
+
+
+def bvh(
+    turns: Mapping[str, np.ndarray],
+    *,
+    name: Callable[[str], str] = str,
+    per_metre: float = 100.0,
+    up: str = "y",
+    order: str = "ZYX",
+    fps: float = 30.0,
+) -> str:
+    """A BVH file.
+
+    Args:
+        turns: joint: (T, 3) degrees about x, y and z; those of the fingers may be left out, which leaves fingers out.
+        name: of a joint in the file.
+        per_metre: units in a metre.
+        up: "y", "-y", "z" or "-z".
+        order: of the rotation channels.
+        fps: frames per second.
+    """
+    joints = {joint: place for joint, place in body().items() if joint in turns}
+    lines: list[str] = ["HIERARCHY"]
+    columns: list[np.ndarray] = []
+
+    def write(joint: str, depth: int) -> None:
+        pad, offset = "  " * depth, _TO_UP[up] @ np.array(joints[joint][1]) * per_metre
+        channels = [f"{axis}rotation" for axis in order]
+        angles = [turns[joint][:, "XYZ".index(axis)] for axis in order]
+        if depth == 0:
+            channels = ["Xposition", "Yposition", "Zposition", *channels]
+            angles = [*np.repeat(offset[:, None], len(angles[0]), axis=1), *angles]
+        columns.extend(angles)
+        lines.extend([f"{pad}{'JOINT' if depth else 'ROOT'} {name(joint)}", pad + "{"])
+        lines.append(f"{pad}  OFFSET " + " ".join(f"{value:.6f}" for value in offset))
+        lines.append(f"{pad}  CHANNELS {len(channels)} " + " ".join(channels))
+        children = [child for child, (parent, _) in joints.items() if parent == joint]
+        for child in children:
+            write(child, depth + 1)
+        if not children:
+            lines.extend([f"{pad}  End Site", pad + "  {", f"{pad}    OFFSET 0 0 0", pad + "  }"])
+        lines.append(pad + "}")
+
+    write("hips", 0)
+    motion = np.stack(columns, axis=-1)
+    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / fps:.7f}"]
+    lines += [" ".join(f"{value:.6f}" for value in row) for row in motion]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,49 @@
+"""Each source of data trains: the config that is meant for it takes two steps on what the import made."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from ha2g_jax import cli
+
+ROOT = pathlib.Path(__file__).parent.parent.parent
+
+SOURCES = {
+    "ted_expressive": ("import-ted", "ted_format/expressive"),
+    "ted_gesture": ("import-ted", "ted_format/gesture"),
+    "bvh": ("import-bvh", "zeroeggs_067"),
+}
+
+
+def train_two_steps(config: str, data: pathlib.Path, workdir: pathlib.Path) -> list[dict]:
+    """What the run wrote to metrics.jsonl. It compiles without optimising, which is most of what two steps cost."""
+    flags = (
+        f"--config={ROOT}/experiments/configs/{config}.py:debug",
+        f"--workdir={workdir}",
+        f"--config.data.path={data}",
+    )
+    environment = os.environ | {"XLA_FLAGS": "--xla_backend_optimization_level=0"}
+    command = [sys.executable, "-m", "ha2g_jax.cli", "train", *flags]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in (workdir / "metrics.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("config", SOURCES)
+def test_two_steps_on_recordings(config, private_data, tmp_path):
+    command, folder = SOURCES[config]
+    assert cli.main(["data", command, str(private_data / folder), str(tmp_path / "corpus")]) == 0
+    lines = train_two_steps(config, tmp_path / "corpus", tmp_path / "run")
+    assert max(line["step"] for line in lines) == 2
+    # One recording is one talk: nothing is left to validate on.
+    assert any("validation/loss/huber" in line for line in lines) == (config != "bvh")
+
+
+def test_two_steps_on_images(tiny_talk, tmp_path):
+    """What videos become: clips with images of their speakers."""
+    lines = train_two_steps("video", tiny_talk, tmp_path / "run")
+    assert any("validation/loss/huber" in line for line in lines)
