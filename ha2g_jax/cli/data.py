@@ -126,7 +126,7 @@ def _add_build_video(data: Any) -> None:
     command.add_argument("videos", type=pathlib.Path, nargs="+", help="video files, or folders of them")
     command.add_argument("dst", type=pathlib.Path, help="corpus to make")
     command.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting: min_seconds=5")
-    command.add_argument("--recognise", metavar="MODEL", help="Whisper model for videos without a transcript")
+    command.add_argument("--recognise", metavar="MODEL", help="Whisper model for videos without a transcript (docs/data.md)")
     command.add_argument("--pose-command", metavar="COMMAND", help="another estimator: reads {video}, writes {out}")
     command.add_argument("--runner", choices=("local", "ray"), default="local")
     command.add_argument("--address", help="of the Ray cluster (default: the one in RAY_ADDRESS, or a new one)")

@@ -94,7 +94,7 @@ def say(markup: str, voice: Voice) -> Utterance:
             index += 1
         return 0
 
-    with _fresh_library() as (library, native_rate):
+    with fresh_library() as (library, native_rate):
         if library.espeak_SetVoiceByName(f"{voice.language}+{voice.variant}".encode()):
             raise ValueError(f"espeak-ng has no voice {voice.language}+{voice.variant}")
         settings = {_RATE: voice.rate, _VOLUME: _BASE_VOLUME, _PITCH: voice.pitch, _RANGE: voice.pitch_range}
@@ -112,7 +112,7 @@ def say(markup: str, voice: Voice) -> Utterance:
 
 
 @contextlib.contextmanager
-def _fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
+def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
     """espeak-ng just loaded, and its sample rate.
 
     The phase of the voice, its flutter and its echo live on in static variables from one utterance to the next.

@@ -1,0 +1,41 @@
+"""Running text as words: lower case letters, digits and apostrophes of any language."""
+
+import re
+import unicodedata
+
+_APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
+_THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
+_NOT_OF_WORDS = re.compile(r"[^a-z0-9']")
+# They join letters of Persian and Indian scripts within a word.
+_JOINERS = "\u200c\u200d"
+
+
+def split_words(text: str) -> list[str]:
+    """The words of a text as the corpus spells them.
+
+    Rule: letters (with their marks), digits and apostrophes within a word stay, in lower case; everything else divides
+    words, so that "twenty-one" is two. A comma in a number is dropped: "1,000" is "1000".
+
+    Args:
+        text: anything; brackets and tags must be gone already.
+
+    Returns:
+        The words, none empty.
+    """
+    text = _THOUSANDS.sub("", unicodedata.normalize("NFC", text).lower().translate(_APOSTROPHES))
+    if text.isascii():
+        text = _NOT_OF_WORDS.sub(" ", text)
+    else:
+        text = "".join(character if _belongs(character) else " " for character in text)
+    words = (word.strip("'" + _JOINERS) for word in text.split())
+    return [word for word in words if any(character.isalnum() for character in word)]
+
+
+def _belongs(character: str) -> bool:
+    # Vowel signs of Indian scripts are marks, neither letters nor digits.
+    return character.isalnum() or character in _JOINERS or character == "'" or unicodedata.category(character)[0] == "M"
+
+
+def num_letters(word: str) -> int:
+    """Letters and digits of a word, which its share of a stretch of time goes by; at least 1."""
+    return max(1, sum(character.isalnum() for character in word))
