@@ -126,7 +126,9 @@ def _add_build_video(data: Any) -> None:
     command.add_argument("videos", type=pathlib.Path, nargs="+", help="video files, or folders of them")
     command.add_argument("dst", type=pathlib.Path, help="corpus to make")
     command.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting: min_seconds=5")
-    command.add_argument("--recognise", metavar="MODEL", help="Whisper model for videos without a transcript (docs/data.md)")
+    command.add_argument(
+        "--recognise", metavar="MODEL", help="Whisper model for videos without a transcript (docs/data.md)"
+    )
     command.add_argument("--pose-command", metavar="COMMAND", help="another estimator: reads {video}, writes {out}")
     command.add_argument("--runner", choices=("local", "ray"), default="local")
     command.add_argument("--address", help="of the Ray cluster (default: the one in RAY_ADDRESS, or a new one)")
@@ -222,14 +224,16 @@ def _stats(arguments: argparse.Namespace) -> None:
 def _add_inspect(data: Any) -> None:
     command = data.add_parser("inspect", help="a page on a corpus, with clips to watch")
     command.add_argument("data", type=pathlib.Path)
-    command.add_argument("-o", "--out", type=pathlib.Path, help="the .html (default: DATA.html)")
+    command.add_argument("-o", "--out", type=pathlib.Path, help="the page (default: DATA.html)")
+    command.add_argument("--samples", type=int, default=4, help="clips to watch")
     command.set_defaults(run=_inspect)
 
 
 def _inspect(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study import corpus_report
 
-    print(corpus_report.write_report(arguments.data, arguments.out or arguments.data.with_suffix(".html")))
+    page = arguments.out or arguments.data.with_name(f"{arguments.data.name}.html")
+    print(corpus_report.write_report(arguments.data, page, num_samples=arguments.samples))
 
 
 def _add_validate(data: Any) -> None:
@@ -242,22 +246,27 @@ def _add_validate(data: Any) -> None:
 def _validate(arguments: argparse.Namespace) -> int:
     from ha2g_jax.data import validation
 
-    findings = validation.validate(arguments.data)
-    print(json.dumps(findings, indent=1) if arguments.json else "\n".join(findings or [f"{arguments.data} is well"]))
-    return 1 if findings else 0
+    verdict = validation.examine(arguments.data)
+    if arguments.json:
+        print(json.dumps(verdict._asdict(), indent=1))
+    else:
+        notes = [f"note: {note}" for note in verdict.notes]
+        print(*notes, *(verdict.findings or [f"{arguments.data} is well"]), sep="\n")
+    return 1 if verdict.findings else 0
 
 
 def _add_merge(data: Any) -> None:
     command = data.add_parser("merge", help="several corpora of one skeleton as one")
     command.add_argument("sources", type=pathlib.Path, nargs="+")
     command.add_argument("dst", type=pathlib.Path, help="corpus to make")
+    command.add_argument("--same-speakers", action="store_true", help="speakers of one name are one person")
     command.set_defaults(run=_merge)
 
 
 def _merge(arguments: argparse.Namespace) -> None:
     from ha2g_jax.data import merge
 
-    merge.merge(arguments.sources, arguments.dst)
+    merge.merge(arguments.sources, arguments.dst, same_speakers=arguments.same_speakers)
     print(arguments.dst)
 
 

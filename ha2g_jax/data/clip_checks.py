@@ -1,0 +1,158 @@
+"""What a single clip must fulfil, whatever wrote it: each check yields what is wrong, a line each."""
+
+import io
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import soundfile
+from PIL import Image
+
+from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.data import records
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import Skeleton, load_skeleton
+
+_LENGTH_FACTOR = 4  # of a bone, around the published mean of its skeleton; a mistaken unit is a factor of 10 or more
+_WORD_SLACK = 0.1  # seconds that a word may reach out of the clip: aligners and video frames round
+_AUDIO_SLACK = 0.25  # seconds between the ends of motion and audio
+_MAX_IMAGE = 4096  # pixels a side
+
+
+def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+    """What is wrong with all but the motion of a clip.
+
+    Args:
+        fields: as `records.unpack` gives them, of the right types (`wrong_types`).
+        seconds: length of the motion.
+    """
+    yield from _check_words(fields, seconds)
+    yield from _check_audio(fields, seconds)
+    yield from _check_windows(fields)
+    yield from _check_confidence(fields)
+    yield from _check_images(fields)
+
+
+def wrong_types(fields: dict[str, Any]) -> list[str]:
+    """The names of the fields that `records.unpack` let pass and that hold something else than a clip does."""
+    is_right = {
+        "id": isinstance(fields["id"], str) and fields["id"] != "",
+        "speaker": isinstance(fields["speaker"], str),
+        "talk": isinstance(fields["talk"], str),
+        "source_time": _is_number(fields["source_time"]),
+        "audio": isinstance(fields["audio"], bytes),
+        "words": all(isinstance(text, str) and _is_number(a) and _is_number(b) for text, a, b in fields["words"]),
+        "window_starts": all(isinstance(start, int) for start in fields["window_starts"]),
+        "reference_frames": _is_images(fields["reference_frames"]),
+    }
+    return [name for name, right in is_right.items() if not right]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and bool(np.isfinite(value))
+
+
+def _is_images(value: object) -> bool:
+    return value is None or (isinstance(value, list) and all(isinstance(frame, bytes) for frame in value))
+
+
+def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
+    """What is wrong with the motion of a clip: at most one thing, since each makes the next meaningless."""
+    if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not len(positions):
+        yield f"positions of shape {positions.shape}, expected (T, {skeleton.num_joints}, 3) of {skeleton.name}"
+        return
+    is_finite = np.isfinite(positions).all(axis=(1, 2))
+    if not is_finite.all():
+        yield f"positions that are NaN or infinite, first in frame {is_finite.argmin()}"
+        return
+    median = np.median(bone_lengths(positions, skeleton), axis=0)
+    expected = load_skeleton(skeleton.name).lengths.astype(np.float64)
+    factor = np.maximum(median, 1e-12) / expected
+    is_odd = (factor < 1 / _LENGTH_FACTOR) | (factor > _LENGTH_FACTOR)
+    if is_odd.any():
+        worst = int(np.abs(np.log(factor)).argmax())
+        yield (
+            f"{is_odd.sum()} of {len(is_odd)} bones of implausible length, {bone_name(skeleton, worst)} of "
+            f"{median[worst]:.4g} m (expected {expected[worst] / _LENGTH_FACTOR:.2g} to "
+            f"{expected[worst] * _LENGTH_FACTOR:.2g} m)"
+        )
+
+
+def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+    words = fields["words"]
+    for before, word in itertools.pairwise(words):
+        if word.start < before.start:
+            yield f"words out of order: {word.text!r} at {word.start:.2f} s after {before.text!r}"
+            break
+    for word in words:
+        if not word.text.strip() or word.end < word.start:
+            yield f"word {word.text!r} from {word.start:.2f} to {word.end:.2f} s is empty"
+            break
+    for word in words:
+        if word.start < -_WORD_SLACK or word.end > seconds + _WORD_SLACK:
+            yield f"word {word.text!r} at {word.start:.2f} to {word.end:.2f} s lies outside the clip of {seconds:.2f} s"
+            break
+
+
+def _check_audio(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+    try:
+        # The length that the header declares comes first: audio of hours is not unpacked for a clip of seconds.
+        declared = soundfile.info(io.BytesIO(fields["audio"])).duration
+        if abs(declared - seconds) > _AUDIO_SLACK:
+            yield f"{declared:.2f} s of audio for {seconds:.2f} s of motion"
+            return
+        audio = records.decode_audio(fields, "its record")
+    except (soundfile.SoundFileError, UserError) as error:
+        yield f"audio that cannot be read ({error})"
+        return
+    if not np.isfinite(audio).all():
+        yield "audio that is NaN or infinite"
+    if abs(len(audio) / SAMPLE_RATE - seconds) > _AUDIO_SLACK:
+        yield f"{len(audio) / SAMPLE_RATE:.2f} s of audio for {seconds:.2f} s of motion"
+
+
+def _check_windows(fields: dict[str, Any]) -> Iterator[str]:
+    starts, frames = fields["window_starts"], len(fields["positions"])
+    outside = [start for start in starts if not 0 <= start < frames]
+    if outside:
+        yield f"{len(outside)} windows outside its {frames} frames, one at frame {outside[0]}"
+    if len(set(starts)) < len(starts):
+        yield "the same window twice"
+
+
+def _check_confidence(fields: dict[str, Any]) -> Iterator[str]:
+    confidence, positions = fields["confidence"], fields["positions"]
+    if confidence is None:
+        return
+    if confidence.shape != positions.shape[:2]:
+        yield f"confidence of shape {confidence.shape}, expected {positions.shape[:2]}"
+    elif not ((confidence >= 0) & (confidence <= 1)).all():  # NaN is in neither
+        yield "confidence outside 0 to 1"
+
+
+def _check_images(fields: dict[str, Any]) -> Iterator[str]:
+    sizes = set()
+    for frame in fields["reference_frames"] or ():
+        try:
+            image = Image.open(io.BytesIO(frame))
+            sizes.add(image.size)
+            if max(image.size) > _MAX_IMAGE:
+                yield f"a reference frame of {image.width} x {image.height} pixels, expected {_MAX_IMAGE} at most"
+                return
+            image.load()
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            yield f"a reference frame that cannot be read ({error})"
+            return
+    if len(sizes) > 1:
+        yield f"reference frames of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sorted(sizes)[:2])}"
+
+
+def bone_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """(T, bones) in metres."""
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    return np.linalg.norm(positions[:, children].astype(np.float64) - positions[:, parents], axis=-1)
+
+
+def bone_name(skeleton: Skeleton, bone: int) -> str:
+    return " - ".join(skeleton.joints[joint] for joint in skeleton.bones[bone])

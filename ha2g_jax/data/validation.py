@@ -1,0 +1,230 @@
+"""Whether a corpus is what it says it is: every byte, every record, and the counts of `dataset.json`.
+
+A finding is something that makes training or its scores wrong. A note is something to know: it holds for data that
+people train on every day, such as TED's, whose splits have clips of the same videos.
+"""
+
+import collections
+import hashlib
+import os
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data import clip_checks
+from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import Skeleton, load_skeleton
+
+_FRAME_RATES = (1, 1000)
+_CONSTANT = 0.05  # standard deviation of a bone's length over its median, within a clip
+_OVERLAP = 0.5  # seconds of one talk that two splits may share: cuts are rounded to frames
+_ROUNDING = 0.01  # seconds of a split, which are rounded when they are written
+
+
+class Verdict(NamedTuple):
+    """What an examination found, one line each.
+
+    Attributes:
+        findings: what is wrong; empty where all is well.
+        notes: what is worth knowing.
+    """
+
+    findings: list[str]
+    notes: list[str]
+
+
+class _Stretch(NamedTuple):
+    """Where a clip lies in its talk, in seconds."""
+
+    start: float
+    end: float
+    split: str
+    clip: str
+
+
+def validate(path: str | os.PathLike) -> list[str]:
+    """The findings of `examine`: empty where all is well."""
+    return examine(path).findings
+
+
+def examine(path: str | os.PathLike) -> Verdict:
+    """Reads all of a corpus, a clip at a time.
+
+    Findings: a shard's bytes differ from its SHA-256; a record cannot be read, or has fields of wrong types; positions
+    that are not finite, of the wrong shape, or with bones of implausible length (median over the clip; a factor of 4
+    around the skeleton's published lengths); words out of order or outside the clip; audio that is not finite or not
+    as long as the motion; windows outside the clip; confidence of the wrong shape or outside [0, 1]; images that cannot
+    be read; an id twice; a speaker that is not listed; the same stretch of a talk in two splits; statistics of the
+    wrong shape; counts that differ from `dataset.json`.
+
+    Notes: talks with other stretches in several splits; bones that change their length although nothing says that they
+    were estimated (motion capture keeps them, estimates do not).
+
+    Args:
+        path: folder of the corpus.
+
+    Raises:
+        UserError: there is no corpus, or its `dataset.json` cannot be used, so that nothing can be examined.
+    """
+    corpus = Corpus.open(path)
+    low, high = _FRAME_RATES
+    if not isinstance(corpus.fps, int | float) or not low <= corpus.fps <= high:
+        raise UserError(
+            f"{corpus.path / 'dataset.json'} has {corpus.fps!r} frames a second, expected {low} to {high}; "
+            "make or import the corpus again"
+        )
+    findings, tally = [*_damaged_shards(corpus)], _Tally(corpus)
+    total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
+    with tqdm(desc="Checking clips", total=total, unit="clip", leave=False, disable=None) as progress:
+        for split in corpus.splits:
+            for shard in corpus.metadata["splits"][split]["shards"]:
+                try:  # shard by shard, so that a damaged one does not hide the others
+                    clips = Clips([corpus.path / shard["name"]])
+                except UserError as error:
+                    findings.append(str(error))
+                    tally.unread.add(split)
+                    continue
+                for index in range(len(clips)):
+                    findings += _check_record(clips, index, split, corpus, tally)
+                    progress.update()
+    return Verdict([*findings, *_check_statistics(corpus), *tally.findings()], tally.notes())
+
+
+def _damaged_shards(corpus: Corpus) -> Iterator[str]:
+    shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
+    for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
+        path = corpus.path / shard["name"]
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if digest != shard.get("sha256"):
+            yield f"{path} has SHA-256 {digest[:12]}..., dataset.json says {str(shard.get('sha256'))[:12]}..."
+
+
+def _check_statistics(corpus: Corpus) -> Iterator[str]:
+    published = load_skeleton(corpus.skeleton.name)
+    for name in corpus.metadata["statistics"]:
+        values, expected = getattr(corpus.skeleton, name), getattr(published, name).shape
+        if values.shape != expected or not np.isfinite(values).all():
+            yield f"{corpus.path / 'dataset.json'} has {name} that are not {expected} finite numbers"
+
+
+def _check_record(clips: Clips, index: int, split: str, corpus: Corpus, tally: "_Tally") -> list[str]:
+    """The findings of one record, each with the name of the clip and of the record."""
+    try:
+        fields = clips.fields(index)
+    except UserError as error:
+        tally.unread.add(split)
+        return [str(error)]
+    place = f"clip {fields['id']!r} ({clips.place(index)})"
+    wrong = clip_checks.wrong_types(fields)
+    if wrong:
+        tally.unread.add(split)
+        return [f"{place}: {', '.join(wrong)} of a wrong type"]
+    found = [*clip_checks.check_positions(fields["positions"], corpus.skeleton)]
+    if not found:
+        tally.add_bones(place, fields, corpus.skeleton)
+    found += tally.add(split, fields)
+    found += clip_checks.check_fields(fields, len(fields["positions"]) / corpus.fps)
+    return [f"{place}: {finding}" for finding in found]
+
+
+class _Tally:
+    """What only the whole corpus shows: counts, ids, talks and how steady the bones are.
+
+    Attributes:
+        unread: splits with records that could not be read, whose counts say nothing.
+    """
+
+    def __init__(self, corpus: Corpus):
+        self._corpus = corpus
+        self.unread: set[str] = set()
+        self._ids: set[str] = set()
+        self._counts: dict[str, dict[str, float]] = {
+            split: {"clips": 0, "windows": 0, "seconds": 0.0} for split in corpus.splits
+        }
+        self._speakers: dict[str, set[str]] = {split: set() for split in corpus.splits}
+        self._words: collections.Counter[str] = collections.Counter()
+        self._talks: dict[str, list[_Stretch]] = collections.defaultdict(list)
+        self._uneven, self._most_uneven = 0, (0.0, "")
+
+    def add(self, split: str, fields: dict[str, Any]) -> Iterator[str]:
+        """Counts a clip and yields what its place in the corpus makes wrong."""
+        seconds = len(fields["positions"]) / self._corpus.fps
+        for what, count in {"clips": 1, "windows": len(fields["window_starts"]), "seconds": seconds}.items():
+            self._counts[split][what] += count
+        self._speakers[split].add(fields["speaker"])
+        if split == TRAIN:
+            self._words.update(word.text.lower() for word in fields["words"])
+        if fields["talk"]:
+            start = fields["source_time"]
+            self._talks[fields["talk"]].append(_Stretch(start, start + seconds, split, fields["id"]))
+        if fields["id"] in self._ids:
+            yield "its id occurs more than once"
+        self._ids.add(fields["id"])
+        if fields["speaker"] not in self._corpus.speakers:
+            yield f"speaker {fields['speaker']!r} is not among those of dataset.json"
+
+    def add_bones(self, place: str, fields: dict[str, Any], skeleton: Skeleton) -> None:
+        """Looks how much the bones of a clip change, unless they were estimated."""
+        if fields["confidence"] is not None:
+            return
+        lengths = clip_checks.bone_lengths(fields["positions"], skeleton)
+        spread = lengths.std(axis=0) / np.median(lengths, axis=0)
+        worst = int(spread.argmax())
+        self._uneven += bool(spread[worst] > _CONSTANT)
+        text = f"{clip_checks.bone_name(skeleton, worst)} by {spread[worst]:.0%} in {place}"
+        self._most_uneven = max(self._most_uneven, (float(spread[worst]), text))
+
+    def findings(self) -> Iterator[str]:
+        name = self._corpus.path / "dataset.json"
+        for split, counts in self._counts.items():
+            if split in self.unread:
+                continue
+            entry = self._corpus.metadata["splits"][split]
+            for what, tolerance in {"clips": 0, "windows": 0, "seconds": _ROUNDING}.items():
+                found, listed = counts[what], entry.get(what, counts[what])  # version 1 has clips alone
+                if not isinstance(listed, int | float) or abs(found - listed) > tolerance:
+                    yield f"{name} counts {listed} {what} in {split!r}, its records have {round(found, 3)}"
+            if set(entry.get("speakers", ())) != self._speakers[split]:
+                yield f"{name} lists other speakers of {split!r} than its records have"
+        if TRAIN not in self.unread and dict(self._words) != self._corpus.metadata["words"]:
+            yield f"{name} lists other words than the records of {TRAIN!r} have"
+        for talk, stretches in self._talks.items():
+            shared = _shared_stretch(stretches)
+            if shared is not None:
+                first, second = shared
+                yield (
+                    f"{self._corpus.path}: {first.split!r} and {second.split!r} have the same stretch of talk {talk!r} "
+                    f"(clips {first.clip!r} and {second.clip!r}); divide it anew with ha2g data split"
+                )
+
+    def notes(self) -> list[str]:
+        splits = {talk: {stretch.split for stretch in stretches} for talk, stretches in self._talks.items()}
+        divided = [talk for talk, names in splits.items() if len(names) > 1]
+        notes = []
+        if divided:
+            notes.append(
+                f"{len(divided)} of {len(splits)} talks have clips in several splits, such as {divided[0]!r}: their "
+                "speakers are known from training; ha2g data split --by talk keeps talks together"
+            )
+        if self._uneven:
+            notes.append(
+                f"bones change their length by more than {_CONSTANT:.0%} in {self._uneven} of {len(self._ids)} clips, "
+                f"most {self._most_uneven[1]}: those of motion capture should not"
+            )
+        return notes
+
+
+def _shared_stretch(stretches: list[_Stretch]) -> tuple[_Stretch, _Stretch] | None:
+    """Two stretches of a talk that overlap and lie in different splits, None where there are none."""
+    farthest: dict[str, _Stretch] = {}  # by split: of the stretches so far, the one that ends last
+    for stretch in sorted(stretches):
+        for split, other in farthest.items():
+            if split != stretch.split and min(other.end, stretch.end) - stretch.start > _OVERLAP:
+                return other, stretch
+        if stretch.split not in farthest or stretch.end > farthest[stretch.split].end:
+            farthest[stretch.split] = stretch
+    return None

@@ -1,0 +1,137 @@
+"""Talks and speakers stay whole, shares are met, and the same seed gives the same bytes."""
+
+import collections
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.data import division, validation
+from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.records import Clip, encode_clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
+
+SKELETON = load_skeleton("ted_gesture")
+
+
+def make_clip(number: int, frames: int) -> Clip:
+    """Two clips a talk, four talks a speaker."""
+    return Clip(
+        id=f"clip-{number}",
+        speaker=f"speaker-{number // 8}",
+        audio=np.zeros(frames * 16000 // 15, np.float32),
+        words=(),
+        positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (frames, 1, 1)),
+        reference_frames=None,
+        source_time=(number % 2) * 100.0,
+        window_starts=(0,),
+        talk=f"talk-{number // 2}",
+    )
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    """40 clips of 20 talks of 5 speakers, of 3 to 6 seconds; every talk lies in both splits."""
+    path = tmp_path_factory.mktemp("division") / "source"
+    lengths = np.random.default_rng(0).integers(45, 90, 40)
+    report = {"train": {"videos": 20, "clips": 40, "windows": 40, "kept": 40, "filtered": {}}}
+    metadata = {"name": "source", "import": report}
+    with CorpusWriter(path, splits=("train", "dev"), skeleton=SKELETON.name, fps=15, metadata=metadata) as writer:
+        for split in (0, 1):
+            for number in range(split, 40, 2):
+                writer.add(("train", "dev")[split], encode_clip(make_clip(number, int(lengths[number]))))
+    return path
+
+
+def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:
+    """The splits in which each talk or speaker occurs."""
+    found = collections.defaultdict(set)
+    for split in corpus.splits:
+        for clip in corpus.clips(split):
+            found[getattr(clip, field)].add(split)
+    return found
+
+
+@pytest.mark.parametrize("by", ["talk", "speaker"])
+def test_nothing_is_divided_and_nothing_lost(source, tmp_path, by):
+    division.divide(source, tmp_path / "out", by=by, shares={"train": 0.6, "val": 0.2, "test": 0.2})
+    corpus = Corpus.open(tmp_path / "out")
+    assert corpus.splits == ("train", "val", "test")
+    for field in ("talk", by):
+        assert all(len(splits) == 1 for splits in owners(corpus, field).values())
+    assert sorted(clip.id for split in corpus.splits for clip in corpus.clips(split)) == sorted(
+        f"clip-{number}" for number in range(40)
+    )
+    assert corpus.metadata["name"] == "source"
+    assert corpus.metadata["import"]["train"]["kept"] == 40
+    assert corpus.metadata["division"]["by"] == by
+    assert validation.examine(tmp_path / "out") == ([], [])
+
+
+def test_shares_are_met(source, tmp_path):
+    """20 talks of about 9 seconds each: no split is farther from its share than a talk is long, here far less."""
+    division.divide(source, tmp_path / "out", seed=3)
+    splits = Corpus.open(tmp_path / "out").metadata["splits"]
+    seconds = {split: entry["seconds"] for split, entry in splits.items()}
+    for split, share in division.SHARES.items():
+        assert seconds[split] / sum(seconds.values()) == pytest.approx(share, abs=0.015)
+
+
+def test_the_seed_decides(source, tmp_path):
+    for name, seed in {"first": 0, "again": 0, "other": 1}.items():
+        division.divide(source, tmp_path / name, seed=seed)
+    for file in (tmp_path / "first").iterdir():
+        assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
+    first, other = (owners(Corpus.open(tmp_path / name), "talk") for name in ("first", "other"))
+    assert first != other
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.lists(st.floats(0.5, 5000), min_size=3, max_size=40),
+    st.lists(st.floats(0.01, 1), min_size=1, max_size=3),
+    st.integers(0, 5),
+)
+def test_every_split_has_something(lengths, parts, seed):
+    """Of any talks: each in one split, no split empty, and no single move of a talk brings the shares nearer."""
+    seconds = {f"talk-{number}": length for number, length in enumerate(lengths)}
+    shares = {f"split-{number}": part / sum(parts) for number, part in enumerate(parts)}
+    assigned = division.assign(seconds, shares, seed)
+    assert set(assigned) == set(seconds)
+    assert set(assigned.values()) == set(shares)
+    whole = sum(lengths)
+
+    def error(splits: dict[str, str]) -> float:
+        filled = dict.fromkeys(shares, 0.0)
+        for name, split in splits.items():
+            filled[split] += seconds[name]
+        return sum((filled[split] - share * whole) ** 2 for split, share in shares.items())
+
+    members = collections.Counter(assigned.values())
+    reached = error(assigned)
+    for name, split in assigned.items():
+        for other in shares:
+            if members[split] > 1 and other != split and reached > 3 * (0.005 * whole) ** 2:
+                assert error(assigned | {name: other}) >= reached * (1 - 1e-6) - 1e-6
+
+
+def test_refusals(source, tmp_path):
+    cases = {
+        "has 5 speakers, too few for 6 splits": {"by": "speaker", "shares": {str(part): 1 for part in range(6)}},
+        "not by 'clip'": {"by": "clip"},
+        "expected numbers from 0 on": {"shares": {"train": -1, "val": 2}},
+        "that are not all 0": {"shares": {"train": 0}},
+    }
+    for message, arguments in cases.items():
+        with pytest.raises(UserError, match=message):
+            division.divide(source, tmp_path / "out", **arguments)
+    with pytest.raises(UserError, match="exists already"):
+        division.divide(source, source)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_split_without_a_share_is_left_out(source, tmp_path):
+    division.divide(source, tmp_path / "out", shares={"train": 3, "test": 1, "val": 0})
+    assert Corpus.open(tmp_path / "out").splits == ("train", "test")

@@ -1,0 +1,233 @@
+"""A sound corpus has no findings, and every kind of damage has one that names the clip."""
+
+import contextlib
+import dataclasses
+import io
+import json
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import soundfile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.data import clip_checks, records, validation
+from ha2g_jax.data.corpus import CorpusWriter
+from ha2g_jax.data.records import Clip, encode_clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
+from ha2g_jax.text import Word
+
+SKELETON = load_skeleton("ted_gesture")
+FRAMES = 45
+
+
+def make_clip(name: str, talk: str = "", time: float = 0.0, **changes) -> Clip:
+    """Three seconds of the mean pose, of plausible bones."""
+    clip = Clip(
+        id=name,
+        speaker="bo",
+        audio=np.zeros(48000, np.float32),
+        words=(Word("one", 0.1, 0.4), Word("two", 0.5, 0.9)),
+        positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (FRAMES, 1, 1)),
+        reference_frames=np.zeros((2, 224, 224, 3), np.uint8),
+        source_time=time,
+        window_starts=(0, 10),
+        talk=talk or name,
+        confidence=np.full((FRAMES, SKELETON.num_joints), 0.5, np.float32),
+    )
+    return dataclasses.replace(clip, **changes)
+
+
+def write(path, **splits: Sequence[Clip | bytes]):
+    with CorpusWriter(path, splits=list(splits), skeleton=SKELETON.name, fps=15, metadata={}) as writer:
+        for split, clips in splits.items():
+            for clip in clips:
+                writer.add(split, clip if isinstance(clip, bytes) else encode_clip(clip))
+    return path
+
+
+def with_fields(clip: Clip, **fields) -> bytes:
+    record: Any = msgpack.packb(msgpack.unpackb(encode_clip(clip)) | fields)
+    return record
+
+
+def flac(seconds: float, rate: int = 16000) -> bytes:
+    file = io.BytesIO()
+    soundfile.write(file, np.zeros(round(seconds * rate), np.float32), rate, format="FLAC")
+    return file.getvalue()
+
+
+def test_talk_is_well(tiny_talk):
+    assert validation.examine(tiny_talk) == ([], [])
+
+
+def test_a_sound_corpus_with_an_empty_split_is_well(tmp_path):
+    assert validation.examine(write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")], val=[])) == ([], [])
+
+
+def test_a_corpus_of_the_first_version_is_well(tmp_path):
+    def to_1(data):
+        data["schema_version"] = 1
+        for entry in data["splits"].values():
+            del entry["windows"], entry["seconds"]
+
+    path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")])
+    edit(path, to_1)
+    assert validation.examine(path) == ([], [])
+
+
+CLIP = make_clip("bad")
+BENT = CLIP.positions.copy()
+BENT[7, 3, 1] = np.nan
+CONFIDENT = np.full((FRAMES, SKELETON.num_joints), 1.5, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("record", "finding"),
+    [
+        (make_clip("bad", positions=BENT), "NaN or infinite, first in frame 7"),
+        (make_clip("bad", positions=CLIP.positions * 100), r"9 of 9 bones of implausible length, .* of \d+ m"),
+        (make_clip("bad", positions=CLIP.positions / 1000), "bones of implausible length"),
+        (make_clip("bad", words=CLIP.words[::-1]), "words out of order: 'one' at 0.10 s after 'two'"),
+        (
+            make_clip("bad", words=(Word("one", 2.9, 3.2),)),
+            "word 'one' at 2.90 to 3.20 s lies outside the clip of 3.00",
+        ),
+        (make_clip("bad", words=(Word("one", -0.5, 0.2),)), "lies outside the clip"),
+        (make_clip("bad", words=(Word("one", 0.5, 0.2),)), "word 'one' from 0.50 to 0.20 s is empty"),
+        (with_fields(CLIP, words=[["one", float("nan"), 1.0]]), "words of a wrong type"),
+        (with_fields(CLIP, speaker=3), "speaker of a wrong type"),
+        (make_clip("bad", audio=np.zeros(40000, np.float32)), "2.50 s of audio for 3.00 s of motion"),
+        (with_fields(CLIP, audio=flac(3, 48000)), "48000 Hz"),
+        (with_fields(CLIP, audio=b"fLaC"), "audio that cannot be read"),
+        (make_clip("bad", window_starts=(0, 45)), "1 windows outside its 45 frames, one at frame 45"),
+        (make_clip("bad", window_starts=(0, -1)), "one at frame -1"),
+        (make_clip("bad", window_starts=(3, 3)), "the same window twice"),
+        (make_clip("bad", confidence=CONFIDENT), "confidence outside 0 to 1"),
+        (make_clip("bad", confidence=CONFIDENT * np.nan), "confidence outside 0 to 1"),
+        (make_clip("bad", confidence=CONFIDENT[1:]), "confidence of shape"),
+        (with_fields(CLIP, reference_frames=[b"no image"]), "a reference frame that cannot be read"),
+        (
+            make_clip("bad", reference_frames=np.zeros((1, 8, 5000, 3), np.uint8)),
+            "a reference frame of 5000 x 8 pixels",
+        ),
+        (make_clip("good"), "its id occurs more than once"),
+    ],
+)
+def test_a_bad_clip_is_found_and_named(tmp_path, record, finding):
+    """A clip that is bad in one way has one finding, with the clip and its record in it; the other clips have none."""
+    with np.errstate(invalid="ignore"):
+        path = write(tmp_path / "corpus", val=[make_clip("good"), record])
+    found = validation.validate(path)
+    assert len(found) == 1
+    assert "record 1 of" in found[0]
+    assert "clip 'bad'" in found[0] or "clip 'good'" in found[0]
+    assert "\n" not in found[0]
+    assert re.search(finding, found[0])
+
+
+GENUINE = encode_clip(make_clip("a", reference_frames=None))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(st.integers(0, len(GENUINE) - 1), st.integers(0, 255)), max_size=6), st.booleans())
+def test_damaged_bytes_are_findings(changes, is_at_start):
+    """Whatever a record holds, it is refused in one line or each check says what it thinks of it."""
+    data = bytearray(GENUINE)
+    for place, value in changes:  # most of a record is motion; the names and types are at its start
+        data[place % 300 if is_at_start else place] = value
+    with contextlib.suppress(UserError):
+        fields = records.unpack(bytes(data))
+        if not clip_checks.wrong_types(fields):
+            findings = [
+                *clip_checks.check_positions(fields["positions"], SKELETON),
+                *clip_checks.check_fields(fields, 3.0),
+            ]
+            assert all(isinstance(finding, str) and "\n" not in finding for finding in findings)
+
+
+def edit(path, change):
+    dataset = json.loads((path / "dataset.json").read_text())
+    change(dataset)
+    (path / "dataset.json").write_text(json.dumps(dataset))
+
+
+@pytest.mark.parametrize(
+    ("change", "finding"),
+    [
+        (lambda data: data["splits"]["train"].update(clips=3), "counts 3 clips in 'train', its records have 2"),
+        (lambda data: data["splits"]["train"].update(windows="4"), "counts 4 windows in 'train'"),
+        (lambda data: data["splits"]["train"].update(seconds=6.1), "counts 6.1 seconds in 'train', .* have 6.0"),
+        (lambda data: data["splits"]["train"].update(speakers=["al"]), "lists other speakers of 'train'"),
+        (lambda data: data["words"].update(three=1), "lists other words than the records of 'train'"),
+        (lambda data: data["statistics"].update(lengths=[0.2]), "has lengths that are not"),
+        (lambda data: data["splits"]["train"]["shards"][0].update(sha256="0"), "has SHA-256 .* dataset.json says 0"),
+    ],
+)
+def test_a_description_that_does_not_agree(tmp_path, change, finding):
+    path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")])
+    edit(path, change)
+    found = validation.validate(path)
+    assert len(found) == 1
+    assert re.search(finding, found[0])
+
+
+def test_an_unlisted_speaker(tmp_path):
+    path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b", speaker="al")])
+    edit(path, lambda data: data.update(speakers=["bo"]))
+    assert [text for text in validation.validate(path) if "clip 'b'" in text and "'al' is not among" in text]
+
+
+def test_a_damaged_shard_does_not_hide_the_others(tmp_path, monkeypatch):
+    monkeypatch.setattr("ha2g_jax.data.corpus._CLIPS_PER_SHARD", 1)
+    path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")])
+    shard = path / "train-00000.array_record"
+    shard.write_bytes(bytes(shard.stat().st_size))
+    found = validation.validate(path)
+    assert any("train-00000" in text and "SHA-256" in text for text in found)
+    assert any("train-00000" in text and "cannot be read" in text for text in found)
+    assert len(found) == 2
+
+
+def test_talks_in_two_splits(tmp_path):
+    """Other stretches of one talk are a note, as TED's splits have them; the same stretch is a finding."""
+    train = [make_clip("a", "talk", 0), make_clip("b", "talk", 30)]
+    apart = write(tmp_path / "apart", train=train, test=[make_clip("c", "talk", 10)])
+    findings, notes = validation.examine(apart)
+    assert findings == []
+    assert len(notes) == 1
+    assert "1 of 1 talks" in notes[0]
+    shared = write(tmp_path / "shared", train=train, test=[make_clip("c", "talk", 31)])
+    findings, _ = validation.examine(shared)
+    assert len(findings) == 1
+    assert "clips 'b' and 'c'" in findings[0]
+
+
+def test_bones_that_change_are_noted_unless_they_were_estimated(tmp_path):
+    breathing = CLIP.positions * np.linspace(0.8, 1.2, FRAMES)[:, None, None]
+    captured = make_clip("captured", positions=breathing, confidence=None)
+    estimated = make_clip("estimated", positions=breathing)
+    findings, notes = validation.examine(write(tmp_path / "corpus", train=[captured, estimated]))
+    assert findings == []
+    assert len(notes) == 1
+    assert "in 1 of 2 clips" in notes[0]
+    assert "'captured'" in notes[0]
+
+
+def test_positions_of_another_skeleton(tmp_path):
+    path = write(tmp_path / "corpus", val=[make_clip("a", positions=CLIP.positions[:, :5], confidence=None)])
+    assert "positions of shape (45, 5, 3), expected (T, 10, 3)" in validation.validate(path)[0]
+
+
+def test_what_cannot_be_examined(tmp_path):
+    with pytest.raises(UserError, match="no corpus in"):
+        validation.validate(tmp_path)
+    path = write(tmp_path / "corpus", train=[make_clip("a")])
+    edit(path, lambda data: data.update(fps=0))
+    with pytest.raises(UserError, match="0 frames a second, expected"):
+        validation.validate(path)
