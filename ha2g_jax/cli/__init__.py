@@ -11,7 +11,10 @@ from ha2g_jax.errors import UserError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs one command; returns its exit code (1 if `doctor` or `data validate` find trouble, 2 for a user's mistake, 130 for Ctrl-C)."""
+    """Runs one command; returns its exit code.
+
+    1 if `doctor` or `data validate` find trouble, 2 for a user's mistake, 130 for Ctrl-C.
+    """
     argv = sys.argv[1:] if argv is None else argv
     try:
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
