@@ -34,7 +34,7 @@ def _add_import_ted(data: Any) -> None:
     command.add_argument("src", type=pathlib.Path, help="folder of train, val, test or lmdb_..., or one LMDB folder")
     command.add_argument("dst", type=pathlib.Path, help="corpus to make")
     command.add_argument("--split", default="train", help="name of the split, where SRC is one LMDB folder")
-    command.add_argument("--workers", type=int, help="processes (default: one a core)")
+    command.add_argument("--workers", type=_positive, help="processes (default: one a core)")
     command.add_argument("--json", action="store_true", help="print the report as JSON")
     command.set_defaults(run=_import_ted)
 
@@ -132,7 +132,7 @@ def _add_build_video(data: Any) -> None:
     command.add_argument("--pose-command", metavar="COMMAND", help="another estimator: reads {video}, writes {out}")
     command.add_argument("--runner", choices=("local", "ray"), default="local")
     command.add_argument("--address", help="of the Ray cluster (default: the one in RAY_ADDRESS, or a new one)")
-    command.add_argument("--workers", type=int, help="videos at a time (default: one a core)")
+    command.add_argument("--workers", type=_positive, help="videos at a time (default: one a core)")
     command.add_argument("--overlay", type=pathlib.Path, help="folder for the videos with the skeleton drawn on them")
     _add_corpus_arguments(command)
     command.set_defaults(run=_build_video)
@@ -176,7 +176,7 @@ def _add_make_talk(data: Any) -> None:
     command.add_argument("--speakers", type=int, default=24)
     command.add_argument("--minutes", type=float, default=120)
     command.add_argument("--seed", type=int, default=0)
-    command.add_argument("--workers", type=int, help="processes (default: one a core)")
+    command.add_argument("--workers", type=_positive, help="processes (default: one a core)")
     command.set_defaults(run=_make_talk)
 
 
@@ -286,6 +286,12 @@ def _split(arguments: argparse.Namespace) -> None:
     shares = dict(zip(("train", "val", "test"), arguments.shares, strict=True))
     division.divide(arguments.src, arguments.dst, by=arguments.by, shares=shares, seed=arguments.seed)
     print(arguments.dst)
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of 1 or more")
+    return int(text)
 
 
 def _print_report(report: dict[str, Any], arguments: argparse.Namespace) -> None:

@@ -50,7 +50,7 @@ class CorpusWriter:
         metadata: as given; may be added to until the end.
 
     Raises:
-        UserError: `path` exists, or at the end there is no clip.
+        UserError: `path` exists, a split has no plain name, or at the end there is no clip.
     """
 
     def __init__(
@@ -59,6 +59,9 @@ class CorpusWriter:
         self._path = pathlib.Path(path)
         if self._path.exists():
             raise _exists(self._path)
+        for split in splits:
+            if not split.replace("-", "_").isidentifier():
+                raise UserError(f"{split!r} cannot name a split; use letters, digits and _")
         self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)

@@ -110,6 +110,8 @@ def test_two_writers_of_one_corpus(tmp_path):
 def test_refusals(path, tmp_path):
     with pytest.raises(UserError, match="exists already"):
         write(path)
+    with pytest.raises(UserError, match="'a/b' cannot name a split"):
+        write(tmp_path / "other", {"train": CLIPS["train"], "a/b": CLIPS["test"]})
     with pytest.raises(UserError, match=r"dataset\.json is missing"):
         Corpus.open(tmp_path / "nowhere")
     with pytest.raises(UserError, match="no split 'dev'; it has train, test"):

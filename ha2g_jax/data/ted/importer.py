@@ -1,0 +1,161 @@
+"""Imports TED-Expressive and TED-Gesture as they were published: LMDB databases, one for each split."""
+
+import collections
+import os
+import pathlib
+import sys
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+import tqdm
+
+from ha2g_jax.data import import_report, window_filters
+from ha2g_jax.data.corpus import TRAIN, CorpusWriter
+from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.data.ted import arrow_values, clips, lmdb_videos
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
+
+_SPLITS = (TRAIN, "val", "test")
+_NAMES = {"ted_expressive": "TED-Expressive", "ted_gesture": "TED-Gesture"}
+_LICENCE = "TED talks: CC BY-NC-ND 4.0"
+
+
+class _Database(NamedTuple):
+    """What a worker finds in a database: its keys, and the joints of its first pose (None: there is none)."""
+
+    folder: pathlib.Path
+    keys: list[bytes]
+    num_joints: int | None
+
+    @property
+    def path(self) -> str:
+        return str(self.folder / lmdb_videos.FILE)
+
+
+def import_ted(
+    src: str | os.PathLike, dst: str | os.PathLike, *, split: str = TRAIN, workers: int | None = None
+) -> Report:
+    """Makes a corpus of a TED data set; the same files give the same bytes whatever the workers.
+
+    Poses are resampled to 15 frames a second. Of the windows of 42 frames that start every 10, those are kept that pass
+    `window_filters.TED`; clips without any are not written. Clips that cannot be used are named on standard error.
+
+    Args:
+        src: folder of `train`, `val` and `test`, or of `lmdb_train`, ...; or the folder of one database.
+        dst: folder to make; nothing is left of it after an error.
+        split: name of the split where `src` is one database.
+        workers: processes; one a core by default.
+
+    Returns:
+        What was kept and what was left out, for each split.
+
+    Raises:
+        UserError: there is no database or a damaged one, its joints are of neither data set, no window is left, or
+            `dst` exists.
+    """
+    folders = _find_folders(pathlib.Path(src), split)
+    for folder in folders.values():
+        lmdb_videos.check(folder)
+    count = workers or os.cpu_count() or 1
+    with lmdb_videos.workers(count) as executor:
+        databases = {}
+        for split, folder in folders.items():
+            [databases[split]] = lmdb_videos.in_order(executor, _survey, [(folder,)], 1, str(folder))
+        skeleton = _find_skeleton(list(databases.values()))
+        metadata = {
+            "name": skeleton,
+            "source": f"{_NAMES[skeleton]}, ha2g data import-ted",
+            "licence": _LICENCE,
+            "files": {
+                split: {"bytes": pathlib.Path(database.path).stat().st_size, "videos": len(database.keys)}
+                for split, database in databases.items()
+            },
+        }
+        with CorpusWriter(dst, splits=list(databases), skeleton=skeleton, fps=clips.FPS, metadata=metadata) as writer:
+            report = _write(writer, databases, skeleton, executor, count)
+            if not any(counts.kept for counts in report.values()):
+                raise UserError(f"{src} has no window that can be used: {_losses(report)}")
+            writer.metadata["import"] = import_report.as_json(report)
+    return report
+
+
+def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
+    """Split -> folder of its database."""
+    if (src / lmdb_videos.FILE).exists():
+        return {split: src}
+    folders: dict[str, pathlib.Path] = {}
+    for name in _SPLITS:
+        found = [folder for folder in (src / name, src / f"lmdb_{name}") if folder.is_dir()]
+        if len(found) > 1:
+            raise UserError(f"{src} has both {found[0].name} and {found[1].name}; name the folder of one of them")
+        if found:
+            folders[name] = found[0]
+    if not folders:
+        raise UserError(
+            f"{src} has neither {lmdb_videos.FILE} nor folders train, val, test or lmdb_train, lmdb_val, lmdb_test; "
+            "name the folder of TED-Expressive or TED-Gesture"
+        )
+    return folders
+
+
+def _find_skeleton(databases: list[_Database]) -> str:
+    skeletons = {load_skeleton(name).num_joints: name for name in SKELETONS}
+    found: dict[int, str] = {}
+    for database in databases:
+        if database.num_joints is not None:
+            found.setdefault(database.num_joints, database.path)
+    known = " or ".join(f"{count} ({_NAMES[name]})" for count, name in sorted(skeletons.items()))
+    if not found:
+        raise UserError(f"no poses in {databases[0].path} and its other splits; expected those of {known} joints")
+    if len(found) > 1:
+        places = " and ".join(f"{count} joints in {path}" for count, path in found.items())
+        raise UserError(f"different skeletons: {places}; import each data set by itself")
+    [(num_joints, path)] = found.items()
+    if num_joints not in skeletons:
+        raise UserError(f"{path} has poses of {num_joints} joints, expected {known}")
+    return skeletons[num_joints]
+
+
+def _write(
+    writer: CorpusWriter, databases: dict[str, _Database], skeleton: str, executor: Executor, count: int
+) -> Report:
+    report: Report = {}
+    total = sum(len(database.keys) for database in databases.values())
+    with tqdm.tqdm(desc=_NAMES[skeleton], total=total, unit="video", disable=None, leave=False) as progress:
+        for split, database in databases.items():
+            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(window_filters.REASONS, 0)))
+            tasks = ((database.folder, key, skeleton) for key in database.keys)
+            for video in lmdb_videos.in_order(executor, _read_clips, tasks, count, database.path):
+                for record in video.records:
+                    writer.add(split, record)
+                for line in video.damaged:
+                    tqdm.tqdm.write(line, file=sys.stderr)
+                report[split] += video.report
+                progress.update()
+    return report
+
+
+def _losses(report: Report) -> str:
+    total = sum(report.values(), SplitReport())
+    reasons = [*total.filtered.items(), *total.rejected.items()]
+    counts = ", ".join(f"{reason} {count}" for reason, count in reasons if count)
+    return f"{total.clips} clips, {total.windows} windows, left out: {counts or 'none'}"
+
+
+def _survey(folder: pathlib.Path) -> _Database:
+    """In a worker: the keys and the first pose."""
+    keys = lmdb_videos.read_keys(folder)
+    counts = (clips.num_joints(*_video(folder, key)) for key in keys)
+    return _Database(folder, keys, next((count for count in counts if count is not None), None))
+
+
+def _read_clips(folder: pathlib.Path, key: bytes, skeleton: str) -> clips.VideoClips:
+    """In a worker: the clips of one video."""
+    video, name = _video(folder, key)
+    return clips.read_clips(video, load_skeleton(skeleton), name)
+
+
+def _video(folder: pathlib.Path, key: bytes) -> tuple[object, str]:
+    name = f"{folder / lmdb_videos.FILE}, record {key.decode('ascii', 'backslashreplace')[:40]}"
+    return arrow_values.deserialize(lmdb_videos.read_value(folder, key), name), name
