@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.whole_file import whole_file
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
+from ha2g_jax.whole_file import whole_file
 
 
 @dataclasses.dataclass(frozen=True)

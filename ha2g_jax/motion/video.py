@@ -12,8 +12,8 @@ from tqdm import tqdm
 from ha2g_jax.figure import DEFAULT_LOOK, Look, draw_figure
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.whole_file import whole_file
 from ha2g_jax.skeleton import directions_to_positions
+from ha2g_jax.whole_file import whole_file
 
 VIDEO_FPS = 30
 # One thread: the bytes of H.264 depend on the number, and with more of them about one video in a hundred differs.

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from ha2g_jax.audio import read_audio
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.video import write_video
-from ha2g_jax.whole_file import whole_file
 from ha2g_jax.synthesis.model import load
+from ha2g_jax.whole_file import whole_file
 
 
 def generate_files(
