@@ -1,17 +1,12 @@
 """Many files of motion, each with its sound and words, as one corpus: what the importers of all formats share."""
 
 import collections
-import concurrent.futures
-import concurrent.futures.process
-import contextlib
 import dataclasses
 import functools
 import logging
-import multiprocessing
 import os
 import pathlib
-import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +16,15 @@ from ha2g_jax.data import import_report, records
 from ha2g_jax.data.corpus import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.mocap.sources import Source, compare_lengths, read_speech
+from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.window_filters import MOCAP
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, positions_to_directions
 
 UNUSABLE = "unusable recording"
+
+_DIED = "a process that read the files was killed, perhaps for want of memory; import fewer files at once"
 
 _logger = logging.getLogger(__name__)
 
@@ -85,13 +83,13 @@ def import_files(
         What was kept and left out.
 
     Raises:
-        UserError: no file can be used, or `dst` exists.
+        UserError: no file can be used, no window is left, or `dst` exists.
     """
     total, errors, understood = SplitReport(), list[str](), collections.Counter[str]()
     one = functools.partial(_import_file, read=read, skeleton=skeleton, fps=fps, with_words=with_words)
     with (
         CorpusWriter(dst, splits=(split,), skeleton=skeleton, fps=fps, metadata=metadata) as writer,
-        _parallel_map(min(os.cpu_count() or 1, len(sources))) as each,
+        parallel_map(min(os.cpu_count() or 1, len(sources)), _DIED) as each,
     ):
         for result in tqdm.tqdm(each(one, sources), "motion", len(sources), unit="file", disable=None, leave=False):
             total += result.report
@@ -108,6 +106,10 @@ def import_files(
         if len(errors) == len(sources):
             only = errors[0] if len(errors) == 1 else f"all {len(errors)} files failed; the first: {errors[0]}"
             raise UserError(only)
+        if not total.kept:
+            place = os.path.commonpath([source.path for source in sources])
+            reasons = ", ".join(f"{reason} {count}" for reason, count in (total.filtered + total.rejected).items())
+            raise UserError(f"{place} has no window that can be used: left out {reasons}")
         report = {split: total}
         writer.metadata |= {"motion": dict(sorted(understood.items())), "import": import_report.as_json(report)}
     return report
@@ -150,26 +152,3 @@ def with_constant_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarr
     measured = dataclasses.replace(skeleton, lengths=lengths)
     joints = directions_to_positions(measured, positions_to_directions(measured, precise))
     return (precise[:, :1] + joints).astype(positions.dtype)
-
-
-@contextlib.contextmanager
-def _parallel_map(workers: int) -> Iterator[Callable[..., Iterable]]:
-    """`map` that keeps the order and works in that many processes."""
-    if workers == 1:
-        yield map
-        return
-    # spawn: no state of this process, nor of an accelerator library, may reach the workers.
-    context = multiprocessing.get_context("spawn")
-    pool = concurrent.futures.ProcessPoolExecutor(workers, context, _leave_interrupt_to_parent)
-    try:
-        yield pool.map
-    except concurrent.futures.process.BrokenProcessPool as error:
-        raise UserError(
-            "a process that read the files was killed, perhaps for want of memory; import fewer files at once"
-        ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _leave_interrupt_to_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,11 +1,8 @@
 """Builds the Talk corpus: synthetic speakers, their speech, and gestures with a known ground truth."""
 
-import contextlib
-import multiprocessing
 import os
 import pathlib
-import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +11,7 @@ import tqdm
 from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import CorpusWriter
+from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar, portrait, speech, teacher
 from ha2g_jax.data.talk.style import Style, sample_style
 from ha2g_jax.data.talk.voices import Voice, sample_voice
@@ -24,6 +22,7 @@ FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
 _VERSION = "talk-v1"
+_DIED = "a process that made the corpus was killed, perhaps for want of memory; use fewer --workers"
 _DEFAULT_SPEAKERS, _DEFAULT_MINUTES = 24, 120
 _CLIP_SECONDS = (10.0, 19.0)  # until the last sentence is over, a clip lasts some seconds more
 _MEAN_CLIP_SECONDS = 17.6
@@ -87,7 +86,7 @@ def make_talk(
     workers = min(workers or os.cpu_count() or 1, len(talks))
     with (
         CorpusWriter(out, splits=SPLITS, skeleton=teacher.SKELETON, fps=FPS, metadata=metadata) as writer,
-        _parallel_map(workers) as each,
+        parallel_map(workers, _DIED) as each,
     ):
         for talk, clips in tqdm.tqdm(zip(talks, each(_make_clips, talks)), "Talk corpus", len(talks), unit="talk"):
             for clip in clips:
@@ -112,21 +111,6 @@ def talk_folder(spec: str) -> pathlib.Path:
         return pathlib.Path(spec)
     cache = os.environ.get("HA2G_CACHE")
     return (pathlib.Path(cache) if cache else pathlib.Path.home() / ".cache" / "ha2g-jax") / _VERSION
-
-
-@contextlib.contextmanager
-def _parallel_map(workers: int) -> Iterator[Callable[..., Iterable]]:
-    """`map` that keeps the order and works in that many processes."""
-    if workers == 1:
-        yield map
-        return
-    # spawn: no state of this process, nor of an accelerator library, may reach the workers.
-    with multiprocessing.get_context("spawn").Pool(workers, _leave_interrupt_to_parent) as pool:
-        yield pool.imap
-
-
-def _leave_interrupt_to_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _plan(num_speakers: int, minutes: float, seed: int) -> list[_Talk]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import tqdm
 
-from ha2g_jax.data import import_report, window_filters
+from ha2g_jax.data import import_report, processes, window_filters
 from ha2g_jax.data.corpus import TRAIN, CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.ted import arrow_values, clips, lmdb_videos
@@ -58,10 +58,10 @@ def import_ted(
     for folder in folders.values():
         lmdb_videos.check(folder)
     count = workers or os.cpu_count() or 1
-    with lmdb_videos.workers(count) as executor:
+    with processes.workers(count) as executor:
         databases = {}
         for split, folder in folders.items():
-            [databases[split]] = lmdb_videos.in_order(executor, _survey, [(folder,)], 1, str(folder))
+            [databases[split]] = processes.in_order(executor, _survey, [(folder,)], 1, _died(folder))
         skeleton = _find_skeleton(list(databases.values()))
         metadata = {
             "name": skeleton,
@@ -117,6 +117,13 @@ def _find_skeleton(databases: list[_Database]) -> str:
     return skeletons[num_joints]
 
 
+def _died(path: str | os.PathLike) -> str:
+    return (
+        f"a process that read {path} died: the file is damaged (copy or download it again), "
+        "or memory ran out (use fewer workers)"
+    )
+
+
 def _write(
     writer: CorpusWriter, databases: dict[str, _Database], skeleton: str, executor: Executor, count: int
 ) -> Report:
@@ -126,7 +133,7 @@ def _write(
         for split, database in databases.items():
             report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(window_filters.REASONS, 0)))
             tasks = ((database.folder, key, skeleton) for key in database.keys)
-            for video in lmdb_videos.in_order(executor, _read_clips, tasks, count, database.path):
+            for video in processes.in_order(executor, _read_clips, tasks, count, _died(database.path)):
                 for record in video.records:
                     writer.add(split, record)
                 for line in video.damaged:

@@ -1,18 +1,10 @@
-"""Reads LMDB databases in processes of their own, because the C library may crash on a damaged file."""
+"""Reads LMDB databases; in processes of their own, because the C library may crash on a damaged file."""
 
-import collections
-import concurrent.futures
 import contextlib
-import multiprocessing
-import os
 import pathlib
-import signal
 import struct
-import threading
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future
-from multiprocessing import connection
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import lmdb
 
@@ -25,9 +17,6 @@ _META_FLAG = 0x08
 _MAGIC, _VERSION = 0xBEEFC0DE, 1
 _TREE = "IHHQQQQQ"  # padding (page size), flags, depth, pages of three kinds, entries, root
 _META = struct.Struct(f"<IIQQ{_TREE}{_TREE}QQ")  # magic, version, address, map size, two trees, last page, transaction
-_TASKS_PER_WORKER = 2
-
-Result = TypeVar("Result")
 
 
 class _Meta(NamedTuple):
@@ -123,66 +112,3 @@ def _transaction(folder: pathlib.Path) -> Iterator[lmdb.Transaction]:
             yield transaction
     except lmdb.Error as error:
         raise UserError(f"{folder / FILE} is damaged ({error}); copy or download it again") from error
-
-
-@contextlib.contextmanager
-def workers(count: int) -> Iterator[Executor]:
-    """Processes for `in_order`; at the end, waits for those that work and drops what waits."""
-    # spawn: no state of this process, nor of an accelerator library, may reach the workers. A pool of
-    # `multiprocessing` would wait for ever for a worker that has died.
-    context = multiprocessing.get_context("spawn")
-    executor = concurrent.futures.ProcessPoolExecutor(count, context, _begin_worker)
-    try:
-        yield executor
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def in_order(
-    executor: Executor, function: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], count: int, name: str
-) -> Iterator[Result]:
-    """The results of `function(*task)` in the order of the tasks, of which few are under way at a time.
-
-    Args:
-        executor: from `workers`.
-        function: importable by name.
-        tasks: its arguments.
-        count: of the workers.
-        name: of the file that the tasks read.
-
-    Raises:
-        UserError: a worker died.
-    """
-    pending: collections.deque[Future[Result]] = collections.deque()
-    try:
-        for task in tasks:
-            pending.append(_submit(executor, function, task))
-            if len(pending) >= _TASKS_PER_WORKER * count:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
-    except concurrent.futures.BrokenExecutor as error:
-        raise UserError(
-            f"a process that read {name} died: the file is damaged (copy or download it again), "
-            "or memory ran out (use fewer workers)"
-        ) from error
-
-
-def _submit(executor: Executor, function: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
-    # A worker that this starts inherits the block: Ctrl-C is the parent's, which then ends its workers.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        return executor.submit(function, *task)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin_worker() -> None:
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    connection.wait([parent.sentinel])
-    os._exit(1)

@@ -1,7 +1,6 @@
 """Importing motion capture: pairing, units, axes, broken files, and a real recording that one can look at."""
 
 import logging
-import os
 import pathlib
 import re
 import shutil
@@ -13,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.mocap.import_bvh import import_bvh
-from ha2g_jax.data.mocap.importing import UNUSABLE, _parallel_map, with_constant_lengths
+from ha2g_jax.data.mocap.importing import UNUSABLE, with_constant_lengths
 from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
@@ -199,11 +198,6 @@ def test_nothing_is_left_of_a_failure(recording, tmp_path):
         import_bvh(tmp_path / "in", tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
-
-
-def test_a_process_that_dies():
-    with pytest.raises(UserError, match="was killed"), _parallel_map(2) as each:
-        list(each(os._exit, [1, 1]))
 
 
 def test_nothing_to_import(recording, tmp_path):

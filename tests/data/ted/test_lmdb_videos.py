@@ -1,18 +1,16 @@
 """Damaged databases are named in one line, whatever LMDB does with them; work is done in order and in bounds."""
 
-import multiprocessing
-import os
 import pathlib
 import random
-import signal
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import lmdb
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ha2g_jax.data import processes
 from ha2g_jax.data.ted import lmdb_videos
 from ha2g_jax.errors import UserError
 
@@ -101,50 +99,6 @@ def test_pages_that_name_each_other_end(database: pathlib.Path):
         lmdb_videos.read_keys(database)
 
 
-def crash_reading(folder: pathlib.Path) -> list[bytes]:
-    values = read_all(folder)
-    if values[1].startswith(b"crash"):
-        os.kill(os.getpid(), signal.SIGSEGV)  # as LMDB does at worst
-    return values
-
-
-def number_of_calls(counter: str, number: int) -> int:
-    with pathlib.Path(counter).open("a") as file:
-        file.write("x")
-    return number
-
-
-@pytest.fixture(scope="module")
-def executor() -> Iterator[lmdb_videos.Executor]:
-    with lmdb_videos.workers(2) as executor:
-        yield executor
-
-
-def test_results_come_in_order_and_little_is_ahead(executor: lmdb_videos.Executor, tmp_path: pathlib.Path):
-    counter = tmp_path / "calls"
-    tasks = ((str(counter), number) for number in range(40))
-    for number, result in enumerate(lmdb_videos.in_order(executor, number_of_calls, tasks, 2, "FILE")):
-        assert result == number
-        assert len(counter.read_text()) <= number + 5
-    assert len(counter.read_text()) == 40
-
-
-def test_workers_leave_ctrl_c_to_the_parent(executor: lmdb_videos.Executor):
-    [blocked] = lmdb_videos.in_order(executor, signal.pthread_sigmask, [(signal.SIG_BLOCK, [])], 1, "FILE")
-    assert signal.SIGINT in blocked
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-
-def test_death_of_a_worker_is_an_error_that_names_the_file(database: pathlib.Path):
-    damage(database, lambda data: data.replace(b"x" * 5, b"crash"))
-    others = set(multiprocessing.active_children())
-    with lmdb_videos.workers(2) as executor:
-        results = lmdb_videos.in_order(executor, crash_reading, [(database,)] * 9, 2, str(database))
-        with pytest.raises(UserError, match=rf"a process that read {database} died: the file is damaged"):
-            list(results)
-    assert set(multiprocessing.active_children()) == others
-
-
 @pytest.mark.parametrize("size", [2**31 - 1, 40 * PAGE])
 def test_values_longer_than_the_file_are_refused(database: pathlib.Path, size: int):
     """The length of a value lies before its key: two halves around the flags."""
@@ -155,8 +109,8 @@ def test_values_longer_than_the_file_are_refused(database: pathlib.Path, size: i
             struct.pack("<HHHH", old, 0, 1, 10) + b"0000000001", new + b"\1\0\n\x00" + b"0000000001"
         ),
     )
-    with lmdb_videos.workers(1) as executor, pytest.raises(UserError, match="damaged"):
-        list(lmdb_videos.in_order(executor, read_all, [(database,)], 1, "FILE"))
+    with processes.workers(1) as executor, pytest.raises(UserError, match="damaged"):
+        list(processes.in_order(executor, read_all, [(database,)], 1, "FILE is damaged"))
 
 
 @settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -169,9 +123,9 @@ def test_any_pages(database: pathlib.Path, tmp_path: pathlib.Path, seed: int):
             data[page * PAGE + rng.randrange(rng.choice((24, PAGE)))] = rng.choice((0, 1, 127, 255))
     (tmp_path / "data.mdb").write_bytes(data)
     lmdb_videos.check(tmp_path)
-    with lmdb_videos.workers(1) as executor:
+    with processes.workers(1) as executor:
         try:
-            [values] = lmdb_videos.in_order(executor, read_all, [(tmp_path,)], 1, str(tmp_path / "data.mdb"))
+            [values] = processes.in_order(executor, read_all, [(tmp_path,)], 1, str(tmp_path / "data.mdb"))
             assert all(isinstance(value, bytes) for value in values)
         except UserError as error:
             assert str(tmp_path / "data.mdb") in str(error)
