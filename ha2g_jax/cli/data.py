@@ -125,12 +125,13 @@ def _add_build_video(data: Any) -> None:
     command = data.add_parser("build-video", help="videos of speakers: shots, 3-D body and hands, words")
     command.add_argument("videos", type=pathlib.Path, nargs="+", help="video files, or folders of them")
     command.add_argument("dst", type=pathlib.Path, help="corpus to make")
-    command.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a setting: min_seconds=5")
+    command.add_argument("--settings", type=pathlib.Path, metavar="JSON", help="a file of settings (docs/data.md)")
+    command.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one of them: min_seconds=5")
     command.add_argument(
         "--recognise", metavar="MODEL", help="Whisper model for videos without a transcript (docs/data.md)"
     )
     command.add_argument("--pose-command", metavar="COMMAND", help="another estimator: reads {video}, writes {out}")
-    command.add_argument("--runner", choices=("local", "ray"), default="local")
+    command.add_argument("--runner", choices=("local", "ray"), default="local", help="ray: nodes share the paths")
     command.add_argument("--address", help="of the Ray cluster (default: the one in RAY_ADDRESS, or a new one)")
     command.add_argument("--workers", type=_positive, help="videos at a time (default: one a core)")
     command.add_argument("--overlay", type=pathlib.Path, help="folder for the videos with the skeleton drawn on them")
@@ -146,7 +147,7 @@ def _build_video(arguments: argparse.Namespace) -> None:
     report = build.build_video(
         arguments.videos,
         arguments.dst,
-        settings=settings.from_pairs(pairs),
+        settings=settings.from_pairs(pairs, settings.read_settings(arguments.settings) if arguments.settings else None),
         runner=arguments.runner,
         workers=arguments.workers,
         address=arguments.address,
@@ -232,7 +233,8 @@ def _add_inspect(data: Any) -> None:
 def _inspect(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study import corpus_report
 
-    page = arguments.out or arguments.data.with_name(f"{arguments.data.name}.html")
+    folder = arguments.data.absolute() if arguments.data.name in ("", "..") else arguments.data
+    page = arguments.out or folder.with_name(f"{folder.name}.html")
     print(corpus_report.write_report(arguments.data, page, num_samples=arguments.samples))
 
 
@@ -283,7 +285,7 @@ def _add_split(data: Any) -> None:
 def _split(arguments: argparse.Namespace) -> None:
     from ha2g_jax.data import division
 
-    shares = dict(zip(("train", "val", "test"), arguments.shares, strict=True))
+    shares: dict[str, float] = dict(zip(("train", "val", "test"), arguments.shares, strict=True))
     division.divide(arguments.src, arguments.dst, by=arguments.by, shares=shares, seed=arguments.seed)
     print(arguments.dst)
 
