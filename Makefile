@@ -1,6 +1,7 @@
 # make demo       a figure that gestures to examples/hello.wav, in out/demo.mp4
 # make test       the tests
 # make test-torch the numerics against PyTorch
+# make pose       the environment of the pose estimator, in the user's cache
 # make lint       style, types and the direction of imports
 # make notebooks  run the notebooks and store their output
 
@@ -8,7 +9,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 2
 
-.PHONY: demo test test-torch lint notebooks clean
+.PHONY: demo test test-torch pose lint notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -19,6 +20,9 @@ test: $(VENV)/test
 
 test-torch: $(VENV)-torch/torch
 	$(VENV)-torch/bin/python -m pytest -m torch
+
+pose: $(VENV)/demo
+	$(VENV)/bin/ha2g data install-pose
 
 lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/ruff check .

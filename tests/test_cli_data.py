@@ -89,6 +89,14 @@ def test_ted_files(private_data, tmp_path, capsys):
     assert pathlib.Path(capsys.readouterr().out.strip()) == tmp_path / "divided"
 
 
+def test_the_folder_that_one_is_in_is_inspected(private_data, tmp_path, capsys, monkeypatch):
+    """Its page lies beside it, as that of any other folder."""
+    assert run("import-ted", private_data / "ted_format" / "gesture" / "lmdb_test", tmp_path / "ted") == 0
+    monkeypatch.chdir(tmp_path / "ted")
+    assert run("inspect", ".", "--samples", "0") == 0
+    assert (tmp_path / "ted.html").exists()
+
+
 def test_corpora_of_two_skeletons_are_not_merged(private_data, tmp_path, capsys):
     for name in ("gesture", "expressive"):
         assert run("import-ted", private_data / "ted_format" / name, tmp_path / name) == 0

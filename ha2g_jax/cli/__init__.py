@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import pathlib
 import signal
 import sys
@@ -22,13 +23,18 @@ def main(argv: list[str] | None = None) -> int:
 
             return launch.main(["ha2g train", *argv[1:]])
         arguments = _parser().parse_args(argv)
-        return arguments.run(arguments) or 0
+        code = arguments.run(arguments) or 0
+        sys.stdout.flush()
     except UserError as error:
         print(f"ha2g: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("ha2g: interrupted", file=sys.stderr)
         return 128 + signal.SIGINT
+    except BrokenPipeError:  # whoever read the output has seen enough, as `| head` has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141  # as a shell says of SIGPIPE
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:

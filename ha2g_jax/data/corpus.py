@@ -2,6 +2,7 @@
 
 import bisect
 import collections
+import contextlib
 import dataclasses
 import hashlib
 import itertools
@@ -10,7 +11,7 @@ import os
 import pathlib
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -19,7 +20,7 @@ from array_record.python import (
     array_record_module,  # pyright: ignore[reportAttributeAccessIssue]
 )
 
-from ha2g_jax.data import records, schema
+from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
@@ -29,6 +30,7 @@ from ha2g_jax.text import Vocabulary
 TRAIN = "train"
 
 _FILE = "dataset.json"
+_MAX_FILE = 1 << 26  # bytes of dataset.json; a thousand hours need less than a hundredth
 _CLIPS_PER_SHARD = 1000
 # Records one by one, so that any clip is read alone; the rest are the library's defaults.
 _WRITER_OPTIONS = "group_size:1"
@@ -50,14 +52,14 @@ class CorpusWriter:
         metadata: as given; may be added to until the end.
 
     Raises:
-        UserError: `path` exists, a split has no plain name, or at the end there is no clip.
+        UserError: `path` exists or cannot be written, a split has no plain name, or at the end there is no clip.
     """
 
     def __init__(
         self, path: str | os.PathLike, *, splits: Sequence[str], skeleton: str, fps: float, metadata: dict[str, Any]
     ):
         self._path = pathlib.Path(path)
-        if self._path.exists():
+        if os.path.lexists(self._path):
             raise _exists(self._path)
         for split in splits:
             if not split.replace("-", "_").isidentifier():
@@ -73,17 +75,25 @@ class CorpusWriter:
         self._open_split = ""
 
     def __enter__(self) -> "CorpusWriter":
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{self._path.name}-", dir=self._path.parent))
+        self._new_folders = [folder for folder in self._path.parents if not folder.exists()]
+        with self._writing():
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{self._path.name}-", dir=self._path.parent))
         return self
 
     def __exit__(self, error_type: type | None, *_: object) -> None:
         try:
-            self._close_shard()
             if error_type is None:
+                self._close_shard()
                 self._finish()
+            else:
+                with contextlib.suppress(UserError):  # the error inside is the one to hear of
+                    self._close_shard()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
+            with contextlib.suppress(OSError):  # a folder that is not empty stays
+                for folder in self._new_folders:
+                    folder.rmdir()
 
     def add(self, split: str, record: bytes) -> None:
         """Appends an encoded clip; the clips of a split come one after the other."""
@@ -91,10 +101,12 @@ class CorpusWriter:
             self._close_shard()
             shard = f"{split}-{len(self._shards[split]):05d}.array_record"
             self._shards[split].append(shard)
-            self._writer = array_record_module.ArrayRecordWriter(str(self._folder / shard), _WRITER_OPTIONS)
+            with self._writing():
+                self._writer = array_record_module.ArrayRecordWriter(str(self._folder / shard), _WRITER_OPTIONS)
             self._open_split = split
         assert self._writer is not None
-        self._writer.write(record)
+        with self._writing():
+            self._writer.write(record)
         self._counts[split] += 1
         fields = records.unpack(record)
         self._windows[split] += len(fields["window_starts"])
@@ -106,9 +118,21 @@ class CorpusWriter:
             self._statistics.update(fields["positions"], fields["window_starts"])
 
     def _close_shard(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
-        self._writer = None
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with self._writing():
+                writer.close()
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """What goes wrong here is the place's fault: it is full, or no folder can be made there."""
+        try:
+            yield
+        except (OSError, RuntimeError, ValueError) as error:  # the latter two: ArrayRecord's
+            reason = getattr(error, "strerror", None) or str(error).split(";")[0]
+            raise UserError(
+                f"cannot write {self._path} ({' '.join(reason.split()).lower()}); choose another place, or make room"
+            ) from error
 
     def _finish(self) -> None:
         if not any(self._counts.values()):
@@ -133,14 +157,15 @@ class CorpusWriter:
             "statistics": self._statistics.result(),
             "words": dict(sorted(self._words.items())),
         }
-        (self._folder / _FILE).write_text(json.dumps(dataset, indent=1) + "\n")
-        self._folder.chmod(0o755)
-        try:
-            self._folder.rename(self._path)
-        except OSError as error:
-            if self._path.exists():  # made by another process meanwhile
-                raise _exists(self._path) from error
-            raise
+        with self._writing():
+            (self._folder / _FILE).write_text(json.dumps(dataset, indent=1) + "\n")
+            self._folder.chmod(0o755)
+            try:
+                self._folder.rename(self._path)
+            except OSError as error:
+                if os.path.lexists(self._path):  # made by another process meanwhile
+                    raise _exists(self._path) from error
+                raise
 
 
 def _exists(path: pathlib.Path) -> UserError:
@@ -185,7 +210,13 @@ class Clips(Sequence[Clip]):
         Raises:
             UserError: the record cannot be read or is damaged.
         """
-        return records.unpack(self.record(index), self.place(index))
+        fields = records.unpack(self.record(index), self.place(index))
+        if wrong := clip_checks.wrong_types(fields):
+            raise UserError(
+                f"clip {fields['id']!r} ({self.place(index)}) has {', '.join(wrong)} of a wrong type; "
+                "make or import the corpus again"
+            )
+        return fields
 
     def record(self, index: int) -> bytes:
         """The encoded clip."""
@@ -240,10 +271,14 @@ class Corpus:
         """
         path = pathlib.Path(path)
         try:
+            if not (path / _FILE).is_file():
+                raise UserError(f"no corpus in {path}: {_FILE} is missing; make one with `ha2g data` (see its --help)")
+            if (path / _FILE).stat().st_size > _MAX_FILE:
+                raise UserError(f"{path / _FILE} has more than {_MAX_FILE} bytes; make or import the corpus again")
             metadata = json.loads((path / _FILE).read_text())
-        except (FileNotFoundError, NotADirectoryError):
-            raise UserError(f"no corpus in {path}: {_FILE} is missing; make one with `ha2g data make-talk`") from None
-        except ValueError as error:
+        except OSError as error:
+            raise UserError(f"{path / _FILE} cannot be read ({error.strerror}); check its permissions") from error
+        except (ValueError, RecursionError) as error:
             raise UserError(f"{path / _FILE} is damaged ({error}); make or import the corpus again") from error
         version = metadata.get("schema_version") if isinstance(metadata, dict) else None
         if version not in range(1, schema.VERSION + 1):
@@ -253,11 +288,13 @@ class Corpus:
             )
         try:
             corpus = cls(path, schema.upgrade(metadata))
+            schema.check(corpus.metadata)
             shards = [shard for split in metadata["splits"].values() for shard in split["shards"]]
             sizes = {path / shard["name"]: shard["bytes"] for shard in shards}
-            _ = corpus.skeleton, corpus.vocabulary(), corpus.fps, corpus.speakers
+            _ = corpus.skeleton
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise UserError(f"{path / _FILE} is damaged ({error!r}); make or import the corpus again") from error
+            reason = f"{error} is missing" if isinstance(error, KeyError) else error
+            raise UserError(f"{path / _FILE} is damaged ({reason}); make or import the corpus again") from error
         for shard, size in sizes.items():
             found = shard.stat().st_size if shard.is_file() else 0
             if found != size:
@@ -297,7 +334,9 @@ class Corpus:
 
     def vocabulary(self) -> Vocabulary:
         """The words of the training split."""
-        return Vocabulary.from_words(collections.Counter(self.metadata["words"]).elements())
+        words = self.metadata["words"]
+        # As `Vocabulary.from_words` orders them; here the words are counted already.
+        return Vocabulary(tuple(sorted(words, key=lambda word: (-words[word], word))))
 
     def clips(self, split: str) -> Clips:
         """The clips of one split.

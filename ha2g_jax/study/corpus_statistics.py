@@ -182,6 +182,12 @@ def _usable_fields(clips: Clips, index: int, skeleton: Skeleton) -> dict[str, An
             f"clip {fields['id']} ({clips.place(index)}) has positions of shape {positions.shape} or not finite, "
             f"expected (T, {skeleton.num_joints}, 3); ha2g data validate says what else is wrong"
         )
+    confidence = fields["confidence"]
+    if confidence is not None and confidence.shape != positions.shape[:2]:
+        raise UserError(
+            f"clip {fields['id']} ({clips.place(index)}) has confidence of shape {confidence.shape}, expected "
+            f"{positions.shape[:2]}; make or import the corpus again"
+        )
     return fields
 
 

@@ -3,7 +3,9 @@
 import dataclasses
 import json
 import pickle
+from typing import cast
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.corpus import Corpus, CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.text import Vocabulary, Word
 
 SKELETON = "ted_gesture"
 
@@ -75,6 +77,33 @@ def test_statistics_of_the_training_split(path):
     np.testing.assert_allclose(skeleton.angle_change, changes.mean(0), atol=1e-6)
     poses = np.concatenate([clip.positions - clip.positions[:, :1] for clip in CLIPS["train"]])
     np.testing.assert_allclose(skeleton.mean_pose, poses.mean(0), atol=1e-6)
+
+
+def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
+    """One line about the corpus that was wanted, and no part of it."""
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(UserError, match=r"cannot write .*file/corpus"):
+        write(tmp_path / "file" / "corpus")
+    with pytest.raises(UserError, match="link exists already"):
+        write(tmp_path / "link")
+
+    class FullDisk:
+        def __init__(self, *_: str):
+            pass
+
+        def write(self, _: bytes) -> None:
+            pass
+
+        def close(self) -> None:
+            raise RuntimeError("write() failed: No space left on device; writing .x/train-00000.array_record")
+
+    monkeypatch.setattr("ha2g_jax.data.corpus.array_record_module.ArrayRecordWriter", FullDisk)
+    with pytest.raises(UserError, match=r"cannot write .*corpus \(.*no space left on device\)") as caught:
+        write(tmp_path / "new" / "corpus")
+    assert "\n" not in str(caught.value)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_same_clips_same_bytes(path, tmp_path):
@@ -162,6 +191,64 @@ def test_description_without_a_field(path, field):
     (path / "dataset.json").write_text(json.dumps(dataset))
     with pytest.raises(UserError, match="damaged"):
         Corpus.open(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "finding"),
+    [
+        (("splits", "test", "shards", 0, "name"), "../corpus/test-00000.array_record", "test: shard is '../corpus"),
+        (("splits", "test", "shards", 0, "name"), "/etc/passwd", "test: shard is '/etc/passwd'"),
+        (("splits", "test", "shards", 0, "bytes"), -1, "test: bytes of test-00000.array_record is -1"),
+        (("splits", "test", "clips"), -5, "test: clips is -5"),
+        (("splits", "test", "clips"), "2", "test: clips is '2'"),
+        (("splits", "test", "speakers"), 7, "test: speakers is 7"),
+        (("splits", "test"), [], r"test is \[\]"),
+        (("splits",), [], r"splits is \[\]"),
+        (("fps",), 0, "fps is 0"),
+        (("fps",), float("nan"), "fps is nan"),
+        (("words", "one"), -3, "words: one is -3"),
+        (("failed",), [5], r"failed is \[5\]"),
+        (("video",), {"settings": 5}, "video is"),
+    ],
+)
+def test_description_of_a_wrong_type(path, keys, value, finding):
+    """Whoever edits the file is told the entry; no shard is read from elsewhere."""
+    dataset = json.loads((path / "dataset.json").read_text())
+    entry = dataset
+    for key in keys[:-1]:
+        entry = entry[key]
+    entry[keys[-1]] = value
+    (path / "dataset.json").write_text(json.dumps(dataset))
+    with pytest.raises(UserError, match=rf"dataset\.json is damaged \({finding}"):
+        Corpus.open(path)
+
+
+def test_description_that_is_nested_or_no_file(path):
+    (path / "dataset.json").write_text("[" * 100_000)
+    with pytest.raises(UserError, match="damaged"):
+        Corpus.open(path)
+    (path / "dataset.json").unlink()
+    (path / "dataset.json").mkdir()
+    with pytest.raises(UserError, match="no corpus in"):
+        Corpus.open(path)
+
+
+def test_vocabulary_is_ordered_by_counts_of_any_size(path):
+    """The words are not counted again one by one, which would take for ever here."""
+    dataset = json.loads((path / "dataset.json").read_text())
+    (path / "dataset.json").write_text(json.dumps(dataset | {"words": {"b": 10**15, "c": 2 * 10**15, "a": 10**15}}))
+    assert Corpus.open(path).vocabulary().words == ("c", "a", "b")
+    running = ["b", "c", "a", "c"]
+    (path / "dataset.json").write_text(json.dumps(dataset | {"words": {word: running.count(word) for word in running}}))
+    assert Corpus.open(path).vocabulary() == Vocabulary.from_words(running)
+
+
+def test_a_record_with_other_types_is_named(tmp_path):
+    record = msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}
+    with CorpusWriter(tmp_path / "corpus", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer:
+        writer.add("train", cast(bytes, msgpack.packb(record)))
+    with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has talk of a wrong type"):
+        Corpus.open(tmp_path / "corpus").clips("train").fields(0)
 
 
 def test_damaged_shard(path):

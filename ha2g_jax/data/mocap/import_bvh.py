@@ -67,7 +67,8 @@ def import_bvh(
     if joint_map != joint_maps.AUTO:
         joint_maps.load_map(joint_map)  # a fault of the map is said once, not for each file
     read = functools.partial(_read, skeleton=skeleton, fps=fps, joint_map=joint_map, unit=_to_metres(unit))
-    metadata = {"name": src.stem, "source": f"BVH files: {src.name}", "licence": licence}
+    name = src.resolve().name
+    metadata = {"name": name, "source": f"BVH files: {name}", "licence": licence}
     return import_files(
         sources, read, dst, skeleton=skeleton, fps=fps, split=split, with_words=with_words, metadata=metadata
     )

@@ -84,7 +84,8 @@ def import_smplx(
     body = template() if model is None else read_body_model(model)
     read = functools.partial(_read, body=body, skeleton=skeleton, fps=fps, source_fps=source_fps, up=up)
     joints = "neutral template" if model is None else f"body model {pathlib.Path(model).name}"
-    metadata = {"name": src.stem, "source": f"SMPL-X files: {src.name}, {joints}", "licence": licence}
+    name = src.resolve().name
+    metadata = {"name": name, "source": f"SMPL-X files: {name}, {joints}", "licence": licence}
     return import_files(
         sources, read, dst, skeleton=skeleton, fps=fps, split=split, with_words=with_words, metadata=metadata
     )

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.audio import MAX_SECONDS
 from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.bvh import read_bvh
 from ha2g_jax.data.mocap.face import add_face
@@ -13,6 +14,8 @@ from ha2g_jax.data.mocap.joint_maps import AUTO, HEAD, choose_map
 from ha2g_jax.data.mocap.kinematics import world_motion
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
+
+MAX_MINUTES = 2 * MAX_SECONDS / 60  # of motion; with half of it, sound would not belong to it
 
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
 _ARM = 0.55  # metres from shoulder to wrist of an adult
@@ -56,10 +59,13 @@ def read_motion(
             arms most like an adult's.
 
     Raises:
-        UserError: the file is no BVH, its joints do not fit the map, or its arms are no person's.
+        UserError: the file is no BVH or longer than two hours, its joints do not fit the map, or its arms are no
+            person's.
     """
     path = pathlib.Path(path)
     bvh = read_bvh(path)
+    if (minutes := bvh.seconds / 60) > MAX_MINUTES:
+        raise UserError(f"{path} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}, so cut it")
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
     world, rotations = world_motion(bvh, fps)
     positions = np.zeros((len(world), skeleton.num_joints, 3))

@@ -83,6 +83,8 @@ def read_keys(folder: pathlib.Path) -> list[bytes]:
             if keys and bytes(key) <= keys[-1]:
                 raise UserError(f"{folder / FILE} is damaged (keys out of order); copy or download it again")
             keys.append(bytes(key))
+    if len(keys) != (expected := check(folder)):
+        raise UserError(f"{folder / FILE} is damaged ({len(keys)} of {expected} records); copy or download it again")
     return keys
 
 

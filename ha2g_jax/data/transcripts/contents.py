@@ -28,6 +28,8 @@ def read_text(path: pathlib.Path) -> str:
         UserError: no such file, empty, larger than 16 MiB, or not text.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would wait for ever
+            raise UserError(f"{path} is no file; give the path of a transcript")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:

@@ -200,6 +200,30 @@ def test_nothing_is_left_of_a_failure(recording, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
+def test_longer_than_any_sound(tmp_path):
+    """Refused before the motion is worked out, which would take many times the memory."""
+    path = tmp_path / "long.bvh"
+    header = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xposition\n}\nMOTION\nFrames: 8000\nFrame Time: 1\n"
+    path.write_text(header + "0\n" * 8000)
+    with pytest.raises(UserError, match=r"long\.bvh has 133 minutes of motion; expected at most 130"):
+        read_motion(path, EXPRESSIVE, fps=15)
+
+
+def test_no_window_is_left(recording, tmp_path):
+    """The message says where from and why, not only that there is nothing to write."""
+    path = recording(tmp_path / "in", "talk", seconds=1.0)
+    with pytest.raises(UserError, match=r"talk\.bvh has no window that can be used: left out too short 1"):
+        import_bvh(path, tmp_path / "out")
+    assert [folder.name for folder in tmp_path.iterdir()] == ["in"]
+
+
+def test_the_folder_that_one_is_in(recording, tmp_path, monkeypatch):
+    recording(tmp_path / "v1.2", "talk")
+    monkeypatch.chdir(tmp_path / "v1.2")
+    import_bvh(".", "../out")
+    assert Corpus.open(tmp_path / "out").metadata["name"] == "v1.2"
+
+
 def test_nothing_to_import(recording, tmp_path):
     with pytest.raises(UserError, match="nothing at"):
         import_bvh(tmp_path / "nowhere", tmp_path / "out")

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import resource
 
 import pytest
@@ -287,6 +288,12 @@ def test_hostile_files(tmp_path, name):
     with pytest.raises(UserError, match=message) as caught:
         transcripts.read_words(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "talk.tsv")
+    with pytest.raises(UserError, match=r"talk\.tsv is no file"):
+        readers.read_words(tmp_path / "talk.tsv")
 
 
 def test_a_gigabyte_is_not_read(tmp_path):

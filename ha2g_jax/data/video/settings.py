@@ -1,0 +1,193 @@
+"""Every threshold and choice of the way from a video to clips (HA2G, Appendix A), as one value."""
+
+import dataclasses
+import json
+import math
+import pathlib
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ha2g_jax.data.recording import MAX_SECONDS
+from ha2g_jax.data.window_filters import MOCAP, WindowFilters
+from ha2g_jax.errors import UserError
+
+_FILTERS = "filters"
+
+
+@dataclasses.dataclass(frozen=True)
+class VideoSettings:
+    """How videos become clips; the defaults are the paper's where it names a number.
+
+    Attributes:
+        fps: frames per second of the clips.
+        shot_threshold: change of picture that starts a new shot, in units of PySceneDetect's content detector.
+        min_seconds: a shot must be longer than this (condition 3 of the paper).
+        min_visible: all keypoints must be seen in more than this share of a shot's frames (condition 1).
+        min_confidence: from which a keypoint counts as seen.
+        min_motion: variance of a wrist's position over the shot, in square metres; if both wrists are below it, the
+            speaker is almost still (condition 2; the paper gives no number, this is the one of the TED filters).
+        max_gap: longest time for which an unseen keypoint is interpolated as if it had been seen, in seconds.
+        cutoff: frequency above which motion counts as jitter, in hertz.
+        max_seconds: of a clip; longer shots are cut at their longest pauses.
+        num_reference_frames: images of the speaker kept of each clip, its first ones; 0 for none.
+        image_size: width and height of these images, in pixels.
+        recognise: Whisper model for the words of videos without a transcript, None to demand one.
+        pose_command: an estimator of one's own, with {video} and {out} in it; None for the one that
+            `ha2g data install-pose` installs.
+        filters: which windows of a clip a model may learn from.
+
+    Raises:
+        UserError: a value is of the wrong type or out of range.
+    """
+
+    fps: float = 15.0
+    shot_threshold: float = 27.0
+    min_seconds: float = 5.0
+    min_visible: float = 0.5
+    min_confidence: float = 0.5
+    min_motion: float = 0.0014
+    max_gap: float = 0.5
+    cutoff: float = 5.0
+    max_seconds: float = MAX_SECONDS
+    num_reference_frames: int = 4
+    image_size: int = 224
+    recognise: str | None = None
+    pose_command: str | None = None
+    filters: WindowFilters = MOCAP
+
+    def __post_init__(self) -> None:
+        for name, hint in _types(type(self)).items():
+            if name != _FILTERS:
+                object.__setattr__(self, name, _checked(name, getattr(self, name), hint))
+        for name, hint in _types(WindowFilters).items():
+            _checked(f"{_FILTERS}.{name}", getattr(self.filters, name), hint)
+        for name, (low, high) in _RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise UserError(f"setting {name} is {getattr(self, name):g}; expected {low:g} to {high:g}")
+        if min(self.filters.num_frames, self.filters.stride) < 1:
+            raise UserError("settings filters.num_frames and filters.stride must be at least 1")
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values by name, `filters` a mapping of its own."""
+        return {**dataclasses.asdict(self), _FILTERS: self.filters._asdict()}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "VideoSettings":
+        """The settings of a mapping such as `as_json` gives; what is left out keeps its default.
+
+        Raises:
+            UserError: an unknown name, or a value of the wrong type or out of range.
+        """
+        return _with(cls(), values)
+
+
+# Inclusive bounds; wide enough for any recording, narrow enough to catch a slip of units.
+_RANGES = {
+    "fps": (1, 120),
+    "shot_threshold": (0.1, 255),
+    "min_seconds": (0, 3600),
+    "min_visible": (0, 1),
+    "min_confidence": (0, 1),
+    "min_motion": (0, 10),
+    "max_gap": (0, 60),
+    "cutoff": (0.1, 60),
+    "max_seconds": (2, 600),
+    "num_reference_frames": (0, 16),
+    "image_size": (32, 1024),
+}
+
+
+def read_settings(path: str | pathlib.Path) -> VideoSettings:
+    """The settings of a JSON file.
+
+    Raises:
+        UserError: the file is missing, is not JSON, or has an unknown name or a wrong value.
+    """
+    path = pathlib.Path(path)
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f'{path} cannot be read as settings ({error}); expected JSON such as {{"min_seconds": 3}}'
+        ) from error
+    if not isinstance(values, dict):
+        raise UserError(f'{path} holds a {type(values).__name__}; expected JSON such as {{"min_seconds": 3}}')
+    try:
+        return VideoSettings.from_json(values)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
+    """Settings with some values replaced, as the command line gives them.
+
+    Args:
+        pairs: such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
+        base: what the rest is taken from; the defaults where None.
+
+    Raises:
+        UserError: a pair without "=", an unknown name, or a value of the wrong type or out of range.
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = (part.strip() for part in pair.partition("="))
+        if not equals:
+            raise UserError(f"setting {pair!r} has no value; write NAME=VALUE, such as min_seconds=3")
+        group, dot, inner = name.partition(".")
+        if group == _FILTERS and dot:
+            values.setdefault(_FILTERS, {})[inner] = _parsed(name, text, _types(WindowFilters).get(inner))
+        else:
+            values[name] = _parsed(name, text, _types(VideoSettings).get(name))
+    return _with(base or VideoSettings(), values)
+
+
+def _with(base: VideoSettings, values: Mapping[str, Any]) -> VideoSettings:
+    names = _types(VideoSettings)
+    if unknown := sorted(set(values) - set(names)):
+        raise UserError(f"unknown setting {unknown[0]!r}; expected one of {', '.join(names)}")
+    changes, filters = dict(values), values.get(_FILTERS, {})
+    if not isinstance(filters, Mapping):
+        raise UserError(f'setting {_FILTERS} is {filters!r}; expected names and values, such as {{"min_words": 2}}')
+    if unknown := sorted(set(filters) - set(WindowFilters._fields)):
+        known = ", ".join(WindowFilters._fields)
+        raise UserError(f"unknown setting '{_FILTERS}.{unknown[0]}'; expected one of {known}")
+    return dataclasses.replace(base, **{**changes, _FILTERS: base.filters._replace(**filters)})
+
+
+def _types(of: type) -> dict[str, tuple[type, ...]]:
+    """Which types each field may have."""
+    hints = typing.get_type_hints(of)
+    return {
+        name: typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,) for name, hint in hints.items()
+    }
+
+
+def _checked(name: str, value: Any, allowed: tuple[type, ...]) -> Any:
+    if float in allowed and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    is_finite = not isinstance(value, float) or math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, allowed) or not is_finite:
+        raise UserError(f"setting {name} is {value!r}; expected {_expected(allowed)}")
+    return value
+
+
+def _parsed(name: str, text: str, allowed: tuple[type, ...] | None) -> Any:
+    """The value that a text means; an unknown name keeps its text, and is refused later."""
+    if allowed is None:
+        return text
+    if types.NoneType in allowed and text.lower() == "none":
+        return None
+    for kind in (int, float):
+        if kind in allowed:
+            try:
+                return kind(text)
+            except ValueError:
+                raise UserError(f"setting {name} is {text!r}; expected {_expected(allowed)}") from None
+    return text
+
+
+def _expected(allowed: tuple[type, ...]) -> str:
+    names = {int: "a whole number", float: "a number", str: "a text", types.NoneType: "none"}
+    return " or ".join(names.get(kind, kind.__name__) for kind in allowed)
