@@ -4,7 +4,7 @@ import collections
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,11 @@ class Vocabulary:
     @classmethod
     def from_words(cls, words: Iterable[str]) -> "Vocabulary":
         """The vocabulary of running words: most frequent first, ties in alphabetical order."""
-        counts = collections.Counter(word.lower() for word in words)
+        return cls.from_counts(collections.Counter(word.lower() for word in words))
+
+    @classmethod
+    def from_counts(cls, counts: Mapping[str, int]) -> "Vocabulary":
+        """The vocabulary of words in lower case that have been counted."""
         return cls(tuple(sorted(counts, key=lambda word: (-counts[word], word))))
 
     @functools.cached_property

@@ -11,7 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data import merge
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.errors import UserError
 
 BY = ("talk", "speaker")

@@ -12,7 +12,8 @@ import msgpack
 from tqdm import tqdm
 
 from ha2g_jax.data import import_report
-from ha2g_jax.data.corpus import Clips, Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Clips, Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.errors import UserError
 

@@ -14,7 +14,8 @@ import pytest
 
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batch_names, batches
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError

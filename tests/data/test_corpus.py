@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.text import Vocabulary, Word
@@ -99,7 +100,7 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
         def close(self) -> None:
             raise RuntimeError("write() failed: No space left on device; writing .x/train-00000.array_record")
 
-    monkeypatch.setattr("ha2g_jax.data.corpus.array_record_module.ArrayRecordWriter", FullDisk)
+    monkeypatch.setattr("ha2g_jax.data.corpus_writer.array_record_module.ArrayRecordWriter", FullDisk)
     with pytest.raises(UserError, match=r"cannot write .*corpus \(.*no space left on device\)") as caught:
         write(tmp_path / "new" / "corpus")
     assert "\n" not in str(caught.value)
@@ -269,7 +270,7 @@ def test_damaged_shard(path):
 
 def test_a_clip_is_found_in_its_shard(tmp_path, monkeypatch):
     """Messages name the shard and the number in it; a shard that is damaged names itself."""
-    monkeypatch.setattr("ha2g_jax.data.corpus._CLIPS_PER_SHARD", 2)
+    monkeypatch.setattr("ha2g_jax.data.corpus_writer._CLIPS_PER_SHARD", 2)
     write(tmp_path / "corpus")
     clips = Corpus.open(tmp_path / "corpus").clips("train")
     assert [clips.place(index).split("/")[-1] for index in range(3)] == [

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data import merge, validation
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton

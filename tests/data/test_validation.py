@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.data import clip_checks, records, validation
-from ha2g_jax.data.corpus import CorpusWriter
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
@@ -184,7 +184,7 @@ def test_an_unlisted_speaker(tmp_path):
 
 
 def test_a_damaged_shard_does_not_hide_the_others(tmp_path, monkeypatch):
-    monkeypatch.setattr("ha2g_jax.data.corpus._CLIPS_PER_SHARD", 1)
+    monkeypatch.setattr("ha2g_jax.data.corpus_writer._CLIPS_PER_SHARD", 1)
     path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")])
     shard = path / "train-00000.array_record"
     shard.write_bytes(bytes(shard.stat().st_size))

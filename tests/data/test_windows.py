@@ -9,7 +9,8 @@ import pytest
 from ha2g_jax.audio import SAMPLE_RATE, window_column
 from ha2g_jax.data import records
 from ha2g_jax.data.clip_cache import ClipCache
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.data.windows import Windows, resize_frames
 from ha2g_jax.errors import UserError

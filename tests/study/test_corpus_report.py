@@ -11,7 +11,8 @@ import av
 import numpy as np
 import pytest
 
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.study import charts, corpus_report

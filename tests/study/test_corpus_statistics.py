@@ -6,7 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions

@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from ha2g_jax import config as configs
-from ha2g_jax.data.corpus import Corpus, CorpusWriter
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import inputs

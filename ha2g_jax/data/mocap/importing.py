@@ -13,7 +13,7 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.data import import_report, records
-from ha2g_jax.data.corpus import CorpusWriter
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.mocap.sources import Source, compare_lengths, read_speech
 from ha2g_jax.data.processes import parallel_map

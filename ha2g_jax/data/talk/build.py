@@ -10,7 +10,7 @@ import tqdm
 
 from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import records
-from ha2g_jax.data.corpus import CorpusWriter
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar, portrait, speech, teacher
 from ha2g_jax.data.talk.style import Style, sample_style

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import tqdm
 
 from ha2g_jax.data import import_report, processes, window_filters
-from ha2g_jax.data.corpus import TRAIN, CorpusWriter
+from ha2g_jax.data.corpus import TRAIN
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.ted import arrow_values, clips, lmdb_videos
 from ha2g_jax.errors import UserError

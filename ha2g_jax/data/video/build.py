@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import tqdm
 
 from ha2g_jax.data import import_report
-from ha2g_jax.data.corpus import TRAIN, CorpusWriter
+from ha2g_jax.data.corpus import TRAIN
+from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.video import extraction, runners, work_folder
 from ha2g_jax.data.video.extraction import Extraction
@@ -89,7 +90,8 @@ def build_video(
         outcome = _collect(results, len(jobs), work)
     if not outcome.keys:
         name, reason = min(outcome.failures.items())
-        raise UserError(f"all of the {len(talks)} videos failed, the first of them {_named(name, reason)}")
+        only = _named(name, reason)
+        raise UserError(only if len(talks) == 1 else f"all {len(talks)} videos failed; the first: {only}")
 
     keys = [outcome.keys[talk.name] for talk in talks if talk.name in outcome.keys]
     metadata = {"name": root.name, "source": "ha2g data build-video", "licence": licence}
@@ -130,7 +132,8 @@ def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
             if isinstance(result, Exception):
                 reason = _reason(result, job.talk)
                 outcome.failures[job.talk.name] = reason
-                _say(f"failed: {_named(job.talk.name, reason)}")
+                if num_videos > 1:
+                    _say(f"failed: {_named(job.talk.name, reason)}")
             else:
                 key, extracted = result
                 if extracted is not None:

@@ -136,7 +136,7 @@ def test_a_build_without_clips_says_why(videos, settings, tmp_path):
 
 def test_if_all_fail_nothing_is_left(settings, tmp_path):
     (tmp_path / "bad.mp4").write_bytes(b"")
-    with pytest.raises(UserError, match=r"all of the 1 videos failed, the first of them bad\.mp4"):
+    with pytest.raises(UserError, match=r"^bad\.mp4"):
         build.build_video([tmp_path / "bad.mp4"], tmp_path / "dst", settings=settings())
     assert [path.name for path in tmp_path.iterdir()] == ["bad.mp4"]
 
