@@ -1,6 +1,7 @@
 """Many videos become one corpus, whatever happens on the way."""
 
 import dataclasses
+import os
 import pathlib
 import signal
 import subprocess
@@ -13,6 +14,30 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.video import build, talks
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
+
+LOCALLY = """
+from ha2g_jax.data.video import build
+from ha2g_jax.data.video.settings import VideoSettings
+
+if __name__ == "__main__":
+    build.build_video(*{arguments}, settings=VideoSettings.from_json({settings}), workers=1)
+"""
+
+# Starting a cluster forks, which a process that other tests have used JAX in must not.
+ON_A_CLUSTER = """
+from ha2g_jax.data.video import build
+from ha2g_jax.data.video.settings import VideoSettings
+from ray.cluster_utils import Cluster
+
+if __name__ == "__main__":
+    cluster = Cluster(initialize_head=True, head_node_args={{"num_cpus": 1, "include_dashboard": False}})
+    try:
+        cluster.add_node(num_cpus=1)
+        settings = VideoSettings.from_json({settings})
+        build.build_video(*{arguments}, settings=settings, runner="ray", address=cluster.address)
+    finally:
+        cluster.shutdown()
+"""
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +130,7 @@ def test_failures_are_named_and_only_they_are_done_again(make_talk, settings, tm
 
 def test_a_killed_build_goes_on_where_it_was(videos, settings, expected, tmp_path):
     """Protects days of work: after kill -9 the first video is not done anew, and the corpus is the same."""
-    process = subprocess.Popen([sys.executable, _script(tmp_path, videos, settings("wait"))])
+    process = subprocess.Popen([sys.executable, _script(tmp_path, LOCALLY, videos, settings("wait"))])
     while not (tmp_path / "waiting").exists():
         assert process.poll() is None
         time.sleep(0.02)
@@ -183,19 +208,13 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     assert [(talk.name, talk.speaker) for talk in found] == [("a/deep/x", "a"), ("y", "y")]
 
 
-def test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker(videos, settings, expected, tmp_path, monkeypatch):
+def test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker(videos, settings, expected, tmp_path):
     """Two nodes of Ray, and the Ray worker of one video killed midway."""
     pytest.importorskip("ray")
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("ABOVE", "1")  # the estimator kills the Ray worker above the process that called it
-    from ray.cluster_utils import Cluster
-
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    try:
-        cluster.add_node(num_cpus=1)
-        build.build_video([videos], tmp_path / "dst", settings=settings("kill"), runner="ray", address=cluster.address)
-    finally:
-        cluster.shutdown()
+    # The estimator kills the Ray worker above the process that called it.
+    environment = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "ABOVE": "1"}
+    script = _script(tmp_path, ON_A_CLUSTER, videos, settings("kill"))
+    subprocess.run([sys.executable, script], env=environment, check=True)
     assert (tmp_path / "killed").exists() and _contents(tmp_path / "dst") == expected
     assert sorted(_calls(tmp_path)) == ["1", "2", "2"]
 
@@ -208,12 +227,8 @@ def _calls(folder: pathlib.Path) -> list[str]:
     return (folder / "calls").read_text().split()
 
 
-def _script(folder: pathlib.Path, videos: pathlib.Path, settings: VideoSettings) -> pathlib.Path:
+def _script(folder: pathlib.Path, text: str, videos: pathlib.Path, settings: VideoSettings) -> pathlib.Path:
+    arguments = [[str(videos)], str(folder / "dst")]
     path = folder / "script.py"
-    path.write_text(
-        "from ha2g_jax.data.video import build\nfrom ha2g_jax.data.video.settings import VideoSettings\n"
-        "if __name__ == '__main__':\n"
-        f"    settings = VideoSettings.from_json({settings.as_json()!r})\n"
-        f"    build.build_video([{str(videos)!r}], {str(folder / 'dst')!r}, settings=settings, workers=1)\n"
-    )
+    path.write_text(text.format(arguments=arguments, settings=settings.as_json()))
     return path

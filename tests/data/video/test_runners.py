@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-import signal
+import subprocess
 import sys
 import time
 
@@ -84,11 +84,12 @@ def test_workers_do_not_outlive_a_killed_caller(tmp_path):
         f"if __name__ == '__main__':\n    list(runners.local(parallel_calls.call, ['wait:{note}'], 1))\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    process = os.spawnve(os.P_NOWAIT, sys.executable, [sys.executable, str(tmp_path / "caller.py")], environment)
+    process = subprocess.Popen([sys.executable, tmp_path / "caller.py"], env=environment)
     while not (note.exists() and note.read_text()):
+        assert process.poll() is None
         time.sleep(0.01)
-    os.kill(process, signal.SIGKILL)
-    os.waitpid(process, 0)
+    process.kill()
+    process.wait()
     assert all(_is_gone(int(number)) for number in note.read_text().split())
 
 
