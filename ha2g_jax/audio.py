@@ -22,6 +22,7 @@ FFT_SIZE = 1024
 HOP_LENGTH = 512
 NUM_MELS = 128
 WINDOW_COLUMNS = 70
+WINDOW_SAMPLES = 36_267  # 34 frames at 15 fps
 FLOOR_DB = -80.0
 MIN_SECONDS = 0.2
 MAX_SECONDS = 3900.0  # an hour and five minutes
@@ -185,3 +186,10 @@ def mel_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray
     window = mel[:, start : start + WINDOW_COLUMNS]
     missing = WINDOW_COLUMNS - window.shape[1]
     return np.pad(window, ((0, 0), (0, missing)), constant_values=FLOOR_DB) if missing else window
+
+
+def wave_window(audio: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
+    """The samples (36267,) of the window that starts at a frame of a clip (samples,); past its end there is silence."""
+    start = round(start_frame * SAMPLE_RATE / fps)
+    window = audio[start : start + WINDOW_SAMPLES]
+    return np.pad(window, (0, WINDOW_SAMPLES - len(window)))

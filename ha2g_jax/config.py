@@ -19,6 +19,7 @@ def paper(skeleton: str) -> Config:
     """HA2G at the size and with the settings of the paper, for data on `skeleton`."""
     config = ml_collections.ConfigDict()
     config.name = "ha2g"
+    config.method = "ha2g"  # one of train.methods
     config.seed = 0
     config.skeleton = skeleton
 
@@ -38,6 +39,12 @@ def paper(skeleton: str) -> Config:
 
     config.model = ml_collections.ConfigDict()
     config.model.audio = ml_collections.ConfigDict()
+    config.model.audio.kind = "resnet_se"  # or "whisper", the encoder of a trained speech recogniser (D5)
+    config.model.audio.weights = ""  # of "whisper": a Hugging Face folder, openai/whisper-tiny.en for one
+    config.model.audio.whisper = ml_collections.ConfigDict(  # sizes of that encoder, by default those of tiny
+        {"num_mels": 80, "d_model": 384, "layers": 4, "heads": 6, "ffn_dim": 1536}
+    )
+    config.model.audio.levels = ("low", "mid", "high")  # those that the style coordinator blends
     config.model.audio.blocks = (3, 4, 6, 3)
     config.model.audio.channels = (32, 64, 128, 256)
     config.model.audio.stem_stride = (1, 1)
@@ -50,10 +57,12 @@ def paper(skeleton: str) -> Config:
     config.model.text.receptive_field = "centred"  # D4: "centred" (16 words) or "causal" (31, past only)
     config.model.text.dropout = 0.3
     config.model.identity = ml_collections.ConfigDict()
-    config.model.identity.kind = "images"  # "images" (ResNet-18) or "speakers" (a table)
+    config.model.identity.kind = "images"  # "images" (ResNet-18), "speakers" (a table) or, in baselines, "none"
     config.model.identity.width = 64
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
+    config.model.inferer.levels = ()  # stages, by the level's number from 1; all by default
+    config.model.inferer.coordinator = "levels"  # or "tied": the same blend of audio for all levels
     config.model.inferer.hidden_dim = 300
     config.model.inferer.layers = 4
     config.model.inferer.dropout = 0.3
@@ -66,8 +75,9 @@ def paper(skeleton: str) -> Config:
         {"gan": 1.0, "huber": 200.0, "physical": 0.1, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
     )
     config.loss.huber_delta = 0.1  # D8
-    config.loss.gan = "non_saturating"  # or "minimax", Eq. 6
+    config.loss.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
     config.loss.temperature = 0.07
+    config.loss.negatives = ("low", "mid", "high")  # levels of the audio in the denominator of Eq. 2
     config.loss.style_clip = 1000.0
 
     config.train = ml_collections.ConfigDict()
@@ -100,6 +110,7 @@ def from_json(values: dict[str, Any]) -> Config:
         KeyError, TypeError, AttributeError: `values` are no config.
     """
     config = paper(values["skeleton"])
+    config.loss.weights = ml_collections.ConfigDict()  # each method has terms of its own
     config.update(values)
     return config.lock()
 
@@ -125,6 +136,19 @@ def small(config: Config) -> Config:
     return config
 
 
+def study(config: Config) -> Config:
+    """A size of which two CPU cores train dozens of runs in some hours, to compare methods and ablations."""
+    config = small(config)
+    config.model.inferer.layers = 1
+    config.train.steps = 800
+    config.train.batch_size = 32
+    config.train.learning_rate = 1e-3
+    config.train.schedule = "cosine"
+    config.train.validate_every = 200
+    config.train.checkpoint_every = 400
+    return config
+
+
 def debug(config: Config) -> Config:
     """The smallest size of everything, for tests: seconds, not minutes."""
     config = small(config)
@@ -146,7 +170,7 @@ def debug(config: Config) -> Config:
     return config
 
 
-SIZES = {"paper": lambda config: config, "small": small, "debug": debug}
+SIZES = {"paper": lambda config: config, "small": small, "study": study, "debug": debug}
 
 
 def sized(config: Config, size: str) -> Config:

@@ -19,7 +19,7 @@ usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--
 
 Trains the model of a config. The same command continues a run that was stopped.
 
-  --config FILE[:SIZE]   such as experiments/configs/talk.py:small; sizes are paper, small and debug
+  --config FILE[:SIZE]   such as experiments/configs/talk.py:small; sizes are paper, small, study, debug
   --workdir DIR          where checkpoints, metrics.jsonl and config.json go
   --config.KEY=VALUE     changes one setting, such as --config.train.batch_size=64
   --profile              writes a trace of a few steps to DIR/profile

@@ -12,6 +12,7 @@ import numpy as np
 PADDING = 0
 UNKNOWN = 1
 _SPECIAL = 2
+MAX_PLAIN_WORDS = 32  # with the marks of start and end; 2.3 s of speech hold a dozen words
 
 
 class Word(NamedTuple):
@@ -80,3 +81,22 @@ def words_to_frames(
         if frame < num_frames:
             frames[frame] = vocabulary.encode(word.text)
     return frames
+
+
+def plain_words(words: Sequence[Word], vocabulary: Vocabulary, start_time: float, duration: float) -> np.ndarray:
+    """The words of a stretch of speech without their times, for a model that reads sentences.
+
+    Args:
+        words: words in order of time, in the clock of `start_time`.
+        vocabulary: gives the indices.
+        start_time, duration: of the stretch, in seconds; a word belongs to it if a part of it is heard.
+
+    Returns:
+        (32,) int32: a mark of the start, `len(vocabulary)`, the words, a mark of the end, one more, then padding.
+        Of more than 30 words the first are taken.
+    """
+    heard = [word for word in words if word.end > start_time and word.start < start_time + duration]
+    indices = [vocabulary.encode(word.text) for word in heard[: MAX_PLAIN_WORDS - 2]]
+    row = np.full(MAX_PLAIN_WORDS, PADDING, np.int32)
+    row[: len(indices) + 2] = [len(vocabulary), *indices, len(vocabulary) + 1]
+    return row

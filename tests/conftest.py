@@ -45,18 +45,15 @@ def debug_model():
     from ha2g_jax.synthesis import Model
     from ha2g_jax.text import Vocabulary
     from ha2g_jax.train.assets import Assets
-    from ha2g_jax.train.task import build_task, example_batch, subtract_mean
+    from ha2g_jax.train.building import build_task
+    from ha2g_jax.train.task import example_batch, speech_arguments
 
     skeleton = load_skeleton("ted_expressive")
     config = configs.debug(configs.paper("ted_expressive"))
     vocabulary = Vocabulary(("one", "two"))
     task = build_task(config, skeleton, len(vocabulary), 2)
-    batch = example_batch(task)
-    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
-    shapes = jax.eval_shape(
-        lambda key: task.generator.init(key, batch["mel"], batch["words"], batch["frames"], seed, train=False),
-        jax.random.key(0),
-    )
+    arguments = speech_arguments(task, example_batch(task))
+    shapes = jax.eval_shape(lambda key: task.generator.init(key, *arguments, train=False), jax.random.key(0))
     random = np.random.default_rng(0)  # drawn here, because compiling the initialisation takes long
     variables = {
         "params": jax.tree.map(lambda x: random.normal(0, 0.1, x.shape).astype(np.float32), shapes["params"]),

@@ -57,7 +57,7 @@ def test_other_weights_move_the_generated_figure_alone_and_compile_nothing(write
     drawn = []
     monkeypatch.setattr(samples, "write_video", lambda path, motions, *_, **__: drawn.append(motions))
     write(step=1)
-    programs: list[Any] = [scan._infer, scan._encode]
+    programs: list[Any] = [scan._infer, scan._listen]
     compiled = [program._cache_size() for program in programs]
     write(step=2, variables=jax.tree.map(lambda x: 3 * x, debug_model.variables))
     assert [program._cache_size() for program in programs] == compiled

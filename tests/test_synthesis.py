@@ -47,7 +47,9 @@ def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
     heard = synthesis.encode_features(debug_model, audio)
     mel = log_mel(audio)
     windows = np.stack([mel_window(mel, 30 * window) for window in range(5)])
-    stand_alone = debug_model.task.generator.apply(debug_model.variables, windows, train=False, method="encode_audio")
+    stand_alone = debug_model.task.generator.apply(
+        debug_model.variables, {"mel": windows}, train=False, method="listen"
+    )
     for level, alone in zip(heard, stand_alone, strict=True):
         for window in range(5):
             part = level[30 * window + 2 : 30 * window + 32]

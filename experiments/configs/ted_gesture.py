@@ -4,10 +4,9 @@ ha2g data import-ted LMDB corpora/ted  # the folder that holds train, val and te
 ha2g train --config experiments/configs/ted_gesture.py --workdir runs/ted --config.data.path=corpora/ted
 """
 
-from ha2g_jax import config as configs
+from ha2g_jax import presets
+from ha2g_jax.config import Config
 
 
-def get_config(size: str = "paper") -> configs.Config:
-    config = configs.sized(configs.paper("ted_gesture"), size)
-    config.model.identity.kind = "speakers"  # the published files hold no images
-    return config
+def get_config(size: str = "paper") -> Config:
+    return presets.make("ted_gesture", size)

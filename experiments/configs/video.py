@@ -4,10 +4,9 @@ ha2g data build-video VIDEOS corpora/video && ha2g data split corpora/video corp
 ha2g train --config experiments/configs/video.py --workdir runs/video --config.data.path=corpora/video_split
 """
 
-from ha2g_jax import config as configs
+from ha2g_jax import presets
+from ha2g_jax.config import Config
 
 
-def get_config(size: str = "paper") -> configs.Config:
-    config = configs.sized(configs.paper("ted_expressive"), size)
-    config.data.jitter = 9  # windows start every 10 frames, so that training sees every start
-    return config
+def get_config(size: str = "paper") -> Config:
+    return presets.make("video", size)

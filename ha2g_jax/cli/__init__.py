@@ -6,9 +6,11 @@ import os
 import pathlib
 import signal
 import sys
+from typing import Any
 
 from ha2g_jax.cli import data
 from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import SKELETONS
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -51,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     style.add_argument("--style-seed", type=int, help="draw a style from the prior with this seed")
     generate.add_argument("--seed", type=int, default=0, help="seed of everything random")
     generate.add_argument("--fps", type=float, help="frames per second of the motion (default: the model's)")
+    generate.add_argument("--words", type=pathlib.Path, help="a transcript, for a baseline that reads words")
     generate.set_defaults(run=_generate)
 
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
@@ -65,14 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     describe.add_argument("--json", action="store_true")
     describe.set_defaults(run=_describe)
 
-    evaluate = commands.add_parser("evaluate", help="scores of a checkpoint")
-    evaluate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
-    evaluate.add_argument("--data", default="talk", help="'talk' or a folder made by ha2g data make-talk")
-    evaluate.add_argument("--speech", type=pathlib.Path, help="score the beats on this recording instead of --data")
-    evaluate.add_argument("--split", nargs="+", help="splits to score (default: train, test and test_unseen_speakers)")
-    evaluate.add_argument("--seed", type=int, default=0)
-    evaluate.add_argument("--json", action="store_true")
-    evaluate.set_defaults(run=_evaluate)
+    _add_evaluate(commands)
 
     export = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
     export.add_argument("workdir", type=pathlib.Path)
@@ -81,6 +77,29 @@ def _parser() -> argparse.ArgumentParser:
 
     data.add_commands(commands)
     return parser
+
+
+def _add_evaluate(commands: Any) -> None:
+    evaluate = commands.add_parser("evaluate", help="scores of a checkpoint, or of any folder of motion")
+    evaluate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    evaluate.add_argument("--data", default="talk", help="'talk' or the folder of a corpus")
+    evaluate.add_argument("--split", nargs="+", help="splits to score (default: test, of Talk also others)")
+    evaluate.add_argument("--speech", type=pathlib.Path, help="score the beats on this recording instead of --data")
+    evaluate.add_argument("--motion", type=pathlib.Path, metavar="DIR", help="score motion made by any system")
+    evaluate.add_argument(
+        "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
+    )
+    evaluate.add_argument("--skeleton", choices=SKELETONS, help="of the two folders (default: found out)")
+    evaluate.add_argument(
+        "--joint-map", default="auto", help="of .bvh files: auto, mixamo, zeroeggs, beat or a YAML file"
+    )
+    evaluate.add_argument("--autoencoder", type=pathlib.Path, help="a trained pose auto-encoder, for FGD and diversity")
+    evaluate.add_argument("--legacy", action="store_true", help="add the scores by the field's old rules")
+    evaluate.add_argument("--seed", type=int, default=0)
+    form = evaluate.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true")
+    form.add_argument("--markdown", action="store_true")
+    evaluate.set_defaults(run=_evaluate)
 
 
 def _generate(arguments: argparse.Namespace) -> None:
@@ -95,6 +114,7 @@ def _generate(arguments: argparse.Namespace) -> None:
         style_seed=arguments.style_seed,
         seed=arguments.seed,
         fps=arguments.fps,
+        words=arguments.words,
     )
     for path in paths:
         print(path)
@@ -118,14 +138,38 @@ def _describe(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import recording, talk
+    from ha2g_jax.study import evaluation_inputs, evaluation_table, recording, talk
 
     if arguments.speech:
         scores = recording.evaluate_recording(arguments.checkpoint, arguments.speech, seed=arguments.seed)
         print(json.dumps(scores, indent=1))
         return
-    scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
-    print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
+    if (arguments.motion is None) != (arguments.reference is None):
+        raise UserError("--motion and --reference go together; give both folders")
+    wants_metrics = arguments.autoencoder or arguments.legacy or arguments.markdown
+    if arguments.motion is None and not wants_metrics and evaluation_inputs.knows_strokes(arguments.data):
+        scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
+        print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
+        return
+    results = _evaluate_metrics(arguments)
+    if arguments.json:
+        print(json.dumps(results, indent=1, allow_nan=False))
+    else:
+        print((evaluation_table.as_markdown if arguments.markdown else evaluation_table.as_table)(results))
+
+
+def _evaluate_metrics(arguments: argparse.Namespace) -> dict[str, Any]:
+    from ha2g_jax.study import evaluation_inputs
+
+    options = {"autoencoder": arguments.autoencoder, "legacy": arguments.legacy, "seed": arguments.seed}
+    if arguments.motion is not None:
+        return evaluation_inputs.evaluate_folders(
+            arguments.motion, arguments.reference, skeleton=arguments.skeleton, joint_map=arguments.joint_map, **options
+        )
+    if len(arguments.split or ()) > 1:
+        raise UserError("these scores are of one split; name one with --split")
+    split = arguments.split[0] if arguments.split else None
+    return evaluation_inputs.evaluate_checkpoint(arguments.checkpoint, arguments.data, split=split, **options)
 
 
 def _export_model(arguments: argparse.Namespace) -> None:

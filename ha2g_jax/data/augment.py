@@ -51,6 +51,8 @@ def augment(
     """
     if augmentation.mirror and rng.random() < augmentation.mirror:
         example = mirror_example(example, skeleton, num_speakers)
+    if "mel" not in example:
+        return example
     mel = example["mel"]
     if augmentation.noise and rng.random() < augmentation.noise:
         mel = add_noise(mel, rng.uniform(*augmentation.noise_snr_db), rng)

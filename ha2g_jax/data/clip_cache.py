@@ -7,25 +7,20 @@ from typing import Any, NamedTuple
 import cachetools
 import numpy as np
 
-from ha2g_jax.text import Word
+from ha2g_jax.data.speech import Speech
 
 
 class Track(NamedTuple):
     """The features of a whole clip.
 
     Attributes:
-        mel: (128, columns) float16 dB; half the memory, and finer than 0.07 dB.
+        speech: what models hear.
         directions: (T, bones, 3) float32.
-        words: in order of time.
-        word_starts, word_ends: their times in seconds, in ascending order.
         frames: (M, S, S, 3) uint8, None where identities come from a table.
     """
 
-    mel: np.ndarray
+    speech: Speech
     directions: np.ndarray
-    words: tuple[Word, ...]
-    word_starts: np.ndarray
-    word_ends: np.ndarray
     frames: np.ndarray | None
 
 
@@ -64,5 +59,5 @@ class ClipCache:
 
 
 def _num_bytes(track: Track) -> int:
-    arrays = sum(array.nbytes for array in track if isinstance(array, np.ndarray))
-    return arrays + 200 * len(track.words)  # of a Word with its text and two floats
+    images = 0 if track.frames is None else track.frames.nbytes
+    return track.speech.num_bytes + track.directions.nbytes + images

@@ -5,33 +5,34 @@ first asked for, and a window is a slice of those. Before that there is only an 
 """
 
 import copy
-from collections.abc import Container
+from collections.abc import Collection, Container
 from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from ha2g_jax.audio import log_mel, mel_window
-from ha2g_jax.data import records
+from ha2g_jax.data import records, speech
 from ha2g_jax.data.clip_cache import ClipCache, Track
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.data.window_index import make_index
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
-from ha2g_jax.text import Vocabulary, words_to_frames
+from ha2g_jax.text import Vocabulary
 
 
 class Windows:
     """The windows of one split by index, as examples without a batch axis.
 
-    An example is a dict: "mel" (128, 70) float32 dB, "words" (N,) int32, "directions" (N, bones, 3) float32 unit
-    vectors, "speaker" () int32 and, with `image_size`, "frames" (M, S, S, 3) uint8. Its arrays may be shared and
-    must not be written to. Threads may share a `Windows`, and pickled it is small: the index without decoded clips.
+    An example is a dict: of the speech what `inputs` names (see `data.speech.window`), "directions" (N, bones, 3)
+    float32 unit vectors, "speaker" () int32 and, with `image_size`, "frames" (M, S, S, 3) uint8. Its arrays may be
+    shared and must not be written to. Threads may share a `Windows`, and pickled it is small: the index without
+    decoded clips.
 
     Args:
         corpus: where the clips are.
         split: name of the split.
         vocabulary: of the training split.
         num_frames: N.
+        inputs: what of the speech is wanted.
         num_reference_frames: M, images of a speaker.
         image_size: S, of the reference frames; None leaves them out.
         among: speakers whose clips are wanted; all by default.
@@ -53,16 +54,17 @@ class Windows:
         *,
         num_frames: int,
         num_reference_frames: int,
+        inputs: Collection[str] = ("mel", "words"),
         image_size: int | None = None,
         among: Container[str] | None = None,
         cache_bytes: int = 8 << 30,
     ):
         self.num_frames, self.cache_bytes = num_frames, cache_bytes
         self.skeleton, self.num_training_speakers = corpus.skeleton, len(corpus.speakers_of(TRAIN))
-        self._fps, self._vocabulary = corpus.fps, vocabulary
+        self._fps, self._vocabulary, self._inputs = corpus.fps, vocabulary, tuple(inputs)
         num_images = 0 if image_size is None else num_reference_frames
         self._index = make_index(corpus, split, num_frames, num_images, among)
-        self._read = _Reader(corpus.clips(split), self.skeleton, num_reference_frames, image_size)
+        self._read = _Reader(corpus.clips(split), self.skeleton, self._inputs, num_reference_frames, image_size)
         self._cache = ClipCache(self._read.track, cache_bytes)
         self._last_motion: tuple[int, np.ndarray] | None = None
 
@@ -90,9 +92,8 @@ class Windows:
         number, start = self._find(index)
         track = self._cache[number]
         start = min(start + delay, len(track.directions) - self.num_frames)
-        example = {
-            "mel": mel_window(track.mel, start, self._fps).astype(np.float32),
-            "words": self._words(track, start),
+        heard = speech.window(track.speech, self._inputs, self._vocabulary, start, self.num_frames, self._fps)
+        example = heard | {
             "directions": track.directions[start : start + self.num_frames],
             "speaker": self._index.speakers[number],
         }
@@ -139,36 +140,28 @@ class Windows:
     def _find(self, index: int) -> tuple[int, int]:
         return int(self._index.clips[index]), int(self._index.starts[index])
 
-    def _words(self, track: Track, start: int) -> np.ndarray:
-        # Only words near the window are laid out; a frame more on either side leaves rounding to `words_to_frames`.
-        first = track.word_ends.searchsorted((start - 1) / self._fps, "left")
-        last = track.word_starts.searchsorted((start + self.num_frames + 1) / self._fps, "right")
-        words = track.words[first:last]
-        return words_to_frames(words, self._vocabulary, start / self._fps, self.num_frames, self._fps)
-
 
 class _Reader(NamedTuple):
     """Makes features of clips by their number; all that decoding needs, and so what is sent to a worker."""
 
     clips: Clips
     skeleton: Skeleton
+    inputs: tuple[str, ...]
     num_reference_frames: int
     image_size: int | None
 
     def track(self, number: int) -> Track:
         fields = self.clips.fields(number)
-        word_ends = np.maximum.accumulate([0.0, *(word.end for word in fields["words"])])[1:]
-        # librosa lays the columns of a spectrogram one after the other; batches want rows.
+        audio = np.zeros(0, np.float32)
+        if set(self.inputs) - {"words", "plain_words"}:
+            audio = records.decode_audio(fields, self.clips.place(number))
         track = Track(
-            mel=log_mel(records.decode_audio(fields, self.clips.place(number))).astype(np.float16, order="C"),
+            speech=speech.prepare(audio, fields["words"], self.inputs),
             directions=self._directions(fields),
-            words=fields["words"],
-            word_starts=np.array([word.start for word in fields["words"]]),
-            word_ends=word_ends,
             frames=self._resized(fields, number),
         )
-        for array in track:
-            if isinstance(array, np.ndarray):
+        for array in track[1:]:
+            if array is not None:
                 array.setflags(write=False)
         return track
 

@@ -16,8 +16,7 @@ TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is match
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 RISE = 0.1  # m/s by which a downward stroke is faster than what is around it
 HIT_DELAY = 0.13  # seconds from the fastest moment of a stroke to its end, half a stroke
-
-_ONSET_RATE = 16000
+ONSET_RATE = 16000  # samples per second of the sound that onsets are found in
 
 
 class Matches(NamedTuple):
@@ -51,6 +50,20 @@ class Kernels(NamedTuple):
     meant: float
 
 
+class Minima(NamedTuple):
+    """Local minima of a curve.
+
+    Attributes:
+        sample: (n,) index of the lowest sample, of the first where two are equal.
+        offset: (n,) from there to the lowest point of the parabola through it and its neighbours, -0.5 to 0.5 samples.
+        rise: (n,) from the lowest sample to the nearest local maximum, on the side where that is less.
+    """
+
+    sample: np.ndarray
+    offset: np.ndarray
+    rise: np.ndarray
+
+
 def wrists(skeleton: Skeleton, directions: np.ndarray) -> np.ndarray:
     """Positions (T, 2, 3) in metres of the left and the right wrist, from direction vectors (T, bones, 3)."""
     positions = directions_to_positions(skeleton, directions.astype(np.float64))
@@ -82,22 +95,64 @@ def motion_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.nd
 
 
 def deep_minima(curve: np.ndarray, rise: float) -> np.ndarray:
-    """Positions, between samples, of strict local minima of `curve` (T,) that rise by `rise` on both sides.
+    """Positions, between samples, of strict local minima of `curve` (T,) that rise by `rise` on both sides."""
+    found = minima(curve)
+    return (found.sample + found.offset)[found.rise >= rise]
 
-    The rise is measured to the nearest local maximum on that side.
+
+def minima(curve: np.ndarray, *, is_first: np.ndarray | None = None, equal: bool = False) -> Minima:
+    """Strict local minima of one curve, or of many that lie end to end.
+
+    Args:
+        curve: (T,) samples.
+        is_first: (T,) marks the first sample of each curve; no minimum is there, at a last sample, or across.
+        equal: find two equal lowest samples too, as a minimum halfway.
     """
-    lowest = 1 + np.flatnonzero((curve[1:-1] < curve[:-2]) & (curve[1:-1] < curve[2:]))
+    is_joint = np.zeros(max(len(curve) - 1, 0), bool) if is_first is None else is_first[1:]
     steps = np.diff(curve)
-    positions = []
-    for index in lowest:
-        falls_before = np.flatnonzero(steps[:index] >= 0)
-        falls_after = np.flatnonzero(steps[index:] <= 0)
-        left = curve[falls_before[-1] + 1 if len(falls_before) else 0]
-        right = curve[index + falls_after[0] if len(falls_after) else -1]
-        if min(left, right) - curve[index] >= rise:
-            below, middle, above = curve[index - 1 : index + 2]
-            positions.append(index + 0.5 * (below - above) / (below - 2 * middle + above))
-    return np.array(positions)
+    falls, rises, stays = (np.zeros(len(curve), bool) for _ in range(3))  # towards a sample, and away from it
+    falls[1:], rises[:-1], stays[:-1] = (sign & ~is_joint for sign in (steps < 0, steps > 0, steps == 0))
+    is_lowest = falls & rises
+    if equal:
+        is_lowest[:-1] |= falls[:-1] & stays[:-1] & rises[1:]
+    index = np.flatnonzero(is_lowest)
+    samples = np.arange(len(curve))
+    left = np.maximum.accumulate(np.where(falls, 0, samples))[index]
+    right = np.minimum.accumulate(np.where(rises, len(curve), samples)[::-1])[::-1][index + stays[index]]
+    before, after = curve[index - 1] - curve[index], curve[index + 1] - curve[index]
+    return Minima(
+        index, 0.5 * (before - after) / (before + after), np.minimum(curve[left], curve[right]) - curve[index]
+    )
+
+
+def nearest(
+    times: np.ndarray, others: np.ndarray, owners: np.ndarray | None = None, other_owners: np.ndarray | None = None
+) -> np.ndarray:
+    """Seconds (n,) from each time to the nearest of the others, infinite where there is none.
+
+    Args:
+        times, others: (n,) and (m,) ascending seconds.
+        owners, other_owners: (n,) and (m,) ascending clips that the times belong to; only times of the same clip meet.
+            Times then ascend within a clip. All belong to one clip by default.
+    """
+    if not len(others):
+        return np.full(len(times), np.inf)
+    if owners is None or other_owners is None:
+        owners, other_owners = np.zeros(len(times), int), np.zeros(len(others), int)
+    low = min(times.min(initial=0), others.min())
+    span = max(times.max(initial=0), others.max()) - low + 1
+    after = np.searchsorted(other_owners * span + (others - low), owners * span + (times - low))
+    distances = np.full(len(times), np.inf)
+    # The rounding of the long axis may pick a neighbour that is a hair farther; distances are taken on the times.
+    for neighbour in (np.maximum(after - 1, 0), np.minimum(after, len(others) - 1)):
+        candidates = np.where(other_owners[neighbour] == owners, np.abs(others[neighbour] - times), np.inf)
+        np.minimum(distances, candidates, out=distances)
+    return distances
+
+
+def kernel(distances: np.ndarray, sigma: float = SIGMA) -> np.ndarray:
+    """exp(-d^2 / (2 sigma^2)) of distances in seconds (HA2G, Eq. 11); 0 at infinity."""
+    return np.exp(-np.square(distances) / (2 * sigma**2))
 
 
 def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
@@ -154,7 +209,7 @@ def onsets(audio: np.ndarray) -> np.ndarray:
     """Times in seconds, (n,), of the onsets of samples at 16 kHz: librosa's detector with its defaults."""
     import librosa  # slow to import, and Talk does without it
 
-    return librosa.onset.onset_detect(y=audio, sr=_ONSET_RATE, units="time")
+    return librosa.onset.onset_detect(y=audio, sr=ONSET_RATE, units="time")
 
 
 def kernels(
@@ -167,13 +222,13 @@ def kernels(
         start, end: seconds.
         sigma: seconds.
     """
-    inside = [(times >= start) & (times < end) for times in (onset_times, beats)]
-    if not len(onset_times) or not len(beats):
-        return Kernels(int(inside[0].sum()), int(inside[1].sum()), 0.0, 0.0)
-    squares = np.square(onset_times[:, None] - beats[None])
-    nearest = [np.exp(-squares.min(axis=axis) / (2 * sigma**2)) for axis in (1, 0)]
-    sums = [float(values[mask].sum()) for values, mask in zip(nearest, inside, strict=True)]
-    return Kernels(int(inside[0].sum()), int(inside[1].sum()), sums[0], sums[1])
+    onset_times, beats = np.sort(onset_times), np.sort(beats)
+    counts, sums = [], []
+    for times, others in ((onset_times, beats), (beats, onset_times)):
+        is_inside = (times >= start) & (times < end)
+        counts.append(int(is_inside.sum()))
+        sums.append(float(kernel(nearest(times, others), sigma)[is_inside].sum()))
+    return Kernels(*counts, *sums)
 
 
 def alignment(sums: np.ndarray) -> float:

@@ -26,7 +26,10 @@ class Gates(NamedTuple):
 
 
 def gru_scan(
-    gates: Sequence[Gates], hidden_kernels: Sequence[Gates], hidden_biases: Sequence[jax.Array]
+    gates: Sequence[Gates],
+    hidden_kernels: Sequence[Gates],
+    hidden_biases: Sequence[jax.Array],
+    is_real: Sequence[jax.Array] | None = None,
 ) -> tuple[jax.Array, ...]:
     """Runs independent GRUs side by side in one scan, from a zero state.
 
@@ -37,21 +40,26 @@ def gru_scan(
         gates: per GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.
         hidden_kernels: per GRU and gate (h, h), the transpose of U.
         hidden_biases: per GRU (h,), c_n.
+        is_real: per GRU (N, B, 1), False where a step is padding, which leaves the state as it was; None for no
+            padding at all.
 
     Returns:
         Per GRU (N, B, h), the states h_t.
     """
 
     def step(states, frame):
-        states = tuple(
+        frame, is_real = frame
+        after = tuple(
             _cell(state, frame_gates, kernels, bias)
             for state, frame_gates, kernels, bias in zip(states, frame, hidden_kernels, hidden_biases, strict=True)
         )
-        return states, tuple(state.astype(gate.reset.dtype) for state, gate in zip(states, gates, strict=True))
+        if is_real is not None:
+            after = jax.tree.map(jnp.where, is_real, after, states)
+        return after, tuple(state.astype(gate.reset.dtype) for state, gate in zip(after, gates, strict=True))
 
     hidden_kernels, hidden_biases = _float32((tuple(hidden_kernels), tuple(hidden_biases)))
     start = tuple(jnp.zeros_like(gate.reset[0], jnp.float32) for gate in gates)
-    return jax.lax.scan(step, start, tuple(gates))[1]
+    return jax.lax.scan(step, start, (tuple(gates), None if is_real is None else tuple(is_real)))[1]
 
 
 def _cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> jax.Array:
@@ -65,6 +73,33 @@ def _cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> ja
 
 def _float32(tree: Any) -> Any:
     return jax.tree.map(lambda x: x.astype(jnp.float32), tree)
+
+
+def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
+    """One GRU's parameters in a module, named as in `torch.nn.GRU`; they start uniform in +-1/sqrt(h)."""
+    bound = hidden_dim**-0.5
+
+    def uniform(key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+        return jax.random.uniform(key, shape, minval=-bound, maxval=bound)
+
+    width = 3 * hidden_dim
+    return (
+        module.param("weight_ih" + suffix, uniform, (width, inputs)),
+        module.param("weight_hh" + suffix, uniform, (width, hidden_dim)),
+        module.param("bias_ih" + suffix, uniform, (width,)),
+        module.param("bias_hh" + suffix, uniform, (width,)),
+    )
+
+
+def _prepare(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, Gates, jax.Array]:
+    """What `gru_scan` takes for one GRU on x (N, B, inputs): gates, hidden kernels, hidden bias."""
+    input_weight, hidden_weight, input_bias, hidden_bias = weights
+    outside, inside = jnp.split(hidden_bias, [2 * hidden_weight.shape[1]])
+    bias = input_bias + jnp.concatenate([outside, jnp.zeros_like(inside)])
+    # One matrix product for all frames instead of one in each step of the scan.
+    gates = jnp.einsum("nbi,gi->nbg", x, input_weight) + bias[None, None]
+    kernels = Gates(*jnp.split(hidden_weight.T, 3, axis=-1))
+    return Gates(*jnp.split(gates, 3, axis=-1)), kernels, inside
 
 
 class BiGRU(nn.Module):
@@ -83,37 +118,94 @@ class BiGRU(nn.Module):
     layers: int
     dropout: float = 0.0
 
-    @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Maps (B, N, inputs) to (B, N, hidden_dim); uses the stream "dropout" in training."""
+        forward, backward = self.states(x, train=train)[-1]
+        return forward + backward
+
+    @nn.compact
+    def states(
+        self, x: jax.Array, *, is_real: jax.Array | None = None, train: bool
+    ) -> tuple[tuple[jax.Array, jax.Array], ...]:
+        """The states of every layer, for sequences that may end early.
+
+        Args:
+            x: (B, N, inputs).
+            is_real: (B, N), False at the steps after a sequence's end. There the forward state stays as it was, so
+                that its last one is final, and the backward state is 0 until the sequence begins at its end.
+            train: uses the stream "dropout".
+
+        Returns:
+            Per layer the forward and the backward states, each (B, N, hidden_dim).
+        """
         x = jnp.swapaxes(x, 0, 1)
-        forward = backward = x
+        if is_real is not None:
+            is_real = is_real.T[..., None]
+        layers: list[tuple[jax.Array, jax.Array]] = []
         for layer in range(self.layers):
             if layer:
-                x = jnp.concatenate([forward, backward], axis=-1)
+                x = jnp.concatenate(layers[-1], axis=-1)
                 x = nn.Dropout(self.dropout)(x, deterministic=not train)
-            forward, backward = self._layer(x, layer)
-        return jnp.swapaxes(forward + backward, 0, 1)
+            layers.append(self._layer(x, is_real, layer))
+        return tuple((jnp.swapaxes(forward, 0, 1), jnp.swapaxes(backward, 0, 1)) for forward, backward in layers)
 
-    def _layer(self, x: jax.Array, layer: int) -> tuple[jax.Array, jax.Array]:
-        gates, kernels, bias = self._direction(x, f"_l{layer}")
-        back_gates, back_kernels, back_bias = self._direction(x[::-1], f"_l{layer}_reverse")
-        forward, backward = gru_scan((gates, back_gates), (kernels, back_kernels), (bias, back_bias))
+    def _layer(self, x: jax.Array, is_real: jax.Array | None, layer: int) -> tuple[jax.Array, jax.Array]:
+        weights, back_weights = (
+            _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}{suffix}") for suffix in ("", "_reverse")
+        )
+        gates, kernels, bias = _prepare(x, weights)
+        back_gates, back_kernels, back_bias = _prepare(x[::-1], back_weights)
+        forward, backward = gru_scan(
+            (gates, back_gates),
+            (kernels, back_kernels),
+            (bias, back_bias),
+            None if is_real is None else (is_real, is_real[::-1]),
+        )
         return forward, backward[::-1]
 
-    def _direction(self, x: jax.Array, suffix: str) -> tuple[Gates, Gates, jax.Array]:
-        width = 3 * self.hidden_dim
-        input_weight = self.param("weight_ih" + suffix, self._uniform, (width, x.shape[-1]))
-        hidden_weight = self.param("weight_hh" + suffix, self._uniform, (width, self.hidden_dim))
-        input_bias = self.param("bias_ih" + suffix, self._uniform, (width,))
-        hidden_bias = self.param("bias_hh" + suffix, self._uniform, (width,))
-        outside, inside = jnp.split(hidden_bias, [2 * self.hidden_dim])
-        bias = input_bias + jnp.concatenate([outside, jnp.zeros_like(inside)])
-        # One matrix product for all frames instead of one in each step of the scan.
-        gates = jnp.einsum("nbi,gi->nbg", x, input_weight) + bias[None, None]
-        kernels = Gates(*jnp.split(hidden_weight.T, 3, axis=-1))
-        return Gates(*jnp.split(gates, 3, axis=-1)), kernels, inside
 
-    def _uniform(self, key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-        bound = self.hidden_dim**-0.5
-        return jax.random.uniform(key, shape, minval=-bound, maxval=bound)
+class GRU(nn.Module):
+    """A GRU of several layers that runs forward in time, without dropout and with the parameters of `torch.nn.GRU`.
+
+    Attributes:
+        hidden_dim: h, values of a state.
+        layers: number of layers.
+    """
+
+    hidden_dim: int
+    layers: int
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """Maps (B, N, inputs) to the states of the last layer, (B, N, hidden_dim)."""
+        x = jnp.swapaxes(x, 0, 1)
+        for layer in range(self.layers):
+            gates, kernels, bias = _prepare(x, _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}"))
+            (x,) = gru_scan((gates,), (kernels,), (bias,))
+        return jnp.swapaxes(x, 0, 1)
+
+
+class GRUCells(nn.Module):
+    """One step of a GRU of several layers that runs forward in time, with the parameters of `torch.nn.GRU`.
+
+    Attributes:
+        hidden_dim: h, values of a state.
+        layers: number of layers.
+        dropout: rate of the dropout between layers.
+    """
+
+    hidden_dim: int
+    layers: int
+    dropout: float = 0.0
+
+    @nn.compact
+    def __call__(self, states: tuple[jax.Array, ...], x: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
+        """Maps h_(t-1), per layer (B, hidden_dim) in float32, and x_t (B, inputs) to h_t; uses the stream "dropout"."""
+        after: list[jax.Array] = []
+        for layer, state in enumerate(states):
+            if layer:
+                x = nn.Dropout(self.dropout)(after[-1].astype(x.dtype), deterministic=not train)
+            weights = _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}")
+            gates, kernels, bias = _prepare(x[None], weights)
+            after.append(_cell(state, jax.tree.map(lambda gate: gate[0], gates), kernels, bias))
+        return tuple(after)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.models import initializers
+from ha2g_jax.models.asr_audio import AsrAudioEncoder
 from ha2g_jax.models.gru import BiGRU
 from ha2g_jax.models.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.models.resnet_se import AudioEncoder, Features
@@ -40,63 +41,84 @@ class StyleCoordinator(nn.Module):
 
     Attributes:
         num_levels: H.
+        audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
+        is_tied: whether all levels of the motion share one column (Table 4, "same audio").
     """
 
     num_levels: int
+    audio_levels: tuple[str, ...] = Features._fields
+    is_tied: bool = False
 
     @nn.compact
     def __call__(self, f_id: jax.Array) -> jax.Array:
         """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
-        num_audio = len(Features._fields)
-        scores = nn.Dense(num_audio * self.num_levels, kernel_init=initializers.LINEAR, name="linear")(f_id)
-        scores = scores.reshape(f_id.shape[0], num_audio, self.num_levels)
-        return nn.softmax(scores.astype(jnp.float32), axis=1).astype(scores.dtype)
+        num_audio, num_columns = len(Features._fields), 1 if self.is_tied else self.num_levels
+        scores = nn.Dense(num_audio * num_columns, kernel_init=initializers.LINEAR, name="linear")(f_id)
+        scores = scores.reshape(f_id.shape[0], num_audio, num_columns)
+        may_count = jnp.array([name in self.audio_levels for name in Features._fields])[None, :, None]
+        weights = nn.softmax(scores.astype(jnp.float32), axis=1, where=may_count).astype(scores.dtype)
+        return jnp.broadcast_to(weights, (f_id.shape[0], num_audio, self.num_levels))
 
 
 class HA2G(nn.Module):
     """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
-    Only `encode_audio` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream
-    "dropout" in training.
+    Only `listen` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream "dropout"
+    in training.
 
     Attributes:
         audio: E_a.
         text: E_t; its features serve the contrastive loss only, never the poses.
         identity: E_ID.
-        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`).
+        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
+            of them, the last included, where an ablation leaves levels out).
+        audio_levels, is_tied: of the style coordinator.
         num_seed_frames: M.
         hidden_dim, layers, dropout: of each stage's GRU.
     """
 
-    audio: AudioEncoder
+    audio: AudioEncoder | AsrAudioEncoder
     text: TextEncoder
     identity: ImageIdentity | SpeakerIdentity
     level_channels: tuple[tuple[int, ...], ...]
+    audio_levels: tuple[str, ...] = Features._fields
+    is_tied: bool = False
     num_seed_frames: int = 4
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
 
     def setup(self) -> None:
-        self.coordinator = StyleCoordinator(len(self.level_channels))
+        self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
         self.stages = [
             PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout, name=f"pose_{level}")
             for level, channels in enumerate(self.level_channels, 1)
         ]
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What `listen` hears of a window."""
+        return self.audio.inputs
+
+    @property
+    def style_dim(self) -> int:
+        """Values of f_id."""
+        return self.identity.feature_dim
+
     def __call__(
-        self, mel: jax.Array, words: jax.Array, identity: jax.Array, seed: jax.Array, *, train: bool
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
-        features = self.encode_audio(mel, train=train)
-        self.encode_text(words, train=train)
+        features = self.listen(inputs, train=train)
+        self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
         return self.infer(features, mean, seed, train=train)
 
-    def encode_audio(self, mel: jax.Array, *, train: bool) -> Features:
-        """Maps the mel (B, 128, 70) in dB to f_low, f_mid and f_high, each (B, N, 32)."""
-        return self.audio(mel, train=train)
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
+        """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
+        (name,) = self.audio.inputs
+        return self.audio(inputs[name], train=train)
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
         """Maps word indices on frames (B, N) to f_t (B, N, 32)."""

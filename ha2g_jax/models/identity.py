@@ -40,10 +40,12 @@ class SpeakerIdentity(nn.Module):
     Attributes:
         num_speakers: rows of the table.
         feature_dim: values of f_id.
+        has_hidden: whether a linear map lies between the table and the two heads, as in Trimodal.
     """
 
     num_speakers: int
     feature_dim: int = 18
+    has_hidden: bool = False
 
     @nn.compact
     def __call__(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
@@ -54,7 +56,10 @@ class SpeakerIdentity(nn.Module):
         table = nn.Embed(
             self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=normal, name="embedding"
         )
-        return _heads(table(speaker).astype(table.embedding.dtype), self.feature_dim)
+        x = table(speaker).astype(table.embedding.dtype)
+        if self.has_hidden:
+            x = nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name="linear")(x)
+        return _heads(x, self.feature_dim)
 
 
 def _heads(x: jax.Array, feature_dim: int) -> tuple[jax.Array, jax.Array]:

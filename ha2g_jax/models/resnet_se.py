@@ -146,6 +146,8 @@ class AudioEncoder(nn.Module):
     feature_dim: int = 32
     is_recomputed: bool = False
 
+    inputs = ("mel",)
+
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> Features:
         """Maps the mel (B, 128, 70) in dB, -80 to 0, to features of 34 frames.

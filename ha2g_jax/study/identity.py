@@ -14,7 +14,7 @@ from ha2g_jax.train.task import Task
 
 
 def clip_identity(model: Model, clip: Clip) -> np.ndarray:
-    """f_id (18,) of a clip's speaker: the mean that E_ID gives.
+    """f_id (style_dim,) of a clip's speaker: the mean that E_ID gives, zeros for a model that knows no identity.
 
     A model that reads images sees the reference frames of the clip. One with a table of speakers looks the name up;
     a name that it does not know has no style, so it gets the average of those it knows.
@@ -22,6 +22,8 @@ def clip_identity(model: Model, clip: Clip) -> np.ndarray:
     Raises:
         UserError: the model reads images and the clip has none.
     """
+    if not model.task.identity_input:
+        return np.zeros(model.task.generator.style_dim, np.float32)
     if model.task.identity_input != "frames":
         known = model.assets.speakers
         return np.asarray(known.get(clip.speaker, np.mean(list(known.values()), axis=0)), np.float32)

@@ -23,7 +23,8 @@ def as_table(scores: dict[str, Any]) -> str:
     ]
     for split, result in scores["splits"].items():
         lines += ["", *_split_lines(split, result)]
-    lines += ["", "Word class from frozen f_high at word onsets, by a linear probe"]
+    if scores["probe"]:
+        lines += ["", "Word class from frozen f_high at word onsets, by a linear probe"]
     for split, row in scores["probe"].items():
         lines.append(f"  {split:<22}{_cell(row['accuracy'])}  (most frequent class {_cell(row['majority']).strip()})")
     return "\n".join(lines)

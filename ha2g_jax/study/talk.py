@@ -14,6 +14,7 @@ from ha2g_jax.data.talk import build, teacher
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.jackknife import Estimate
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.study import probe, scores
 from ha2g_jax.study.identity import clip_identity
@@ -62,21 +63,19 @@ def score(model: Model, corpus: Corpus, splits: Sequence[str] = SPLITS, seed: in
 
     A score is {"value", "error"}, the error a standard error by clip, for the style by speaker; None where it is
     undefined. The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
-    Of the training split as many clips are scored as the largest other split has.
+    The linear probe on frozen f_high is of HA2G alone. Of the training split as many clips are scored as the largest
+    other split has.
 
     Raises:
         UserError: as `evaluate`.
     """
     chosen = _choose_clips(corpus, splits, seed)
     _check(model, corpus, chosen)
-    training = corpus.clips(TRAIN)
-    probed = _sample(len(training), _MAX_PROBE_CLIPS, seed)
-    num_steps = 2 * sum(map(len, chosen.values())) + len(probed)
-    with tqdm(desc="evaluate", total=num_steps, unit="clip") as progress:
+    num_clips = sum(map(len, chosen.values()))
+    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
+    with tqdm(desc="evaluate", total=num_clips + num_probed, unit="clip") as progress:
         results = {name: _score_split(model, corpus, clips, seed, progress) for name, clips in chosen.items()}
-        heard = {name: probe.hear(_hear(model, clips, progress), model.fps) for name, clips in chosen.items()}
-        learnt = probe.hear(_hear(model, (training[index] for index in probed), progress), model.fps)
-    accuracies = probe.accuracy(learnt, heard)
+        accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
     return {
         "model": model.assets.hash,
         "data": {"name": corpus.metadata["name"], "source": corpus.metadata["source"]},
@@ -120,7 +119,9 @@ def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int,
     generated, taught, still = [], [], []
     truths = [scores.truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
-        directions = synthesis.generate_directions(model, clip.audio, clip_identity(model, clip), seed + index)
+        directions = synthesis.generate_directions(
+            model, clip.audio, clip_identity(model, clip), seed + index, words=clip.words
+        )
         again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
         taught.append(Trial(truth, scores.look(skeleton, positions_to_directions(skeleton, again.positions), fps)))
         generated.append(Trial(truth, scores.look(skeleton, directions, fps)))
@@ -161,6 +162,16 @@ def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
         others.append([other for other in following if clips[other].talk != clip.talk][:MISMATCHES])
     fewest = min(map(len, others), default=0)
     return [row[:fewest] for row in others]
+
+
+def _probe(
+    model: Model, corpus: Corpus, chosen: dict[str, list[Clip]], seed: int, progress: tqdm
+) -> dict[str, dict[str, Estimate]]:
+    training = corpus.clips(TRAIN)
+    probed = _sample(len(training), _MAX_PROBE_CLIPS, seed)
+    heard = {name: probe.hear(_hear(model, clips, progress), model.fps) for name, clips in chosen.items()}
+    learnt = probe.hear(_hear(model, (training[index] for index in probed), progress), model.fps)
+    return probe.accuracy(learnt, heard)
 
 
 def _hear(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:

@@ -2,12 +2,18 @@
 
 import dataclasses
 import pathlib
+import sys
 from collections.abc import Sequence
 
+import numpy as np
+from tqdm import tqdm
+
 from ha2g_jax.audio import read_audio
+from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.video import write_video
-from ha2g_jax.synthesis.model import load
+from ha2g_jax.synthesis.model import Model, load
+from ha2g_jax.text import Word
 from ha2g_jax.whole_file import whole_file
 
 
@@ -21,6 +27,7 @@ def generate_files(
     style_seed: int | None = None,
     seed: int = 0,
     fps: float | None = None,
+    words: pathlib.Path | None = None,
 ) -> tuple[pathlib.Path, pathlib.Path]:
     """Writes the motion (`.npz`) and a video of the figure with the sound (`.mp4`): both, or neither.
 
@@ -30,6 +37,8 @@ def generate_files(
             they lie beside the speech, with `_gestures` after its name.
         checkpoint: see `load`.
         speaker, reference_images, style_seed, seed, fps: see `Model.generate`.
+        words: a transcript of the speech for a model that reads words, by default the one beside the speech. HA2G needs
+            none.
 
     Returns:
         The paths of the `.npz` and the `.mp4`.
@@ -41,15 +50,37 @@ def generate_files(
     npz, mp4 = out_paths(speech, out)
     audio = read_audio(speech)
     model = load(checkpoint)
+    spoken = _read_words(model, speech, audio, words)
     # Opened before the work, so that a place that cannot be written is noticed in time.
     with whole_file(npz) as temporary_npz, whole_file(mp4) as temporary_mp4:
         motion = model.generate(
-            audio, speaker=speaker, reference_images=reference_images, style_seed=style_seed, seed=seed, fps=fps
+            audio,
+            speaker=speaker,
+            reference_images=reference_images,
+            style_seed=style_seed,
+            seed=seed,
+            fps=fps,
+            words=spoken,
         )
         motion = dataclasses.replace(motion, meta=motion.meta | {"speech": speech.name})
         motion.save(temporary_npz)
         write_video(temporary_mp4, motion, audio)
     return npz, mp4
+
+
+def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None) -> tuple[Word, ...]:
+    """The words of the speech, none for a model that hears the sound alone or where there is no transcript."""
+    if not model.reads_words:
+        return ()
+    words = words or transcripts.find(speech)
+    if words is None:
+        tqdm.write(
+            f"{model.config.method} reads words, and {speech} has no transcript beside it: going on without "
+            "(--words names one)",
+            file=sys.stderr,
+        )
+        return ()
+    return transcripts.words_of(audio, words, recognise=None)
 
 
 def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, pathlib.Path]:

@@ -13,13 +13,15 @@ from PIL import Image, ImageOps
 
 from ha2g_jax import __version__
 from ha2g_jax.audio import SAMPLE_RATE, check_samples, read_audio
+from ha2g_jax.data.speech import prepare
 from ha2g_jax.data.windows import resize_frames
 from ha2g_jax.errors import UserError
-from ha2g_jax.models import Features
+from ha2g_jax.models import HA2G, Features
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.motion.windows import join_windows, num_windows
 from ha2g_jax.synthesis.scan import encode_windows, infer_windows
+from ha2g_jax.text import Word
 from ha2g_jax.train import model_folder
 from ha2g_jax.train.assets import Assets
 from ha2g_jax.train.task import Task
@@ -44,6 +46,16 @@ class Model:
     config: Any
 
     @property
+    def reads_words(self) -> bool:
+        """Whether the words of the speech change the motion."""
+        return bool({"words", "plain_words"} & set(self.task.generator.inputs))
+
+    @property
+    def has_audio_levels(self) -> bool:
+        """Whether the model hears speech on HA2G's three levels, so that `encode_features` can give them."""
+        return isinstance(self.task.generator, HA2G)
+
+    @property
     def fps(self) -> int:
         """Frames per second that the model thinks in."""
         return self.config.data.fps
@@ -57,6 +69,7 @@ class Model:
         style_seed: int | None = None,
         seed: int = 0,
         fps: float | None = None,
+        words: Sequence[Word] = (),
     ) -> Motion:
         """Gestures for speech.
 
@@ -71,6 +84,7 @@ class Model:
             style_seed: seed of a style.
             seed: seed of everything random.
             fps: frames per second of the result, the model's by default; other rates are interpolated on the sphere.
+            words: of the speech, in order of time, for a model that `reads_words`; HA2G does without.
 
         Returns:
             Motion of exactly round(duration x fps) frames, at least 1.
@@ -81,7 +95,7 @@ class Model:
         f_id, style = choose_style(self, speaker, reference_images, style_seed, seed)
         fps = _check_fps(fps, self.fps)
         audio = read_audio(speech) if isinstance(speech, str | pathlib.Path) else _check_array(speech)
-        directions = generate_directions(self, audio, f_id, seed)
+        directions = generate_directions(self, audio, f_id, seed, words=words)
         duration = len(audio) / SAMPLE_RATE
         if fps != self.fps:
             directions = resample(directions, self.fps, fps, num_frames(duration, fps))
@@ -105,9 +119,11 @@ def load(spec: str | pathlib.Path = "demo") -> Model:
             of `ha2g train`.
 
     Raises:
-        UserError: there is no model, or it is damaged.
+        UserError: there is no model, it is damaged, or it is a pose auto-encoder.
     """
     loaded = model_folder.load(spec)
+    if not hasattr(loaded.task.generator, "infer"):
+        raise UserError(f"the model in {spec} is of {loaded.config.method}, which generates no motion; name another")
     return Model(loaded.task, jax.device_put(loaded.variables), loaded.assets, loaded.config)
 
 
@@ -129,8 +145,9 @@ def choose_style(
         raise UserError(f"seed {min(seed, style_seed or 0)} is negative; give 0 or more")
     if speaker is not None:
         if speaker not in model.assets.speakers:
-            known = ", ".join(model.assets.speakers) or "none"
-            raise UserError(f"no speaker {speaker!r} in the model; expected one of: {known}")
+            known = ", ".join(model.assets.speakers)
+            expected = f"expected one of: {known}" if known else "it knows none"
+            raise UserError(f"no speaker {speaker!r} in the model; {expected}")
         return np.asarray(model.assets.speakers[speaker], np.float32), {"kind": "speaker", "speaker": speaker}
     if reference_images is not None:
         if isinstance(reference_images, str | pathlib.Path):
@@ -138,18 +155,28 @@ def choose_style(
         names = [pathlib.Path(path).name for path in reference_images]
         return _encode_images(model, reference_images), {"kind": "images", "images": names}
     style_seed = seed if style_seed is None else style_seed
-    feature_dim = model.task.generator.identity.feature_dim
-    f_id = np.random.default_rng(style_seed).standard_normal(feature_dim, np.float32)
+    style_dim = model.task.generator.style_dim
+    f_id = np.random.default_rng(style_seed).standard_normal(style_dim, np.float32)
     return f_id, {"kind": "prior", "seed": style_seed}
 
 
-def generate_directions(model: Model, audio: np.ndarray, f_id: np.ndarray, seed: int = 0) -> np.ndarray:
+def generate_directions(
+    model: Model,
+    audio: np.ndarray,
+    f_id: np.ndarray,
+    seed: int = 0,
+    *,
+    words: Sequence[Word] = (),
+    start: np.ndarray | None = None,
+) -> np.ndarray:
     """Direction vectors for samples that have been checked, at the model's own frame rate.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        f_id: (18,) identity.
+        f_id: (style_dim,) identity.
         seed: picks the start pose.
+        words: of the audio, for a model that reads them.
+        start: (M, bones, 3) unit vectors, the start pose in place of one that is picked.
 
     Returns:
         (T, bones, 3) float32 unit vectors, T = max(1, round(duration x fps)).
@@ -158,8 +185,8 @@ def generate_directions(model: Model, audio: np.ndarray, f_id: np.ndarray, seed:
         UserError: the model's numbers are broken.
     """
     bank = model.assets.seed_poses
-    start = bank[np.random.default_rng(seed).integers(len(bank))]
-    windows = infer_windows(model.task, model.variables, _encode_windows(model, audio), f_id, start)
+    pose = bank[np.random.default_rng(seed).integers(len(bank))] if start is None else start
+    windows = infer_windows(model.task, model.variables, _encode_windows(model, audio, words), f_id, pose)
     if not np.isfinite(windows).all():
         raise UserError(f"model {model.assets.hash} gives values that are not finite; train or export it again")
     return join_windows(windows, model.task.num_seed_frames)[: _num_frames(model, audio)]
@@ -177,23 +204,25 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
         middle = windows[:, keep].reshape(-1, windows.shape[-1])
         return np.concatenate([windows[0, : keep.start], middle, windows[-1, keep.stop :]])[: _num_frames(model, audio)]
 
-    return jax.tree.map(join, _encode_windows(model, audio))
+    return jax.tree.map(join, _encode_windows(model, audio, ()))
 
 
 def _num_frames(model: Model, audio: np.ndarray) -> int:
     return num_frames(len(audio) / SAMPLE_RATE, model.fps)
 
 
-def _encode_windows(model: Model, audio: np.ndarray) -> Features:
+def _encode_windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> Any:
     count = num_windows(_num_frames(model, audio), model.task.num_frames, model.task.num_seed_frames)
-    return encode_windows(model.task, model.variables, audio, count, model.fps)
+    speech = prepare(audio, words, model.task.generator.inputs)
+    return encode_windows(model.task, model.variables, speech, model.assets.vocabulary, count, model.fps)
 
 
 def _encode_images(model: Model, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
     """The mean of f_id (18,) for pictures of any size, cut to a square about the middle."""
     if model.task.identity_input != "frames":
         names = ", ".join(model.assets.speakers)
-        raise UserError(f"this model knows speakers by name, not by images; expected one of: {names}")
+        known = f"knows speakers by name, not by images; expected one of: {names}" if names else "knows no speakers"
+        raise UserError(f"this model {known}")
     if not paths:
         raise UserError("an empty list of reference images; give one or more pictures")
     images = []

@@ -52,7 +52,7 @@ def write_sample(
     fps, skeleton = config.data.fps, assets.skeleton
     model = Model(task, variables, assets, config)
     try:
-        generated = generate_directions(model, audio, _style(model, clip), _SEED)
+        generated = generate_directions(model, audio, _style(model, clip), _SEED, words=clip.words)
         true = positions_to_directions(skeleton, clip.positions[: _SECONDS * fps])
         motions = {
             "true": Motion.from_directions(skeleton, true, fps),

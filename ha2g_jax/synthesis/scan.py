@@ -12,40 +12,49 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.audio import log_mel, mel_window
-from ha2g_jax.models import Features
+from ha2g_jax.data.speech import Speech, window
+from ha2g_jax.text import Vocabulary
 from ha2g_jax.train.task import Task, restore, subtract_mean
 
 # Windows that the audio encoder hears in one call: one compiled program and bounded memory for any length of speech.
 _CHUNK = 16
 
 
-def encode_windows(task: Task, variables: dict[str, Any], audio: np.ndarray, count: int, fps: int) -> Features:
-    """Audio features of the first `count` windows of a clip, each (K, N, 32); past its end there is silence."""
-    mel = log_mel(audio)
-    stride = task.num_frames - task.num_seed_frames
+def encode_windows(
+    task: Task, variables: dict[str, Any], speech: Speech, vocabulary: Vocabulary, count: int, fps: int
+) -> Any:
+    """What the generator hears in the first `count` windows of a clip; past its end there is silence.
+
+    Returns:
+        What `listen` gives, such as `Features` of HA2G, with a leading axis (K, ...).
+    """
+    stride, inputs = task.num_frames - task.num_seed_frames, task.generator.inputs
     chunks = []
     for start in tqdm(range(0, count, _CHUNK), desc="listening", disable=None, delay=2):
-        windows = [mel_window(mel, index * stride, fps) for index in range(start, start + _CHUNK)]
-        chunks.append(jax.device_get(_encode(task, variables, np.stack(windows))))
+        windows = [
+            window(speech, inputs, vocabulary, index * stride, task.num_frames, fps)
+            for index in range(start, start + _CHUNK)
+        ]
+        batch = {name: np.stack([heard[name] for heard in windows]) for name in inputs}
+        chunks.append(jax.device_get(_listen(task, variables, batch)))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 
 def infer_windows(
-    task: Task, variables: dict[str, Any], features: Features, f_id: np.ndarray, start: np.ndarray
+    task: Task, variables: dict[str, Any], heard: Any, style: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     """Unit direction vectors (K, N, bones, 3) of K windows.
 
     Args:
         task, variables: the generator.
-        features: of each window, (K, N, 32).
-        f_id: (18,) identity of all of them.
+        heard: in each window, from `encode_windows`.
+        style: (style_dim,) of all of them.
         start: (M, bones, 3) unit vectors, the seed pose of the first window.
     """
-    count = len(features.low)
+    count = len(jax.tree.leaves(heard)[0])
     missing = bucket(count) - count
-    padded = jax.tree.map(lambda x: np.pad(x, ((0, missing), (0, 0), (0, 0))), features)
-    identity, pose = jnp.asarray(f_id, jnp.float32), jnp.asarray(start, jnp.float32)
+    padded = jax.tree.map(lambda x: np.pad(x, ((0, missing), *((0, 0),) * (x.ndim - 1))), heard)
+    identity, pose = jnp.asarray(style, jnp.float32), jnp.asarray(start, jnp.float32)
     return np.asarray(_infer(task, variables, padded, identity, pose))[:count]
 
 
@@ -56,20 +65,19 @@ def bucket(count: int) -> int:
 
 
 @functools.partial(jax.jit, static_argnames="task")
-def _encode(task: Task, variables: dict[str, Any], mel: jax.Array) -> Features:
-    features: Any = task.generator.apply(variables, mel, train=False, method="encode_audio")
-    return features
+def _listen(task: Task, variables: dict[str, Any], batch: dict[str, jax.Array]) -> Any:
+    return task.generator.apply(variables, batch, train=False, method="listen")
 
 
 @functools.partial(jax.jit, static_argnames="task")
-def _infer(task: Task, variables: dict[str, Any], features: Features, f_id: jax.Array, start: jax.Array) -> jax.Array:
-    """Features of K windows, each (K, N, 32), and a start pose (M, bones, 3) to unit vectors (K, N, bones, 3)."""
+def _infer(task: Task, variables: dict[str, Any], heard: Any, style: jax.Array, start: jax.Array) -> jax.Array:
+    """What is heard in K windows and a start pose (M, bones, 3) to unit vectors (K, N, bones, 3)."""
 
-    def window(seed: jax.Array, features: Features) -> tuple[jax.Array, jax.Array]:
-        heard = jax.tree.map(lambda x: x[None], tuple(features))
+    def window(seed: jax.Array, heard: Any) -> tuple[jax.Array, jax.Array]:
+        heard = jax.tree.map(lambda x: x[None], heard)
         centred = subtract_mean(task, seed)[None]
-        levels: Any = task.generator.apply(variables, heard, f_id[None], centred, train=False, method="infer")
+        levels: Any = task.generator.apply(variables, heard, style[None], centred, train=False, method="infer")
         directions = restore(task, levels[-1][0])
         return directions[-task.num_seed_frames :], directions
 
-    return jax.lax.scan(window, start, features)[1]
+    return jax.lax.scan(window, start, heard)[1]

@@ -69,8 +69,10 @@ def speaker_identities(
         names: of its speakers, by index.
 
     Returns:
-        name -> (18,) float32.
+        name -> (18,) float32; nothing for a method that knows no identity.
     """
+    if not task.identity_input:
+        return {}
 
     def identity(speaker):
         if task.identity_input == "speaker":

@@ -13,7 +13,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import model_folder
 from ha2g_jax.train.assets import STATISTICS, Assets
-from ha2g_jax.train.task import TERMS
+from ha2g_jax.train.building import find_method
 
 # Settings that may differ from those a workdir was made with: they leave the updates as they are. A corpus may have
 # moved; that it is the same one is seen by `check_corpus`.
@@ -45,7 +45,7 @@ def check_settings(config: Config) -> None:
             raise UserError(
                 f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
             )
-    terms = [f"loss/{name}" for name in (*TERMS, "total")]
+    terms = [f"loss/{name}" for name in (*find_method(config).terms, "total")]
     if config.train.best_by not in terms:
         raise UserError(f"config.train.best_by is {config.train.best_by!r}, expected one of {', '.join(terms)}")
     devices = jax.device_count()
@@ -59,6 +59,13 @@ def check_settings(config: Config) -> None:
             "devices: set --config.train.devices=0"
         )
     _check_data(config.data)
+    if config.train.sample_every and config.method == "autoencoder":
+        raise UserError("the auto-encoder generates no samples: set --config.train.sample_every=0")
+    if (config.data.noise or config.data.gain_db) and "mel" not in find_method(config).inputs(config):
+        raise UserError(
+            f"{config.method} hears no mel, which noise and gain are of: "
+            "set --config.data.noise=0 --config.data.gain_db=0"
+        )
 
 
 def _check_data(data: Config) -> None:

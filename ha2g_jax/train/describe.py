@@ -14,7 +14,8 @@ from ha2g_jax.models.norm import BatchNorm
 from ha2g_jax.models.resnet import ResNet18
 from ha2g_jax.models.resnet_se import Head, Stage, Stem
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.task import build_task, example_batch
+from ha2g_jax.train.building import build_task
+from ha2g_jax.train.task import example_batch
 
 Row = dict[str, Any]
 
@@ -35,15 +36,12 @@ def describe(config: Config) -> list[Row]:
     """
     skeleton = load_skeleton(config.skeleton)
     task = build_task(config, skeleton, vocabulary_size=1, num_speakers=1)
-    batch = example_batch(task)
     poses = jnp.zeros((1, task.num_frames, skeleton.pose_dim))
-    seed = poses[:, : task.num_seed_frames]
+    rows = _rows("generator", task.generator, *task.method.arguments(task, example_batch(task)))
+    if task.discriminator is not None:
+        rows += _rows("discriminator", task.discriminator, poses)
     autoencoder = models.PoseAutoencoder(skeleton.pose_dim, models.LATENT_DIMS[skeleton.name])
-    return [
-        *_rows("generator", task.generator, batch["mel"], batch["words"], batch[task.identity_input], seed),
-        *_rows("discriminator", task.discriminator, poses),
-        *_rows("autoencoder", autoencoder, poses),
-    ]
+    return rows + _rows("autoencoder", autoencoder, poses)
 
 
 def as_table(rows: list[Row]) -> str:

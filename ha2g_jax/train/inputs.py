@@ -1,7 +1,8 @@
-"""What a run reads, as its config asks for it: corpus, windows, batches and word vectors."""
+"""What a run reads, as its config asks for it: corpus, windows, batches and pretrained parameters."""
+
+from typing import Any
 
 import grain
-import numpy as np
 
 from ha2g_jax.config import Config
 from ha2g_jax.data.augment import Augmentation
@@ -11,6 +12,8 @@ from ha2g_jax.data.talk.build import talk_path
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.text import Vocabulary
+from ha2g_jax.train import whisper_weights
+from ha2g_jax.train.building import find_method, word_table
 from ha2g_jax.word_vectors import read_word_vectors
 
 VALIDATION = "val"
@@ -42,15 +45,16 @@ def open_windows(config: Config, corpus: Corpus, vocabulary: Vocabulary, split: 
     Raises:
         UserError: the split does not have them.
     """
-    has_images = config.model.identity.kind == "images"
+    kind = config.model.identity.kind
     return Windows(
         corpus,
         split,
         vocabulary,
         num_frames=config.data.num_frames,
+        inputs=find_method(config).inputs(config),
         num_reference_frames=config.data.num_seed_frames,
-        image_size=config.data.image_size if has_images else None,
-        among=None if has_images else frozenset(corpus.speakers_of(TRAIN)),
+        image_size=config.data.image_size if kind == "images" else None,
+        among=frozenset(corpus.speakers_of(TRAIN)) if kind == "speakers" else None,
         cache_bytes=int(config.data.cache_gib * 2**30),
     )
 
@@ -64,7 +68,7 @@ def open_validation(config: Config, corpus: Corpus, vocabulary: Vocabulary) -> W
     if not corpus.has_clips(VALIDATION):
         return None
     is_known = set(corpus.speakers_of(VALIDATION)) & set(corpus.speakers_of(TRAIN))
-    if config.model.identity.kind != "images" and not is_known:
+    if config.model.identity.kind == "speakers" and not is_known:
         return None
     return open_windows(config, corpus, vocabulary, VALIDATION)
 
@@ -86,7 +90,33 @@ def training_batches(
     )
 
 
-def word_vectors(config: Config, vocabulary: Vocabulary) -> np.ndarray | None:
-    """(words, embedding_dim) float32 from the file that the config names, None where it names none."""
-    text = config.model.text
-    return read_word_vectors(text.vectors, vocabulary, text.embedding_dim) if text.vectors else None
+def pretrained(config: Config, vocabulary: Vocabulary) -> dict[str, Any]:
+    """The parameters to start from that the config names files of; {} where it names none.
+
+    Raises:
+        UserError: a file cannot be used, or does not fit the model.
+    """
+    text, audio = config.model.text, config.model.audio
+    parts = {}
+    if text.vectors:
+        if not {"words", "plain_words"} & set(find_method(config).inputs(config)):
+            raise UserError(f"{config.method} reads no words: leave --config.model.text.vectors out")
+        vectors = read_word_vectors(text.vectors, vocabulary, text.embedding_dim)
+        parts |= word_table(config, len(vocabulary), vectors)
+    if audio.kind == "whisper":
+        parts |= {"audio": {"whisper": _whisper(audio)}}
+    return parts
+
+
+def _whisper(audio: Config) -> dict[str, Any]:
+    if not audio.weights:
+        raise UserError(
+            "config.model.audio.kind is 'whisper' but no weights are named: set --config.model.audio.weights to a "
+            "folder with the config.json and model.safetensors of openai/whisper-tiny.en"
+        )
+    found, params = whisper_weights.load(audio.weights)
+    expected = whisper_weights.WhisperSizes(**audio.whisper)
+    if odd := [name for name in found._fields if getattr(found, name) != getattr(expected, name)]:
+        settings = " ".join(f"--config.model.audio.whisper.{name}={getattr(found, name)}" for name in odd)
+        raise UserError(f"{audio.weights} has an encoder of another size than the config: set {settings}")
+    return params

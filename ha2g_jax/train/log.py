@@ -45,6 +45,7 @@ class StepLog:
         bar: shows progress.
         batch_size: windows a step, of all hosts.
         is_due: whether a line is to be written for a step.
+        shown: the term that the bar shows.
         pending: `state` of the log of a run that this one continues.
     """
 
@@ -54,9 +55,11 @@ class StepLog:
         bar: tqdm.tqdm,
         batch_size: int,
         is_due: Callable[[int], bool],
+        shown: str = "huber",
         pending: dict[str, Any] | None = None,
     ):
         self._writer, self._bar, self._batch_size, self._is_due = writer, bar, batch_size, is_due
+        self._shown = shown
         self._waiting: tuple[int, Metrics] | None = None
         self._num_steps: int = pending["steps"] if pending else 0
         self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
@@ -145,7 +148,7 @@ class StepLog:
         if not self._num_steps:
             return
         line = {name: value / self._num_steps for name, value in self._sums.items()}
-        shown = f"huber {line['loss/huber']:.4f}"
+        shown = f"{self._shown} {line[f'loss/{self._shown}']:.4f}"
         now = time.perf_counter()
         if self._compile_seconds is not None and not self._is_compile_reported:
             line["compile_seconds"] = self._compile_seconds

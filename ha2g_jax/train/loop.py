@@ -22,12 +22,12 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import checks, hosts, inputs, model_folder, run_record, sharding
 from ha2g_jax.train.assets import Assets, calm_starts, speaker_identities
+from ha2g_jax.train.building import build_task
 from ha2g_jax.train.checkpoint import Checkpoints
 from ha2g_jax.train.log import NotFinite, StepLog
 from ha2g_jax.train.profiling import Profile
 from ha2g_jax.train.signals import Stop, stop_signals
 from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import build_task
 from ha2g_jax.train.validation import Validation
 from ha2g_jax.train.writers import open_writers
 
@@ -88,7 +88,7 @@ def _train(
         len(vocabulary),
         len(speakers),
         steps_per_epoch=len(windows) // batch_size,
-        word_vectors=inputs.word_vectors(config, vocabulary),
+        pretrained=inputs.pretrained(config, vocabulary),
     )
     mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
     init_key, key = jax.random.split(jax.random.key(config.seed))
@@ -122,6 +122,7 @@ def _train(
         bar,
         batch_size,
         lambda step: _is_due(step, config.train.log_every, num_steps),
+        config.train.best_by.removeprefix("loss/"),
         pending=record.get("log"),
     )
     split, shown = (inputs.VALIDATION, held_out) if held_out else (TRAIN, windows)
@@ -183,7 +184,8 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
         checks.check_corpus(workdir, assets, corpus)
         return assets
     starts = calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
-    no_styles = dict.fromkeys(corpus.speakers_of(TRAIN), np.zeros(0, np.float32))
+    named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()
+    no_styles = dict.fromkeys(named, np.zeros(0, np.float32))
     return Assets(corpus.skeleton, corpus.vocabulary(), no_styles, starts)
 
 

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
+from ha2g_jax.train.building import build_task
 from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import Task, build_task
+from ha2g_jax.train.task import Task, example_batch
 
 # Of TED, about; where no data say how large the tables of words and speakers are.
 _NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
@@ -89,17 +89,21 @@ class TimedStep:
 def random_batch(task: Task, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
     """Noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
     random = np.random.default_rng(0)
-    directions = random.normal(0, 0.3, (size, task.num_frames, task.skeleton.num_bones, 3))
-    batch = {
-        "mel": random.uniform(-80, 0, (size, NUM_MELS, WINDOW_COLUMNS)).astype(np.float32),
-        "words": random.integers(num_words, size=(size, task.num_frames), dtype=np.int32),
-        "directions": normalize((directions + task.skeleton.mean_directions).astype(np.float32)),
-        "speaker": random.integers(num_speakers, size=size, dtype=np.int32),
-    }
-    if task.identity_input == "frames":
-        shape = (size, task.num_seed_frames, task.image_size, task.image_size, 3)
-        batch["frames"] = random.integers(256, size=shape, dtype=np.uint8)
-    return batch
+
+    def draw(name: str, shape: tuple[int, ...]) -> np.ndarray:
+        match name:
+            case "mel" | "asr_mel" | "audio":
+                low, high = {"mel": (-80, 0), "asr_mel": (-1.5, 1.5), "audio": (-1, 1)}[name]
+                return random.uniform(low, high, shape).astype(np.float32)
+            case "directions":
+                directions = random.normal(0, 0.3, shape) + task.skeleton.mean_directions
+                return normalize(directions.astype(np.float32))
+            case "frames":
+                return random.integers(256, size=shape, dtype=np.uint8)
+        return random.integers(num_speakers if name == "speaker" else num_words, size=shape, dtype=np.int32)
+
+    one = jax.eval_shape(lambda: example_batch(task))
+    return {name: draw(name, (size, *array.shape[1:])) for name, array in one.items()}
 
 
 def _memory(step: jax.stages.Compiled) -> Memory | None:

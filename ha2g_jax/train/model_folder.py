@@ -15,7 +15,6 @@ import tempfile
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import safetensors
 import safetensors.numpy
@@ -26,8 +25,9 @@ from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import assets as assets_module
 from ha2g_jax.train.assets import Assets
+from ha2g_jax.train.building import build_task
 from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import Task, build_task, example_batch
+from ha2g_jax.train.task import Task, example_batch
 
 BEST, LATEST, FAILED = "best", "latest", "failed"
 RUN = "run.json"
@@ -171,10 +171,8 @@ def _task(folder: pathlib.Path, config: Config, assets: Assets) -> Task:
 
 
 def _expected_shapes(task: Task) -> dict[str, tuple[int, ...]]:
-    batch = example_batch(task)
-    seed = jnp.zeros((1, task.num_seed_frames, task.skeleton.pose_dim))
-    inputs = (batch["mel"], batch["words"], batch[task.identity_input], seed)
-    shapes = jax.eval_shape(lambda: task.generator.init(jax.random.key(0), *inputs, train=False))
+    arguments = task.method.arguments(task, example_batch(task))
+    shapes = jax.eval_shape(lambda: task.generator.init(jax.random.key(0), *arguments, train=False))
     return {name: leaf.shape for name, leaf in _flatten(shapes).items()}
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from ha2g_jax.train.task import Task, example_batch, set_word_vectors
+from ha2g_jax.train.task import Task, example_batch, set_pretrained
 
 
 class Network(flax.struct.PyTreeNode):
@@ -26,11 +26,11 @@ class Network(flax.struct.PyTreeNode):
 
 
 class TrainState(flax.struct.PyTreeNode):
-    """The two networks of Eq. 6 after `step` steps.
+    """The networks after `step` steps: those of Eq. 6, or a generator alone.
 
     Attributes:
         step: () int32.
-        generator, discriminator: as they are trained.
+        generator, discriminator: as they are trained; None for a method without a discriminator.
         average: {"params", "batch_stats"} of the generator, their running mean over the steps; None where the task
             keeps none.
         is_finite: () bool, whether the losses and gradient norms of all steps were finite. Once one was not, no
@@ -39,7 +39,7 @@ class TrainState(flax.struct.PyTreeNode):
 
     step: jax.Array
     generator: Network
-    discriminator: Network
+    discriminator: Network | None
     average: Any
     is_finite: jax.Array
 
@@ -51,24 +51,20 @@ class TrainState(flax.struct.PyTreeNode):
 
 @functools.partial(jax.jit, static_argnums=0)
 def init_state(task: Task, key: jax.Array) -> TrainState:
-    """Fresh networks; the task's word vectors, where it has them, take the place of random ones."""
+    """Fresh networks; the task's pretrained parameters, where it has them, take the place of random ones."""
     generator_key, discriminator_key = jax.random.split(key)
-    batch = example_batch(task)
-    poses = jnp.zeros((1, task.num_frames, task.skeleton.pose_dim))
-    generator = task.generator.init(
-        generator_key,
-        batch["mel"],
-        batch["words"],
-        batch[task.identity_input],
-        poses[:, : task.num_seed_frames],
-        train=False,
-    )
-    discriminator = task.discriminator.init(discriminator_key, poses, train=False)
-    network = _network(set_word_vectors(task, generator), task.generator_optimizer)
+    arguments = task.method.arguments(task, example_batch(task))
+    generator = task.generator.init(generator_key, *arguments, train=False)
+    network = _network(set_pretrained(task, generator), task.generator_optimizer)
+    discriminator = None
+    if task.discriminator is not None:
+        poses = jnp.zeros((1, task.num_frames, task.skeleton.pose_dim))
+        variables = task.discriminator.init(discriminator_key, poses, train=False)
+        discriminator = _network(variables, task.discriminator_optimizer)
     return TrainState(
         step=jnp.zeros((), jnp.int32),
         generator=network,
-        discriminator=_network(discriminator, task.discriminator_optimizer),
+        discriminator=discriminator,
         average=jax.tree.map(jnp.copy, network.variables) if task.average_decay else None,
         is_finite=jnp.ones((), bool),
     )

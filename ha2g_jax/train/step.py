@@ -1,4 +1,4 @@
-"""One training step: the generator runs forward once, its output trains both networks.
+"""One training step of any method: the generator runs forward once, its output trains both networks.
 
 The output, detached, first feeds the update of the discriminator. Then the gradient of the objective with
 respect to the output is taken through the updated discriminator and pulled back through the generator. This
@@ -12,10 +12,9 @@ import jax.numpy as jnp
 import optax
 
 from ha2g_jax import losses
-from ha2g_jax.skeleton import joint_angles
-from ha2g_jax.train.forward import Batch, Contrast, Outputs, discriminate, generate
+from ha2g_jax.train.forward import Batch, discriminate
 from ha2g_jax.train.state import Network, TrainState
-from ha2g_jax.train.task import Task, restore, split_levels, subtract_mean
+from ha2g_jax.train.task import Task, subtract_mean
 
 Metrics = dict[str, jax.Array]
 
@@ -44,33 +43,34 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
     Args:
         task: static.
         state: before the step.
-        batch: "mel" (B, 128, 70), "words" (B, N), "directions" (B, N, bones, 3) and "speaker" (B,) or
-            "frames" (B, M, S, S, 3).
+        batch: what `task.inputs` names of the speech, such as "mel" (B, 128, 70) and "words" (B, N), "directions"
+            (B, N, bones, 3), "speaker" (B,) and, where identities come from images, "frames" (B, M, S, S, 3).
         key: of the run; the step number is folded in.
 
     Returns:
         The state after the step, and scalars: "loss/<term>" (unweighted), "loss/total" (weighted),
-        "loss/discriminator", "grad_norm/generator" and "grad_norm/discriminator" (before they are limited),
-        "learning_rate/generator", "learning_rate/discriminator".
+        "grad_norm/generator" (before it is limited) and "learning_rate/generator"; where there is a discriminator
+        "loss/discriminator", "grad_norm/discriminator" and "learning_rate/discriminator".
     """
     keys = step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
     is_warm = state.step >= task.warmup_steps
 
-    outputs, pull_back, (generator_stats, contrast) = jax.vjp(
-        lambda params: generate(task, state.generator.variables | {"params": params}, batch, keys),
+    outputs, pull_back, (generator_stats, aux) = jax.vjp(
+        lambda params: task.method.run(task, state.generator.variables | {"params": params}, batch, keys, train=True),
         state.generator.params,
         has_aux=True,
     )
 
-    discriminator, discriminator_metrics = _update_discriminator(
-        task, state, targets, jax.lax.stop_gradient(outputs.poses[-1]), keys["discriminator"]
-    )
-    discriminator = _where(is_warm, discriminator, state.discriminator)
+    discriminator, discriminator_metrics = state.discriminator, {}
+    if discriminator is not None:
+        discriminator, discriminator_metrics = _update_discriminator(
+            task, discriminator, state.step, targets, jax.lax.stop_gradient(outputs.poses[-1]), keys["discriminator"]
+        )
+        discriminator = _where(is_warm, discriminator, state.discriminator)
 
     def objective(outputs):
-        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
-        terms = loss_terms(task, outputs, contrast, fake_logits, targets)
+        terms = _terms(task, discriminator, outputs, aux, targets, keys["gan"], train=True)
         return _total(task, terms, is_warm), terms
 
     (total, terms), cotangent = jax.value_and_grad(objective, has_aux=True)(outputs)
@@ -83,7 +83,9 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
     average = _move_average(task, state, generator)
     after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
-    rates = {"generator": task.generator_rate, "discriminator": task.discriminator_rate}
+    rates = {"generator": task.generator_rate}
+    if discriminator is not None:
+        rates["discriminator"] = task.discriminator_rate
     metrics |= {f"learning_rate/{name}": jnp.asarray(rate(state.step), jnp.float32) for name, rate in rates.items()}
     return _where(is_finite, after, state).replace(is_finite=is_finite), metrics
 
@@ -100,9 +102,8 @@ def validation_step(task: Task, state: TrainState, batch: Batch, key: jax.Array)
     """
     keys = step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
-    outputs, (_, contrast) = generate(task, state.model, batch, keys, train=False)
-    fake_logits, _ = discriminate(task, state.discriminator.variables, outputs.poses[-1], keys["gan"], train=False)
-    terms = loss_terms(task, outputs, contrast, fake_logits, targets)
+    outputs, (_, aux) = task.method.run(task, state.model, batch, keys, train=False)
+    terms = _terms(task, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
     return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": _total(task, terms, True)}
 
 
@@ -112,43 +113,45 @@ def step_keys(key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
 
 
-def loss_terms(
-    task: Task, outputs: Outputs, contrast: Contrast, fake_logits: jax.Array, targets: jax.Array
+def _terms(
+    task: Task,
+    discriminator: Network | None,
+    outputs: Any,
+    aux: Any,
+    targets: jax.Array,
+    key: jax.Array,
+    *,
+    train: bool,
 ) -> dict[str, jax.Array]:
-    """The unweighted terms of Eq. 9; `targets` are (B, N, pose_dim), mean-subtracted."""
-    skeleton, settings = task.skeleton, task.losses
-    angles = joint_angles(skeleton, restore(task, outputs.poses[-1])) / jnp.pi
-    return {
-        "gan": losses.gan_generator(fake_logits, kind=settings.gan),
-        "huber": losses.huber(outputs.poses, split_levels(task, targets), settings.huber_delta),
-        "physical": losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
-        "style": losses.style(outputs.poses[-1], *contrast, delta=settings.huber_delta, clip=settings.style_clip),
-        "kld": losses.kld(outputs.mean, outputs.log_variance),
-        "contrastive": losses.contrastive(outputs.text, *outputs.features, temperature=settings.temperature),
-    }
+    """The unweighted terms of the method's objective, the adversarial one included where it has one."""
+    terms = task.method.loss_terms(task, outputs, aux, targets)
+    if discriminator is not None:
+        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], key, train=train)
+        terms["gan"] = losses.gan_generator(fake_logits, kind=task.losses.gan)
+    return terms
 
 
 def _total(task: Task, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
     weights: dict[str, float | jax.Array] = dict(task.losses.weights)
     assert weights.keys() == terms.keys()
-    weights["gan"] = jnp.where(is_warm, weights["gan"], 0.0)
+    if "gan" in weights:
+        weights["gan"] = jnp.where(is_warm, weights["gan"], 0.0)
     return sum((weights[name] * term for name, term in terms.items()), jnp.zeros(()))
 
 
 def _update_discriminator(
-    task: Task, state: TrainState, real: jax.Array, fake: jax.Array, key: jax.Array
+    task: Task, network: Network, step: jax.Array, real: jax.Array, fake: jax.Array, key: jax.Array
 ) -> tuple[Network, Metrics]:
-    network = state.discriminator
     real_key, fake_key = jax.random.split(key)
 
     def objective(params):
         variables = network.variables | {"params": params}
         real_logits, batch_stats = discriminate(task, variables, real, real_key)
         fake_logits, batch_stats = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
-        return losses.gan_discriminator(real_logits, fake_logits), batch_stats
+        return losses.gan_discriminator(real_logits, fake_logits, kind=task.losses.gan), batch_stats
 
     (loss, batch_stats), gradient = jax.value_and_grad(objective, has_aux=True)(network.params)
-    updated = _update(network, gradient, task.discriminator_optimizer, state.step).replace(batch_stats=batch_stats)
+    updated = _update(network, gradient, task.discriminator_optimizer, step).replace(batch_stats=batch_stats)
     return updated, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
 

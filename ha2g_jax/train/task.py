@@ -1,40 +1,70 @@
-"""What is trained: both networks, their optimisers and the weights of the objective, built from a config.
+"""What is trained: a method with its networks, optimisers and the weights of its objective.
 
-This is the only place that reads `config.model` and `config.loss`, the settings of `config.train` that decide on
-an update, and the one place of decision D1.
+`train.building` makes a `Task` from a config; this file is the one place of decision D1.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
+from flax import linen as nn
 
-from ha2g_jax import models
-from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS
-from ha2g_jax.config import Config
-from ha2g_jax.errors import UserError
+from ha2g_jax.asr_mel import ASR_COLUMNS, NUM_ASR_MELS
+from ha2g_jax.audio import NUM_MELS, WINDOW_COLUMNS, WINDOW_SAMPLES
 from ha2g_jax.skeleton import Skeleton, normalize
-from ha2g_jax.train.optimizers import SCHEDULES, adam, learning_rate
+from ha2g_jax.text import MAX_PLAIN_WORDS
 
-TERMS = ("gan", "huber", "physical", "style", "kld", "contrastive")
-# The key of the batch that E_ID reads, for each kind of identity.
-_IDENTITY_INPUTS = {"images": "frames", "speakers": "speaker"}
-_GAN_KINDS = ("non_saturating", "minimax")
-_DTYPES = ("float32", "bfloat16")
+
+class Networks(NamedTuple):
+    """The modules of a method; `discriminator` is None where it has no adversarial term."""
+
+    generator: nn.Module
+    discriminator: nn.Module | None
+
+
+def speech_arguments(task: Any, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+    """What a generator is called with to run every part once: speech, identity and seed pose of a batch."""
+    inputs = {name: batch[name] for name in task.inputs}
+    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
+    return inputs, batch[task.identity_input] if task.identity_input else None, seed
+
+
+class Method(NamedTuple):
+    """How a method is built, run and judged; one in each file of `train.methods`.
+
+    Attributes:
+        terms: names of its objective's terms; "gan" is one of them if and only if it has a discriminator.
+        inputs: from a config, what a training example has of the speech; names as in `data.speech`.
+        build: (config, skeleton, vocabulary_size, num_speakers) -> Networks.
+        run: (task, variables, batch, keys, *, train) -> (outputs, (batch statistics, aux)). The objective is
+            differentiated by `outputs`, a NamedTuple whose field `poses` ends with (B, N, pose_dim), but not by `aux`.
+        loss_terms: (task, outputs, aux, targets) -> the unweighted terms but "gan"; targets are the true poses
+            (B, N, pose_dim), mean-subtracted.
+        arguments: (task, batch) -> what the generator is initialised with.
+        has_parts: whether `run` can take the batch in `task.num_parts` parts.
+    """
+
+    terms: tuple[str, ...]
+    inputs: Callable[..., tuple[str, ...]]
+    build: Callable[..., Networks]
+    run: Callable[..., tuple[Any, tuple[Any, Any]]]
+    loss_terms: Callable[..., dict[str, jax.Array]]
+    arguments: Callable[..., tuple[Any, ...]] = speech_arguments
+    has_parts: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
 class LossSettings:
-    """Weights of the terms of Eq. 9, as (name, weight) of each of `TERMS`, and the terms' own numbers."""
+    """Weights of the terms, as (name, weight) of each of the method's, and the terms' own numbers."""
 
     weights: tuple[tuple[str, float], ...]
     huber_delta: float
     gan: str
     temperature: float
+    negatives: tuple[str, ...]
     style_clip: float
 
 
@@ -44,7 +74,8 @@ class Task:
     """Everything about training that does not change from step to step.
 
     Attributes:
-        generator, discriminator: the modules.
+        method: what the networks are for.
+        generator, discriminator: the modules; a method without an adversarial term has no discriminator.
         generator_optimizer, discriminator_optimizer: Adam behind the limit of the gradient's norm; their `update`
             may take `step=`.
         generator_rate, discriminator_rate: the learning rates at a step.
@@ -55,13 +86,16 @@ class Task:
         num_parts: parts of the batch that go through the pose inferer one after the other.
         skeleton: with the mean directions and angle statistics of the training split.
         num_frames, num_seed_frames: N and M.
-        identity_input: "frames" or "speaker", the key of the batch that E_ID reads.
+        inputs: what a training example has of the speech.
+        identity_input: "frames" or "speaker", the key of the batch that the identity is read from; "" for a method
+            that knows no identity.
         image_size: of the reference frames.
-        word_vectors: (words, embedding_dim) the word table starts from, or None.
+        pretrained: parameters, as a part of the generator's tree, that training starts from.
     """
 
-    generator: models.HA2G
-    discriminator: models.Discriminator
+    method: Method
+    generator: Any
+    discriminator: Any
     generator_optimizer: optax.GradientTransformation
     discriminator_optimizer: optax.GradientTransformation
     generator_rate: optax.Schedule
@@ -74,137 +108,10 @@ class Task:
     skeleton: Skeleton
     num_frames: int
     num_seed_frames: int
+    inputs: tuple[str, ...]
     identity_input: str
     image_size: int
-    word_vectors: np.ndarray | None
-
-
-def build_task(
-    config: Config,
-    skeleton: Skeleton,
-    vocabulary_size: int,
-    num_speakers: int,
-    *,
-    steps_per_epoch: int = 0,
-    word_vectors: np.ndarray | None = None,
-) -> Task:
-    """The task of a config on a data set.
-
-    Args:
-        config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
-        skeleton: with the statistics of the training split.
-        vocabulary_size, num_speakers: of the training split; where windows are mirrored, a table of speakers has
-            as many rows again for their mirror images, in the same order.
-        steps_per_epoch: turns `config.train.warmup_epochs` into steps; only training needs it.
-        word_vectors: (vocabulary_size, embedding_dim) to start the word table from.
-
-    Raises:
-        UserError: a loss weight that names no term, a term without a weight, an unknown choice, a number that
-            makes no sense, or word vectors of another size than the table.
-    """
-    _check_numbers(config.train)
-    kind = _choice("model.identity.kind", config.model.identity.kind, tuple(_IDENTITY_INPUTS))
-    table = (vocabulary_size, config.model.text.embedding_dim)
-    if word_vectors is not None and word_vectors.shape != table:
-        raise UserError(
-            f"word vectors have shape {word_vectors.shape}, expected {table}: "
-            f"set --config.model.text.embedding_dim={word_vectors.shape[-1]}"
-        )
-    train = config.train
-    schedule = _choice("train.schedule", train.schedule, SCHEDULES)
-    generator_rate = learning_rate(schedule, train.learning_rate, train.steps)
-    discriminator_rate = learning_rate(schedule, train.discriminator_learning_rate, train.steps)
-    return Task(
-        generator=_generator(config, skeleton, vocabulary_size, num_speakers),
-        discriminator=models.Discriminator(
-            hidden_dim=config.model.discriminator.hidden_dim, layers=config.model.discriminator.layers
-        ),
-        generator_optimizer=adam(generator_rate, train.betas, train.clip_norm),
-        discriminator_optimizer=adam(discriminator_rate, train.betas, train.clip_norm),
-        generator_rate=generator_rate,
-        discriminator_rate=discriminator_rate,
-        losses=_loss_settings(config.loss),
-        warmup_steps=train.warmup_epochs * steps_per_epoch,
-        average_decay=train.ema,
-        dtype=jnp.dtype(_choice("train.dtype", train.dtype, _DTYPES)),
-        num_parts=train.accumulate,
-        skeleton=skeleton,
-        num_frames=config.data.num_frames,
-        num_seed_frames=config.data.num_seed_frames,
-        identity_input=_IDENTITY_INPUTS[kind],
-        image_size=config.data.image_size,
-        word_vectors=word_vectors,
-    )
-
-
-def _generator(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> models.HA2G:
-    audio, text, identity, inferer = (config.model[part] for part in ("audio", "text", "identity", "inferer"))
-    is_recomputed = config.train.accumulate > 1
-    if identity.kind == "images":
-        identity_encoder = models.ImageIdentity(
-            width=identity.width, feature_dim=identity.feature_dim, is_recomputed=is_recomputed
-        )
-    else:
-        num_rows = 2 * num_speakers if config.data.mirror else num_speakers
-        identity_encoder = models.SpeakerIdentity(num_speakers=num_rows, feature_dim=identity.feature_dim)
-    return models.HA2G(
-        audio=models.AudioEncoder(
-            blocks=tuple(audio.blocks),
-            channels=tuple(audio.channels),
-            stem_stride=tuple(audio.stem_stride),
-            feature_dim=audio.feature_dim,
-            is_recomputed=is_recomputed,
-        ),
-        text=models.TextEncoder(
-            vocabulary_size=vocabulary_size,
-            embedding_dim=text.embedding_dim,
-            channels=text.channels,
-            layers=text.layers,
-            feature_dim=audio.feature_dim,  # Eq. 2 compares the two
-            receptive_field=_choice("model.text.receptive_field", text.receptive_field, ("centred", "causal")),
-            dropout=text.dropout,
-        ),
-        identity=identity_encoder,
-        level_channels=skeleton.level_channels,
-        num_seed_frames=config.data.num_seed_frames,
-        hidden_dim=inferer.hidden_dim,
-        layers=inferer.layers,
-        dropout=inferer.dropout,
-    )
-
-
-def _loss_settings(loss: Config) -> LossSettings:
-    names = set(loss.weights)
-    if names != set(TERMS):
-        odd = ", ".join(sorted(names ^ set(TERMS)))
-        raise UserError(f"config.loss.weights and the terms of the objective differ in {odd}: weigh {', '.join(TERMS)}")
-    return LossSettings(
-        weights=tuple((name, float(loss.weights[name])) for name in TERMS),
-        huber_delta=loss.huber_delta,
-        gan=_choice("loss.gan", loss.gan, _GAN_KINDS),
-        temperature=loss.temperature,
-        style_clip=loss.style_clip,
-    )
-
-
-def _choice(field: str, value: str, choices: tuple[str, ...]) -> str:
-    if value not in choices:
-        raise UserError(f"config.{field} is {value!r}, expected one of {', '.join(choices)}: set --config.{field}")
-    return value
-
-
-def _check_numbers(train: Config) -> None:
-    expected = {
-        "ema": ("from 0 to below 1", 0 <= train.ema < 1),
-        "clip_norm": ("0 or more", train.clip_norm >= 0),
-        "accumulate": (
-            f"a divisor of config.train.batch_size, {train.batch_size}",
-            train.accumulate >= 1 and train.batch_size % train.accumulate == 0,
-        ),
-    }
-    for name, (range_, is_met) in expected.items():
-        if not is_met:
-            raise UserError(f"config.train.{name} is {train[name]}, expected {range_}: set --config.train.{name}")
+    pretrained: Mapping[str, Any]
 
 
 def subtract_mean(task: Task, directions: jax.Array) -> jax.Array:
@@ -221,26 +128,32 @@ def restore(task: Task, poses: jax.Array) -> jax.Array:
     return normalize(vectors + jnp.expand_dims(mean, tuple(range(vectors.ndim - 2))))
 
 
-def split_levels(task: Task, poses: jax.Array) -> tuple[jax.Array, ...]:
-    """Flat poses (..., pose_dim) as the H levels of the hierarchy, each (..., d^h)."""
-    return tuple(poses[..., np.array(channels)] for channels in task.skeleton.level_channels)
-
-
 def example_batch(task: Task) -> dict[str, jax.Array]:
     """A batch of one empty window, in the shapes of a real one."""
-    return {
-        "mel": jnp.zeros((1, NUM_MELS, WINDOW_COLUMNS)),
-        "words": jnp.zeros((1, task.num_frames), jnp.int32),
+    shapes = {
+        "mel": ((1, NUM_MELS, WINDOW_COLUMNS), jnp.float32),
+        "asr_mel": ((1, NUM_ASR_MELS, ASR_COLUMNS), jnp.float32),
+        "audio": ((1, WINDOW_SAMPLES), jnp.float32),
+        "words": ((1, task.num_frames), jnp.int32),
+        "plain_words": ((1, MAX_PLAIN_WORDS), jnp.int32),
+    }
+    batch = {name: jnp.zeros(*shapes[name]) for name in task.inputs}
+    batch |= {
         "directions": jnp.zeros((1, task.num_frames, task.skeleton.num_bones, 3)),
         "speaker": jnp.zeros((1,), jnp.int32),
-        "frames": jnp.zeros((1, task.num_seed_frames, task.image_size, task.image_size, 3), jnp.uint8),
     }
+    if task.identity_input == "frames":
+        batch["frames"] = jnp.zeros((1, task.num_seed_frames, task.image_size, task.image_size, 3), jnp.uint8)
+    return batch
 
 
-def set_word_vectors(task: Task, variables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The generator's variables with the task's word vectors in their table; unchanged where it has none."""
-    if task.word_vectors is None:
-        return variables
-    params = variables["params"]
-    text = {**params["text"], "embedding": {"embedding": jnp.asarray(task.word_vectors, jnp.float32)}}
-    return {**variables, "params": {**params, "text": text}}
+def set_pretrained(task: Task, variables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The generator's variables with the task's pretrained parameters in place of fresh ones."""
+    return {**variables, "params": _merge(variables["params"], task.pretrained)}
+
+
+def _merge(tree: Any, part: Any) -> Any:
+    if not isinstance(part, Mapping):
+        # Of a table with more rows, such as Seq2Seq's with its marks of a sentence, the others stay fresh.
+        return tree.at[: len(part)].set(jnp.asarray(part, jnp.float32))
+    return {**tree, **{name: _merge(tree[name], value) for name, value in part.items()}}

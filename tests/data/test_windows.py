@@ -149,7 +149,7 @@ def test_a_clip_is_decoded_when_asked_for_and_then_kept(corpus, count_decoding):
 def test_the_cache_keeps_to_its_size(corpus, count_decoding):
     """Room for two of three clips: the one longest unused goes. Room for none: all still works."""
     track = _val(corpus)._read.track(0)
-    size = track.mel.nbytes + track.directions.nbytes + 1000
+    size = track.speech.num_bytes + track.directions.nbytes + 1000
     windows = _val(corpus, cache_bytes=2 * size)
     count_decoding["audio"] = 0
     for index in (0, 4, 0, 8, 0):  # of clips b, c, b, d, b
@@ -201,7 +201,7 @@ def test_two_threads_that_decode_one_clip_get_one_track(corpus):
         if not calls:
             calls.append(number)
             cache[number]  # the other thread, at the worst moment
-        return track._replace(mel=track.mel.copy())
+        return track._replace(directions=track.directions.copy())
 
     calls: list[int] = []
     cache = ClipCache(decode, 1 << 20)

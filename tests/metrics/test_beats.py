@@ -108,3 +108,36 @@ def test_wrists_are_those_of_the_mean_pose():
     wrists = beats.wrists(skeleton, skeleton.mean_directions[None])
     assert wrists.shape == (1, 2, 3)
     assert wrists[0, 0, 0] > 0 > wrists[0, 1, 0]  # the person's left is +x
+
+
+def test_minima_of_curves_end_to_end_are_those_of_each():
+    rng = np.random.default_rng(0)
+    curves = [rng.integers(0, 6, length).astype(float) for length in (1, 2, 3, 40, 1, 25)]
+    is_first = np.concatenate([np.arange(len(curve)) == 0 for curve in curves])
+    starts = np.cumsum([0, *map(len, curves)])
+    for equal in (False, True):
+        together = beats.minima(np.concatenate(curves), is_first=is_first, equal=equal)
+        alone = [beats.minima(curve, equal=equal) for curve in curves]
+        assert len(together.sample) > 8
+        expected = [found.sample + start for found, start in zip(alone, starts)]
+        np.testing.assert_array_equal(together.sample, np.concatenate(expected))
+        for name in ("offset", "rise"):
+            np.testing.assert_array_equal(
+                getattr(together, name), np.concatenate([getattr(found, name) for found in alone])
+            )
+
+
+def test_two_equal_samples_are_a_minimum_on_demand():
+    curve = np.array([2.0, 1.0, 1.0, 3.0, 0.0, 0.0, 0.0, 4.0, 1.0, 1.0])
+    assert len(beats.minima(curve).sample) == 0
+    found = beats.minima(curve, equal=True)
+    assert (found.sample.tolist(), found.offset.tolist(), found.rise.tolist()) == ([1], [0.5], [1.0])
+
+
+def test_nearest_looks_within_the_same_clip():
+    times, owners = np.array([1.0, 2.0, 0.5, 7.0]), np.array([0, 0, 2, 3])
+    others, other_owners = np.array([1.25, 9.0, 0.0, 8.5]), np.array([0, 1, 3, 3])
+    np.testing.assert_allclose(beats.nearest(times, others, owners, other_owners), [0.25, 0.75, np.inf, 1.5])
+    np.testing.assert_allclose(beats.nearest(np.array([-3.0, 4.0]), np.array([0.0])), [3, 4])
+    assert beats.nearest(times, np.zeros(0)).tolist() == [np.inf] * 4
+    assert beats.kernel(np.array([np.inf, 0.0, 0.1])).tolist() == pytest.approx([0, 1, np.exp(-0.5)])

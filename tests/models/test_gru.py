@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.models.gru import BiGRU
+from ha2g_jax.models.gru import BiGRU, GRUCells
 
 
 def _sigmoid(x):
@@ -90,3 +90,41 @@ def test_equals_pytorch_in_values_and_gradients(oracles):
     oracles.assert_close(
         pull_back(oracles.value(cotangent)), (oracles.gru(theirs, oracles.gradient), oracles.gradient(x))
     )
+
+
+def test_steps_after_the_end_change_nothing_and_sequences_end_where_they_end(oracles):
+    x = np.random.default_rng(0).normal(size=(3, 6, 3)).astype(np.float32)
+    lengths = (6, 4, 1)
+    is_real = np.arange(6)[None] < np.array(lengths)[:, None]
+    module = BiGRU(hidden_dim=4, layers=2)
+    variables = jax.jit(lambda key: module.init(key, x, train=False))(jax.random.key(0))
+    run = jax.jit(lambda x: module.apply(variables, x, is_real=is_real, train=False, method="states"))
+
+    found = run(x)
+    for row, length in enumerate(lengths):
+        inputs = x[row : row + 1, :length].astype(np.float64)
+        for layer, (forward, backward) in enumerate(found):
+            expected = _numpy_direction(inputs, variables["params"], f"_l{layer}")
+            expected_back = _numpy_direction(inputs[:, ::-1], variables["params"], f"_l{layer}_reverse")[:, ::-1]
+            oracles.assert_close((forward[row, :length], backward[row, :length]), (expected[0], expected_back[0]))
+            oracles.assert_close((forward[row, -1], backward[row, 0]), (expected[0, -1], expected_back[0, 0]))
+            np.testing.assert_array_equal(backward[row, length:], 0)
+            inputs = np.concatenate([expected, expected_back], axis=-1)
+
+    for layer, other in zip(found, run(np.where(is_real[..., None], x, 1e3)), strict=True):
+        jax.tree.map(np.testing.assert_array_equal, layer, other)
+
+
+def test_cells_make_the_steps_of_the_equations(oracles):
+    x = np.random.default_rng(0).normal(size=(2, 5, 3)).astype(np.float32)
+    module = GRUCells(hidden_dim=4, layers=2)
+    states = (jnp.zeros((2, 4)), jnp.zeros((2, 4)))
+    variables = jax.jit(lambda key: module.init(key, states, x[:, 0], train=False))(jax.random.key(0))
+    step = jax.jit(lambda states, x: module.apply(variables, states, x, train=False))
+
+    found = []
+    for frame in np.swapaxes(x, 0, 1):
+        states = step(states, frame)
+        found.append(states[-1])
+    expected = _numpy_direction(_numpy_direction(x, variables["params"], "_l0"), variables["params"], "_l1")
+    oracles.assert_close(np.stack(found, axis=1), expected)

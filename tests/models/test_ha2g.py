@@ -46,8 +46,8 @@ def test_every_level_of_a_skeleton_has_its_own_width(name):
 
     def run(key):
         seed = jnp.zeros((B, 4, skeleton.pose_dim))
-        words, speakers = jnp.zeros((B, 34), jnp.int32), jnp.zeros((B,), jnp.int32)
-        return model.init_with_output(key, jnp.zeros((B, 128, 70)), words, speakers, seed, train=False)
+        speech = {"mel": jnp.zeros((B, 128, 70)), "words": jnp.zeros((B, 34), jnp.int32)}
+        return model.init_with_output(key, speech, jnp.zeros((B,), jnp.int32), seed, train=False)
 
     poses, variables = jax.eval_shape(run, jax.random.key(0))
     assert [level.shape for level in poses] == [(B, 34, width) for width in skeleton.level_dims]
@@ -64,6 +64,25 @@ def test_weights_of_the_audio_levels_sum_to_one(oracles):
     linear = jax.tree.map(np.asarray, variables["params"]["coordinator"]["linear"])
     scores = np.exp(f_id @ linear["kernel"] + linear["bias"]).reshape(B, 3, len(CHANNELS))
     oracles.assert_close(weights, scores / scores.sum(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"audio_levels": ("mid",)}, lambda c: (c[:, 1] == 1).all() and (c[:, [0, 2]] == 0).all()),
+        ({"audio_levels": ("low", "high")}, lambda c: (c[:, 1] == 0).all() and (c[:, [0, 2]] > 0).all()),
+        ({"is_tied": True}, lambda c: (c == c[..., :1]).all() and (c[0] != c[1]).all()),
+        ({}, lambda c: (c > 0).all() and (c[..., 0] != c[..., 1]).any()),
+    ],
+)
+def test_ablations_of_the_blend(changes, expected):
+    """Rows of Tables 3 and 4: one level of the audio alone, or one blend for all levels of the motion."""
+    model = _model().clone(**changes)
+    variables, _ = _infer(model, *_inputs())
+    f_id = jnp.asarray(_inputs()[1])
+    blend = np.asarray(model.apply(variables, f_id, method="coordinate"))
+    np.testing.assert_allclose(blend.sum(axis=1), 1, atol=1e-6)
+    assert blend.shape == (B, 3, 3) and expected(blend)
 
 
 def test_identity_acts_through_the_blend_only():

@@ -11,9 +11,9 @@ import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.train.building import build_task
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import train_step
-from ha2g_jax.train.task import build_task
 
 NUM_WORDS, NUM_SPEAKERS = 11, 5
 

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.train.forward import discriminate, generate
+from ha2g_jax.train.forward import discriminate
+from ha2g_jax.train.methods import ha2g
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
@@ -36,7 +37,7 @@ def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch,
         keys = step_keys(key, state.step)
         variables = state.generator.variables
         outputs, pull_back, _ = jax.vjp(
-            lambda params: generate(task, variables | {"params": params}, batch, keys),
+            lambda params: ha2g.run(task, variables | {"params": params}, batch, keys),
             variables["params"],
             has_aux=True,
         )

@@ -8,9 +8,9 @@ import numpy as np
 from ha2g_jax import config as configs
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.train import inputs
+from ha2g_jax.train.building import build_task
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import train_step
-from ha2g_jax.train.task import build_task
 
 
 def test_one_batch_is_learnt_by_heart_in_300_steps(tiny_talk):

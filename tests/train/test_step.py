@@ -10,8 +10,10 @@ import pytest
 
 from ha2g_jax import losses
 from ha2g_jax.train import step as steps
+from ha2g_jax.train.forward import discriminate
+from ha2g_jax.train.methods.ha2g import TERMS
 from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import TERMS, subtract_mean
+from ha2g_jax.train.task import subtract_mean
 
 NETWORKS = ("generator", "discriminator")
 
@@ -28,13 +30,13 @@ def two_pass_step(task, state, batch, key):
     """The plain alternation: a forward pass to train the discriminator, another to train the generator."""
     keys = steps.step_keys(key, state.step)
     targets = subtract_mean(task, batch["directions"])
-    fake = steps.generate(task, state.generator.variables, batch, keys)[0].poses[-1]
+    fake = task.method.run(task, state.generator.variables, batch, keys)[0].poses[-1]
     real_key, fake_key = jax.random.split(keys["discriminator"])
 
     def discriminator_loss(params):
         variables = state.discriminator.variables | {"params": params}
-        real_logits, batch_stats = steps.discriminate(task, variables, targets, real_key)
-        fake_logits, _ = steps.discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
+        real_logits, batch_stats = discriminate(task, variables, targets, real_key)
+        fake_logits, _ = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
         return losses.gan_discriminator(real_logits, fake_logits)
 
     updates, _ = task.discriminator_optimizer.update(
@@ -44,9 +46,10 @@ def two_pass_step(task, state, batch, key):
 
     def generator_loss(params):
         variables = state.generator.variables | {"params": params}
-        outputs, (_, contrast) = steps.generate(task, variables, batch, keys)
-        fake_logits, _ = steps.discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
-        terms = steps.loss_terms(task, outputs, contrast, fake_logits, targets)
+        outputs, (_, contrast) = task.method.run(task, variables, batch, keys)
+        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
+        terms = task.method.loss_terms(task, outputs, contrast, targets)
+        terms["gan"] = losses.gan_generator(fake_logits)
         return sum(weight * terms[name] for name, weight in task.losses.weights)
 
     updates, _ = task.generator_optimizer.update(

@@ -9,7 +9,7 @@ from ha2g_jax import config as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import task as tasks
-from ha2g_jax.train.task import build_task
+from ha2g_jax.train.building import build_task, word_table
 
 
 def test_paper_config_gives_the_sizes_of_the_paper():
@@ -79,9 +79,9 @@ def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build)
     assert build(config).generator.identity.num_speakers == 10
 
 
-def test_word_vectors_of_another_size_are_refused(config, build):
+def test_word_vectors_of_another_size_are_refused(config):
     with pytest.raises(UserError, match="embedding_dim=300"):
-        build(config, word_vectors=np.zeros((11, 300), np.float32))
+        word_table(config, 11, np.zeros((11, 300), np.float32))
 
 
 def test_restored_poses_are_the_unit_vectors_that_went_in(task, make_batch):
@@ -91,12 +91,6 @@ def test_restored_poses_are_the_unit_vectors_that_went_in(task, make_batch):
     np.testing.assert_allclose(tasks.restore(task, poses), directions, atol=1e-6)
     lengths = jnp.linalg.norm(tasks.restore(task, 2 * poses), axis=-1)
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
-
-
-def test_levels_are_slices_of_the_pose(task):
-    levels = tasks.split_levels(task, jnp.arange(27.0)[None])
-    assert [level.shape[-1] for level in levels] == [15, 21, 27]
-    np.testing.assert_array_equal(levels[0][0], np.array(task.skeleton.level_channels[0]))
 
 
 def test_task_is_a_static_argument(task):

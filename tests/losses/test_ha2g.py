@@ -106,13 +106,28 @@ def test_contrastive_of_one_frame():
 
 @pytest.mark.parametrize("block", [1, 7, 15, 1024])
 def test_contrastive_in_blocks_equals_the_whole_matrix(block, monkeypatch):
-    monkeypatch.setattr(losses, "_CANDIDATE_BLOCK", block)
+    monkeypatch.setattr("ha2g_jax.losses.ha2g._CANDIDATE_BLOCK", block)
     features = random_features(1)
     value, gradients = jax.value_and_grad(losses.contrastive, argnums=(0, 1, 2, 3))(*features)
     expected, expected_gradients = jax.value_and_grad(dense_contrastive, argnums=(0, 1, 2, 3))(*features)
     assert value == pytest.approx(float(expected), rel=1e-5)
     for gradient, other in zip(gradients, expected_gradients, strict=True):
         np.testing.assert_allclose(gradient, other, atol=1e-5)
+
+
+def test_contrastive_without_some_negatives():
+    """Two rows of Table 3: what is left out is no candidate, but the positive always is one."""
+    text, low, mid, high = random_features(1)
+    unit = [x.reshape(-1, x.shape[-1]) / jnp.linalg.norm(x, axis=-1).reshape(-1, 1) for x in (text, low, mid, high)]
+    logits = {name: unit[0] @ level.T / 0.07 for name, level in zip(losses.AUDIO_LEVELS, unit[1:], strict=True)}
+    positive = jnp.diagonal(logits["high"])
+    for negatives in (("low", "mid"), ("high",)):
+        candidates = [logits[name] for name in negatives]
+        if "high" not in negatives:
+            candidates.append(positive[:, None])
+        expected = jnp.mean(jax.nn.logsumexp(jnp.concatenate(candidates, axis=1), axis=1) - positive)
+        found = losses.contrastive(text, low, mid, high, negatives=negatives)
+        assert found == pytest.approx(float(expected), rel=1e-5)
 
 
 def test_contrastive_of_silence_is_finite():
@@ -133,6 +148,12 @@ def test_contrastive_memory_grows_with_the_batch_and_not_with_its_square():
         return analysis.temp_size_in_bytes
 
     assert memory(256) < 5 * memory(64)  # and not 16 times; the blocks of the smaller batch are a little smaller too
+
+
+def test_least_squares_adversary_by_hand():
+    real, fake = jnp.array([[1.0, 0.5]]), jnp.array([[0.0, 2.0]])
+    assert losses.gan_discriminator(real, fake, kind="least_squares") == pytest.approx(0.125 + 2)
+    assert losses.gan_generator(fake, kind="least_squares") == pytest.approx(1)
 
 
 def test_adversarial_losses_at_undecided_and_extreme_logits():

@@ -10,7 +10,7 @@ import optax
 import pytest
 
 from ha2g_jax.train import sharding
-from ha2g_jax.train.forward import generate
+from ha2g_jax.train.methods import ha2g
 from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
@@ -42,7 +42,7 @@ def residuals(task, state, batch):
     def run(state, batch, key):
         variables, keys = state.generator.variables, step_keys(key, state.step)
         _, pull_back, _ = jax.vjp(
-            lambda params: generate(task, variables | {"params": params}, batch, keys),
+            lambda params: ha2g.run(task, variables | {"params": params}, batch, keys),
             variables["params"],
             has_aux=True,
         )
@@ -97,7 +97,7 @@ def test_compiled_parts_take_less_memory(config, build, make_batch):
 
         def loss(params, state, batch, key, task=task):
             variables, keys = state.generator.variables | {"params": params}, step_keys(key, state.step)
-            return jnp.sum(generate(task, variables, batch, keys)[0].poses[-1])
+            return jnp.sum(ha2g.run(task, variables, batch, keys)[0].poses[-1])
 
         arguments = (state.generator.params, state, make_batch(task, SIZE), jax.random.key(1))
         analysis = jax.jit(jax.grad(loss)).lower(*arguments).compile().memory_analysis()

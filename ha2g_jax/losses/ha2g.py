@@ -1,6 +1,6 @@
 """The terms of the objective (HA2G, Eq. 9), each unweighted: arrays in, one scalar out.
 
-A term knows neither modules nor weights; `ha2g_jax.train.step` calls them and adds them up.
+A term knows neither modules nor weights; `ha2g_jax.train.methods.ha2g` calls them.
 B is the batch, N the frames of a window, H the levels of the motion hierarchy.
 """
 
@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+
+AUDIO_LEVELS = ("low", "mid", "high")
 
 # Angles of rigid parts vary by almost nothing; the smallest variance in TED-Expressive is 2.6e-5.
 _MIN_ANGLE_VARIANCE = 1e-5
@@ -100,6 +102,7 @@ def contrastive(
     high: jax.Array,
     *,
     temperature: float = 0.07,
+    negatives: tuple[str, ...] = AUDIO_LEVELS,
 ) -> jax.Array:
     """Multi-level contrastive loss (Eq. 2), the mean over all frames of
 
@@ -112,33 +115,17 @@ def contrastive(
     Args:
         text, low, mid, high: (B, N, 32) features aligned in time.
         temperature: tau.
+        negatives: the levels l of the sum; two rows of Table 3 leave some out. The positive is always in it.
     """
     dim = text.shape[-1]
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))
     queries = text / temperature
-    denominator = _blocked_log_sum_exp(queries, jnp.concatenate([low, mid, high]))
-    return jnp.mean(denominator - jnp.sum(queries * high, axis=-1))
-
-
-def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:
-    """Generator's side of the adversarial loss (Eq. 6), the mean over the batch.
-
-        non_saturating: -log D(G)        minimax: log(1 - D(G))
-
-    Args:
-        fake_logits: (B,) discriminator outputs before the sigmoid, for generated poses.
-        kind: "non_saturating" or "minimax".
-    """
-    if kind == "non_saturating":
-        return jnp.mean(jax.nn.softplus(-fake_logits))
-    if kind == "minimax":
-        return -jnp.mean(jax.nn.softplus(fake_logits))
-    raise ValueError(f"unknown kind of adversarial loss: {kind!r}")
-
-
-def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array) -> jax.Array:
-    """Discriminator's side of Eq. 6: -log D(p) - log(1 - D(G)), the mean over the batch; logits (B,)."""
-    return jnp.mean(jax.nn.softplus(-real_logits)) + jnp.mean(jax.nn.softplus(fake_logits))
+    levels: dict[str, jax.Array] = {"low": low, "mid": mid, "high": high}
+    denominator = _blocked_log_sum_exp(queries, jnp.concatenate([levels[name] for name in negatives]))
+    positive = jnp.sum(queries * high, axis=-1)
+    if "high" not in negatives:
+        denominator = jnp.logaddexp(denominator, positive)
+    return jnp.mean(denominator - positive)
 
 
 def _huber(difference: jax.Array, delta: float) -> jax.Array:

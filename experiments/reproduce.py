@@ -1,0 +1,99 @@
+"""Reproduces a table of the paper: trains what is missing, evaluates, and writes the paper's numbers beside ours.
+
+    python experiments/reproduce.py table1 --data talk --size small --seeds 3
+    python experiments/reproduce.py table3 --data ted_expressive --path corpora/ted
+    python experiments/reproduce.py table1 --data talk --size debug          # shows that everything runs
+
+TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
+WORKDIR, shared by all tables; what is finished is not trained again, and the same command continues what was stopped.
+"""
+
+import argparse
+import pathlib
+import shlex
+import sys
+from collections.abc import Sequence
+
+from ha2g_jax import config as configs
+from ha2g_jax import presets
+from ha2g_jax.errors import UserError
+from ha2g_jax.study import paper_tables, reproduction
+from ha2g_jax.study.reproduction_jobs import Perform, Stopped, perform_in_process, stop_signals
+from ha2g_jax.study.reproduction_plan import Request, parse_changes, parse_seeds
+
+WORKDIR = pathlib.Path("runs/reproduce")
+
+
+def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
+    """Returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
+
+    Args:
+        argv: flags; by default those of this process.
+        perform: trains and scores one run.
+    """
+    argv = list(sys.argv[1:] if argv is None else argv)
+    arguments = _parser().parse_args(argv)
+    try:
+        request = _request(arguments)
+        out = arguments.out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
+        command = shlex.join(["python", "experiments/reproduce.py", *argv])
+        with stop_signals() as stop:
+            is_whole = reproduction.reproduce(request, out, command, stop, perform)
+    except UserError as error:
+        print(f"reproduce: {error}", file=sys.stderr)
+        return 2
+    except Stopped as stopped:
+        print("stopped; the same command continues", file=sys.stderr)
+        return 128 + stopped.number
+    print(out)
+    return 0 if is_whole else 1
+
+
+def _request(arguments: argparse.Namespace) -> Request:
+    data, _, path = arguments.data.partition(":")
+    if path and arguments.path:
+        raise UserError(f"--data names the folder {path} and --path {arguments.path}; give one of them")
+    if data not in presets.DATA:
+        raise UserError(f"no data {data!r}; expected one of {', '.join(presets.DATA)}")
+    if arguments.jobs < 1:
+        raise UserError(f"--jobs is {arguments.jobs}; give 1 or more")
+    return Request(
+        table=arguments.table,
+        data=data,
+        size=arguments.size,
+        path=path or arguments.path,
+        seeds=parse_seeds(arguments.seeds),
+        workdir=arguments.workdir,
+        changes=parse_changes(arguments.changes),
+        jobs=arguments.jobs,
+        has_training=not arguments.no_train,
+        has_legacy=arguments.legacy,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("table", choices=paper_tables.TABLES, metavar="TABLE", help=", ".join(paper_tables.TABLES))
+    parser.add_argument("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
+    parser.add_argument("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
+    parser.add_argument("--size", default="small", choices=configs.SIZES, help="of the models (default: small)")
+    parser.add_argument("--seeds", default="3", help="how many, or a list such as 0,5,7 (default: 3)")
+    parser.add_argument("--out", type=pathlib.Path, help="the report (default: WORKDIR/DATA-SIZE/TABLE.md)")
+    parser.add_argument("--workdir", type=pathlib.Path, default=WORKDIR, help=f"of all runs (default: {WORKDIR})")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at once, each with its share of the cores")
+    parser.add_argument("--no-train", action="store_true", help="evaluate what is there")
+    parser.add_argument("--legacy", action="store_true", help="add the scores by the rules of the public release")
+    parser.add_argument(
+        "--changes",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a setting for all rows, such as train.steps=3000",
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

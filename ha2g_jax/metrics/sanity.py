@@ -1,0 +1,125 @@
+"""Motions that no one would call gestures, made from real ones: rows that stand beside every model in a table.
+
+A metric that one of them wins is no measure of quality. Each is a pure function of clips of direction vectors.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import normalize
+
+SMOOTHING = 5  # frames
+
+
+def rows(
+    clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0, first_frame: int = 4
+) -> dict[str, list[np.ndarray]]:
+    """The rows whose motion is made from the real one.
+
+    Args:
+        clips: of (T, bones, 3) real direction vectors.
+        mean_directions: (bones, 3) of the training motion; need not be of unit length.
+        seed: of the jitter.
+        first_frame: frames before it are given to a model.
+
+    Returns:
+        Name of the row -> a motion (T, bones, 3) of unit vectors, float64, for each clip.
+    """
+    spread = difference_spread(clips, first_frame=first_frame)
+    rng = np.random.default_rng(seed)
+    return {
+        "mean_pose": [mean_pose(clip, mean_directions) for clip in clips],
+        "frozen": [frozen(clip, first_frame=first_frame) for clip in clips],
+        "white_jitter": [white_jitter(clip, mean_directions, spread, rng) for clip in clips],
+        "smoothed": [smoothed(clip) for clip in clips],
+    }
+
+
+def mean_pose(directions: np.ndarray, mean_directions: np.ndarray) -> np.ndarray:
+    """The mean pose (bones, 3), normalised, in every frame of (T, bones, 3)."""
+    pose = normalize(np.asarray(mean_directions, np.float64))
+    return np.repeat(pose[None], len(directions), axis=0)
+
+
+def frozen(directions: np.ndarray, *, first_frame: int = 4) -> np.ndarray:
+    """Real motion (T, bones, 3) up to `first_frame`, from there on its last pose, the last seed pose, held."""
+    held = max(0, first_frame - 1)
+    return normalize(np.asarray(directions, np.float64))[np.minimum(np.arange(len(directions)), held)]
+
+
+def difference_spread(clips: Sequence[np.ndarray], *, first_frame: int = 4) -> np.ndarray:
+    """Standard deviation (bones, 3) of the frame differences of all clips (T, bones, 3); 0 where there are none."""
+    steps = np.concatenate([np.diff(np.asarray(clip, np.float64)[first_frame:], axis=0) for clip in clips])
+    return steps.std(axis=0) if len(steps) else np.zeros(steps.shape[1:])
+
+
+def white_jitter(
+    directions: np.ndarray, mean_directions: np.ndarray, spread: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """The mean pose plus N(0, s^2) per channel and frame, normalised again.
+
+    Args:
+        directions: (T, bones, 3), of which only T is used.
+        mean_directions: (bones, 3).
+        spread: s, (bones, 3), from `difference_spread`.
+        rng: advanced by the draw.
+    """
+    pose = mean_pose(directions, mean_directions)
+    return normalize(pose + rng.standard_normal(pose.shape) * spread)
+
+
+def smoothed(directions: np.ndarray, num_frames: int = SMOOTHING) -> np.ndarray:
+    """The mean over `num_frames` (odd) around each frame of (T, bones, 3), normalised again; fewer at the ends."""
+    vectors = normalize(np.asarray(directions, np.float64))
+    half = num_frames // 2
+    sums = np.concatenate([np.zeros_like(vectors[:1]), np.cumsum(vectors, axis=0)])
+    frames = np.arange(len(vectors))
+    starts, ends = np.maximum(frames - half, 0), np.minimum(frames + half + 1, len(vectors))
+    return normalize(sums[ends] - sums[starts])
+
+
+def derangement(
+    sources: Sequence[str], rng: np.random.Generator, *, lengths: Sequence[int] | None = None
+) -> np.ndarray:
+    """For each clip another clip of another source, whose speech is then mismatched with its motion.
+
+    Among clips of equal length each is used once where no source has more than half of them. A clip that has none of
+    its length from another source gets the one of the nearest length, drawn where there are several.
+
+    Args:
+        sources: (n,) source of each clip; clips of one source are never paired.
+        rng: advanced by the draws.
+        lengths: (n,) lengths of the clips; all equal by default.
+
+    Returns:
+        (n,) indices of the other clips.
+
+    Raises:
+        UserError: all clips are of one source.
+    """
+    names = np.unique(np.asarray(sources), return_inverse=True)[1]
+    if names.max(initial=0) == 0:
+        raise UserError(
+            f"all {len(names)} clips are of one source; mismatched speech needs another one: give clips of two or more"
+        )
+    sizes = np.zeros(len(names)) if lengths is None else np.asarray(lengths, np.float64)
+    others = np.empty(len(names), int)
+    for size in np.unique(sizes):
+        group = rng.permutation(np.flatnonzero(sizes == size))
+        counts = np.bincount(names[group])
+        if 2 * counts.max() <= len(group):
+            # Sorted by source, a step as long as the longest run leads out of every run.
+            order = group[np.argsort(rng.permutation(len(counts))[names[group]], kind="stable")]
+            others[order] = np.roll(order, -counts.max())
+        else:
+            for clip in group:
+                others[clip] = _nearest(clip, names, sizes, rng)
+    return others
+
+
+def _nearest(clip: int, names: np.ndarray, sizes: np.ndarray, rng: np.random.Generator) -> int:
+    candidates = np.flatnonzero(names != names[clip])
+    distances = np.abs(sizes[candidates] - sizes[clip])
+    return int(rng.choice(candidates[distances == distances.min()]))

@@ -1,0 +1,54 @@
+"""Configs by name: what each data set needs, what each method of Table 1 is, what each ablation leaves out.
+
+presets.make("talk", "small")                                          # HA2G
+presets.make("ted_gesture", method="trimodal")                         # a baseline
+presets.make("talk", "study", changes=presets.ABLATIONS["Holistic"])   # a row of Table 4
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ha2g_jax import config as configs
+from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
+from ha2g_jax.presets.ablations import ABLATIONS
+from ha2g_jax.presets.data import DATA
+from ha2g_jax.presets.methods import METHODS
+
+__all__ = ["ABLATIONS", "DATA", "METHODS", "make", "parse"]
+
+
+def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, Any] | None = None) -> Config:
+    """The config of a method on a kind of data.
+
+    Args:
+        data: a key of `DATA`.
+        size: a key of `config.SIZES`, "" for the paper's.
+        method: a key of `METHODS`.
+        changes: dotted name of a setting -> its value, such as a row of `ABLATIONS`.
+
+    Raises:
+        UserError: an unknown name.
+    """
+    for kind, name, names in (("data", data, DATA), ("method", method, METHODS)):
+        if name not in names:
+            raise UserError(f"no {kind} {name!r}; expected one of {', '.join(names)}")
+    preset = DATA[data]
+    config = configs.sized(configs.paper(preset.skeleton), size)
+    preset.adapt(config, size)
+    METHODS[method](config, size)
+    for name, value in (changes or {}).items():
+        *path, last = name.split(".")
+        part = config
+        for key in path:
+            part = part[key]
+        if last not in part:
+            raise UserError(f"no setting {name!r}; see ha2g_jax/config.py")
+        part[last] = value
+    return config
+
+
+def parse(spec: str, method: str) -> Config:
+    """The config of a method for "DATA" or "DATA:SIZE", as experiments/configs takes it from the command line."""
+    data, _, size = spec.partition(":")
+    return make(data, size, method)

@@ -1,0 +1,43 @@
+"""The rows of Tables 3, 4 and 11: name of the row -> the settings in which it differs from the full model."""
+
+from typing import Any
+
+FULL = "HA2G Full"
+
+_ASR = {"model.audio.kind": "whisper", "loss.weights.contrastive": 0.0}
+
+AUDIO_LEARNER: dict[str, dict[str, Any]] = {
+    "low-level feature only": {"model.audio.levels": ("low",)},
+    "mid-level feature only": {"model.audio.levels": ("mid",)},
+    "high-level feature only": {"model.audio.levels": ("high",)},
+    "HA2G without high-level negatives": {"loss.negatives": ("low", "mid")},
+    "HA2G without low/mid-level negatives": {"loss.negatives": ("high",)},
+    "HA2G without text": {"loss.weights.contrastive": 0.0},
+    "HA2G-ASR": _ASR,
+    FULL: {},
+}
+# The levels of the motion are 1 head and shoulders, 2 elbows, 3 wrists, 4 to 6 the joints of the fingers.
+POSE_INFERER: dict[str, dict[str, Any]] = {
+    "Holistic": {"model.inferer.levels": (6,)},
+    "without hand hierarchy": {"model.inferer.levels": (1, 2, 3, 6)},
+    "without body hierarchy": {"model.inferer.levels": (3, 4, 5, 6)},
+    "same audio feature for all levels": {"model.inferer.coordinator": "tied"},
+    "without physical loss": {"loss.weights.physical": 0.0},
+    FULL: {},
+}
+SEED_FRAMES: dict[str, dict[str, Any]] = {
+    "1": {"data.num_seed_frames": 1},
+    "4": {},
+    "7": {"data.num_seed_frames": 7},
+}
+# On TED Gesture, whose hierarchy has three levels and no fingers.
+GESTURE: dict[str, dict[str, Any]] = {
+    "high-level only": {"model.audio.levels": ("high",)},
+    "Holistic": {"model.inferer.levels": (3,)},
+    "without physical loss": {"loss.weights.physical": 0.0},
+    "HA2G-ASR": _ASR,
+    FULL: {},
+}
+
+TABLES = {"table3": AUDIO_LEARNER, "table4": POSE_INFERER, "table11": SEED_FRAMES, "gesture_ablation": GESTURE}
+ABLATIONS = AUDIO_LEARNER | POSE_INFERER

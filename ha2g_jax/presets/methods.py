@@ -1,0 +1,109 @@
+"""The methods of Table 1 and the pose auto-encoder, as changes to the config of HA2G on the same data.
+
+Widths that `config.sized` has made smaller stay small; what a method has of its own is made as small here.
+"""
+
+from typing import Any
+
+import ml_collections
+
+from ha2g_jax.config import Config
+
+_PAPER = ("", "paper")
+
+
+def ha2g(config: Config, size: str) -> None:
+    """The paper's own method: the config as it is."""
+    del config, size
+
+
+def seq2seq(config: Config, size: str) -> None:
+    """Attention Seq2Seq (Yoon et al. 2019): words to poses."""
+    _rename(config, "seq2seq", "mse", {"mse": 250.0, "continuity": 0.1, "variance": 25.0})
+    config.model.identity.kind = "none"
+    _widths(config, size, hidden_dim=200, layers=2, dropout=0.1)
+    config.model.text.receptive_field = "causal"
+    config.train.clip_norm = 5.0
+    _optimizer(config, size, 1e-4)
+
+
+def speech2gesture(config: Config, size: str) -> None:
+    """Speech2Gesture (Ginosar et al. 2019): a spectrogram to poses by convolutions, with a discriminator of motion."""
+    _rename(config, "speech2gesture", "l1", {"l1": 100.0, "gan": 10.0})
+    config.loss.gan = "least_squares"
+    config.model.identity.kind = "none"
+    config.model.audio.channels = _of(size, (64, 128, 256), (16, 32, 64), (4, 4, 8))
+    _widths(config, size, hidden_dim=256, layers=5, dropout=0.0)
+    config.model.inferer.layers = 5
+    config.model.discriminator.hidden_dim = _of(size, 64, 64, 8)
+    config.train.warmup_epochs = 0
+    _optimizer(config, size, 1e-3, 2e-4)
+
+
+def joint_embedding(config: Config, size: str) -> None:
+    """Joint Embedding (Ahuja and Morency 2019): speech and poses through one latent space."""
+    _rename(config, "joint_embedding", "l1", {"l1": 1.0})
+    config.model.identity.kind = "none"
+    config.model.context = ml_collections.ConfigDict()
+    config.model.context.hidden_dim = _of(size, 256, 64, 8)
+    config.model.context.layers = 2
+    _widths(config, size, hidden_dim=300, layers=4, dropout=0.3)
+    config.model.text.receptive_field = "causal"
+    config.model.text.channels = _of(size, 200, 64, 8)
+    config.model.text.layers = 2
+    _optimizer(config, size, 5e-4)
+
+
+def trimodal(config: Config, size: str) -> None:
+    """Trimodal (Yoon et al. 2020): audio, words and the speaker's identity to poses, with a discriminator."""
+    _rename(config, "trimodal", "huber", {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1})
+    config.model.identity.kind = "speakers"
+    config.model.identity.feature_dim = 16
+    _widths(config, size, hidden_dim=300, layers=4, dropout=0.3)
+    config.model.discriminator.layers = _of(size, 4, 4, 1)
+    config.model.text.receptive_field = "causal"
+    _optimizer(config, size, 5e-4, 1e-4)
+
+
+def autoencoder(config: Config, size: str) -> None:
+    """The pose auto-encoder of the Frechet gesture distance; one size for all, so that distances can be compared."""
+    _rename(config, "autoencoder", "total", {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001})
+    config.model.identity.kind = "none"
+    config.train.batch_size = _of(size, 64, 64, 16)
+    config.train.steps = _of(size, 100_000, 4000, 60)
+    config.train.validate_every = config.train.checkpoint_every = _of(size, 1000, 500, 30)
+    config.train.warmup_epochs = 0
+    config.train.schedule = "cosine"
+    config.train.learning_rate = 5e-4
+
+
+METHODS = {
+    "ha2g": ha2g,
+    "seq2seq": seq2seq,
+    "speech2gesture": speech2gesture,
+    "joint_embedding": joint_embedding,
+    "trimodal": trimodal,
+    "autoencoder": autoencoder,
+}
+
+
+def _rename(config: Config, method: str, best_by: str, weights: dict[str, float]) -> None:
+    config.name = config.method = method
+    config.loss.weights = ml_collections.ConfigDict(weights)
+    config.train.best_by = f"loss/{best_by}"
+
+
+def _widths(config: Config, size: str, hidden_dim: int, layers: int, dropout: float) -> None:
+    inferer = config.model.inferer
+    if size in _PAPER:
+        inferer.hidden_dim, inferer.layers, inferer.dropout = hidden_dim, layers, dropout
+
+
+def _optimizer(config: Config, size: str, rate: float, discriminator_rate: float | None = None) -> None:
+    if size in _PAPER:
+        config.train.learning_rate = rate
+    config.train.discriminator_learning_rate = config.train.learning_rate * (discriminator_rate or rate) / rate
+
+
+def _of(size: str, paper: Any, small: Any, debug: Any) -> Any:
+    return paper if size in _PAPER else debug if size == "debug" else small

@@ -1,0 +1,96 @@
+"""Features of motion for the Frechet distance and the diversity: the latents of a trained pose auto-encoder."""
+
+import functools
+import hashlib
+import pathlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import safetensors.numpy
+from flax import traverse_util
+
+from ha2g_jax.data.records import WINDOW_FRAMES
+from ha2g_jax.errors import UserError
+from ha2g_jax.models.autoencoder import PoseAutoencoder
+from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.train import model_folder
+from ha2g_jax.train.task import Task, subtract_mean
+
+_BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
+
+
+class PoseFeatures:
+    """A pose auto-encoder as `ha2g train` made it (HA2G, Table 9), in evaluation mode.
+
+    Args:
+        spec: a workdir or a model folder.
+
+    Attributes:
+        id: SHA-256 of the weights. Distances in the latent spaces of two auto-encoders cannot be compared.
+        name: of its config.
+        data: name of the corpus that it was trained on.
+        latent_dim: values of a latent.
+        skeleton: whose mean direction vectors are subtracted.
+        fps: frames per second of its windows.
+
+    Raises:
+        UserError: there is no model, or it is no pose auto-encoder.
+    """
+
+    def __init__(self, spec: str | pathlib.Path):
+        loaded = model_folder.load(spec)
+        generator = loaded.task.generator
+        if not isinstance(generator, PoseAutoencoder):
+            raise UserError(
+                f"{spec} is a model of the method {loaded.config.get('method', 'ha2g')}, not a pose auto-encoder; "
+                "train one with `ha2g train --config experiments/configs/autoencoder.py:DATA`"
+            )
+        self._task, self._variables = loaded.task, jax.device_put(loaded.variables)
+        self.id = weights_id(loaded.variables)
+        self.name: str = loaded.config.name
+        self.data = pathlib.PurePath(loaded.config.data.path).name
+        self.latent_dim = generator.latent_dim
+        self.skeleton: Skeleton = loaded.task.skeleton
+        self.fps = float(loaded.config.data.fps)
+
+    def __call__(self, windows: np.ndarray) -> np.ndarray:
+        """Latents (n, d) float64 of windows (n, 34, bones, 3) of unit direction vectors."""
+        if windows.shape[1:] != (WINDOW_FRAMES, self.skeleton.num_bones, 3):
+            raise ValueError(f"windows of shape {windows.shape}")
+        parts = [part.astype(np.float64) for part in self._batches(_encode, windows)]
+        return np.concatenate([np.zeros((0, self.latent_dim)), *parts])
+
+    def reconstruction_error(self, windows: np.ndarray) -> float:
+        """Mean |x - decode(encode(x))| over windows, frames and coordinates of mean-subtracted unit vectors."""
+        errors = np.concatenate([np.zeros(0), *self._batches(_errors, windows)])
+        return float(errors.mean()) if len(errors) else float("nan")
+
+    def _batches(self, function: Callable[..., jax.Array], windows: np.ndarray) -> Iterator[np.ndarray]:
+        for start in range(0, len(windows), _BATCH):
+            part = np.asarray(windows[start : start + _BATCH], np.float32)
+            filled = np.pad(part, ((0, _BATCH - len(part)), (0, 0), (0, 0), (0, 0)))
+            yield np.asarray(function(self._task, self._variables, filled))[: len(part)]
+
+
+def weights_id(variables: dict[str, Any]) -> str:
+    """SHA-256 of parameters and statistics as float32, in hexadecimal; the same in a workdir and in a model folder."""
+    flat = traverse_util.flatten_dict(variables, sep="/")
+    arrays = {str(name): np.ascontiguousarray(array, np.float32) for name, array in flat.items()}
+    return hashlib.sha256(safetensors.numpy.save(arrays)).hexdigest()
+
+
+@functools.partial(jax.jit, static_argnames="task")
+def _encode(task: Task, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
+    poses = subtract_mean(task, jnp.asarray(windows))
+    latents: Any = task.generator.apply(variables, poses, train=False, method="encode")
+    return latents
+
+
+@functools.partial(jax.jit, static_argnames="task")
+def _errors(task: Task, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
+    poses = subtract_mean(task, jnp.asarray(windows))
+    restored: Any = task.generator.apply(variables, poses, train=False)
+    return jnp.abs(restored - poses).mean(axis=(1, 2))

@@ -1,0 +1,12 @@
+"""The methods of the paper's tables, a file each: how its networks are built and run, and what its terms are."""
+
+from ha2g_jax.train.methods import autoencoder, ha2g, joint_embedding, seq2seq, speech2gesture, trimodal
+
+METHODS = {
+    "ha2g": ha2g.METHOD,
+    "seq2seq": seq2seq.METHOD,
+    "speech2gesture": speech2gesture.METHOD,
+    "joint_embedding": joint_embedding.METHOD,
+    "trimodal": trimodal.METHOD,
+    "autoencoder": autoencoder.METHOD,
+}

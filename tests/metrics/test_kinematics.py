@@ -1,0 +1,216 @@
+"""Accelerations, speeds and spread of motions whose values are known by hand."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from sklearn.cross_decomposition import CCA
+
+from ha2g_jax.metrics import kinematics
+
+FPS = 15
+RNG = np.random.default_rng(0)
+
+
+def fall(fps: float, frames: int = 40) -> np.ndarray:
+    """(T, 2, 3): joint 0 stands, joint 1 falls with 9.81 m/s^2."""
+    positions = np.zeros((frames, 2, 3))
+    positions[:, 1, 1] = 9.81 / 2 * np.square(np.arange(frames) / fps)
+    return positions
+
+
+def walks(count: int, frames: int = 34, joints: int = 3, scale: float = 0.02) -> list[np.ndarray]:
+    return [np.cumsum(RNG.normal(0, scale, (frames, joints, 3)), axis=0) for _ in range(count)]
+
+
+@pytest.mark.parametrize("fps", [15, 30, 60])
+def test_a_fall_has_the_acceleration_of_gravity_at_any_rate(fps):
+    assert kinematics.acceleration(fall(fps), fps) == pytest.approx(9.81 / 2)  # the mean with the joint that stands
+    assert kinematics.jerk(fall(fps), fps) == pytest.approx(0, abs=1e-7)
+
+
+def test_a_cubic_has_constant_jerk():
+    positions = np.zeros((30, 1, 3))
+    positions[:, 0, 0] = (np.arange(30) / FPS) ** 3
+    assert kinematics.jerk(positions, FPS) == pytest.approx(6)
+
+
+def test_a_sinusoid_has_the_values_of_its_differences():
+    # The n-th difference of sin(wt) has amplitude (2 sin(w/2))^n; over whole periods the mean |sin| is that of samples.
+    w = 2 * np.pi / 30
+    positions = np.zeros((4 + 2 + 300, 1, 3))
+    positions[:, 0, 2] = 0.1 * np.sin(w * np.arange(len(positions)))
+    mean = np.mean(np.abs(np.sin(w * (np.arange(300) + 1 + 4))))
+    assert kinematics.acceleration(positions, FPS) == pytest.approx(0.1 * (2 * np.sin(w / 2) * FPS) ** 2 * mean)
+
+
+def test_a_straight_line_has_neither():
+    positions = np.arange(20.0)[:, None, None] * np.ones((1, 4, 3))
+    assert kinematics.acceleration(positions, FPS) == 0
+    assert kinematics.jerk(positions, FPS) == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_turning_and_moving_the_body_change_nothing(seed):
+    rng = np.random.default_rng(seed)
+    positions = np.cumsum(rng.normal(0, 0.02, (30, 5, 3)), axis=0)
+    moved = positions @ Rotation.from_rotvec(rng.normal(size=3)).as_matrix().T + rng.normal(size=3)
+    for metric in (kinematics.acceleration, kinematics.jerk):
+        assert metric(moved, FPS) == pytest.approx(metric(positions, FPS))
+    bins = np.linspace(0.1, 2, 10)  # edges at quantiles lie on speeds, which are turned with a rounding error
+    assert kinematics.speed_hellinger([moved], [positions], FPS, bins=bins) == pytest.approx(0, abs=1e-6)
+    shifted = positions + rng.normal(size=3)
+    assert kinematics.l1_diversity(shifted) == pytest.approx(kinematics.l1_diversity(positions))
+
+
+def test_frames_of_the_seed_are_not_scored():
+    clip = fall(FPS)
+    spoilt = clip.copy()
+    spoilt[:4] = RNG.normal(size=(4, 2, 3))
+    for metric in (kinematics.acceleration, kinematics.jerk):
+        assert metric(spoilt, FPS) == metric(clip, FPS) != metric(spoilt, FPS, first_frame=0)
+    assert kinematics.l1_diversity(spoilt) == kinematics.l1_diversity(clip) != kinematics.l1_diversity(clip[:-1])
+    assert kinematics.speed_hellinger([spoilt], [clip], FPS) == pytest.approx(0, abs=1e-7)
+    real = walks(2)
+    other = [np.concatenate([RNG.normal(size=(4, 3, 3)), x[4:]]) for x in real]
+    assert kinematics.cca(other, real) == pytest.approx(1)
+
+
+def test_spread_by_hand():
+    values = np.zeros((4, 2, 1))
+    values[:, 0, 0], values[:, 1, 0] = [0, 2, 0, 2], [0, 0, 0, 4]
+    # Means 1 and 1; |x - mean| sums to 4 and to 3 + 3 over the frames.
+    assert kinematics.l1_diversity(values, first_frame=0) == pytest.approx((4 + 6) / 4)
+
+
+def test_weighted_mean_leaves_out_what_is_undefined():
+    assert kinematics.weighted_mean(np.array([1.0, 4, np.nan]), np.array([2, 1, 9])) == pytest.approx(2)
+    assert np.isnan(kinematics.weighted_mean(np.array([np.nan]), np.array([1])))
+
+
+def test_hellinger_distance_by_hand_with_fixed_bins():
+    def moving(speeds):
+        return np.concatenate([[0], np.cumsum(speeds)])[:, None, None] / FPS * np.array([[[0, 1, 0]]])
+
+    # Bins up to 1, up to 2, beyond: (2, 1, 1) / 4 against (1, 1, 2) / 4.
+    first, second = moving([0.5, 0.5, 1.5, 900]), moving([0.5, 1.5, 2.5, 3.5])
+    expected = np.sqrt(1 - (2 * np.sqrt(2) + 1) / 4)
+    bins = kinematics.fixed_bins(1, 2)
+    np.testing.assert_allclose(bins, [1, 2])
+    assert kinematics.speed_hellinger([first], [second], FPS, bins=bins, first_frame=0) == pytest.approx(expected)
+
+
+def test_fixed_bins_are_geneas():
+    np.testing.assert_allclose(kinematics.fixed_bins(), np.arange(1, 50))
+    np.testing.assert_allclose(kinematics.fixed_bins(0.01, 0.49), np.arange(1, 50) / 100)
+
+
+def test_bins_at_quantiles_hold_equally_many_real_speeds_and_an_unreached_overflow():
+    real = walks(20)
+    edges = kinematics.speed_edges(real, FPS, bins=10)
+    counts = np.sum([kinematics.speed_counts(clip, edges, FPS) for clip in real], axis=0)
+    assert counts.sum() == 20 * 29 * 3
+    np.testing.assert_array_equal(counts[:, 1:-1], 58)
+    assert not counts[:, [0, -1]].any()
+
+
+def test_hellinger_distance_orders_motions_and_is_free_of_scale():
+    real, alike, faster = walks(20), walks(20), walks(20, scale=0.04)
+    near, far = (kinematics.speed_hellinger(clips, real, FPS) for clips in (alike, faster))
+    assert kinematics.speed_hellinger(real, real, FPS) == pytest.approx(0, abs=1e-7)
+    assert near < 0.2 < far < 1
+    bigger, reference = ([100 * clip for clip in clips] for clips in (faster, real))
+    assert kinematics.speed_hellinger(bigger, reference, FPS) == pytest.approx(far)
+    still = [np.ones((34, 3, 3))]
+    assert kinematics.speed_hellinger(still, real, FPS) == pytest.approx(np.sqrt(1 - np.sqrt(1 / 50)), abs=3e-3)
+    assert kinematics.speed_hellinger([np.arange(34.0)[:, None, None] * np.ones((1, 3, 3))], real, FPS) == 1
+
+
+def test_a_joint_that_never_moves_does_not_dilute_the_distance():
+    real, other = walks(5), walks(5, scale=0.04)
+    with_root, reference = ([np.pad(clip, ((0, 0), (1, 0), (0, 0))) for clip in clips] for clips in (other, real))
+    expected = kinematics.speed_hellinger(other, real, FPS)
+    assert kinematics.speed_hellinger(with_root, reference, FPS) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_canonical_correlation_is_scikit_learns(seed):
+    rng = np.random.default_rng(seed)
+    shared = rng.normal(size=(400, 1))
+    x = np.concatenate([shared + rng.normal(size=(400, 2)), rng.normal(size=(400, 4))], axis=1)
+    y = np.concatenate([shared + 0.5 * rng.normal(size=(400, 1)), rng.normal(size=(400, 2))], axis=1)
+    projections = CCA(n_components=1, tol=1e-9, max_iter=5000).fit(x, y).transform(x, y)
+    expected = np.corrcoef(projections[0][:, 0], projections[1][:, 0])[0, 1]
+    assert kinematics.cca([x], [y], shrinkage=0, first_frame=0) == pytest.approx(expected, abs=1e-6)
+
+
+def test_canonical_correlation_survives_constant_and_repeated_dimensions():
+    x, y = RNG.normal(size=(300, 4)), RNG.normal(size=(300, 4))
+    plain = kinematics.cca([x], [y], shrinkage=0)
+    awkward = [np.concatenate([side, np.ones((300, 2)), side[:, :1]], axis=1) for side in (x, y)]
+    assert kinematics.cca([awkward[0]], [awkward[1]], shrinkage=0) == pytest.approx(plain)
+    assert kinematics.cca([np.ones((300, 4))], [y]) == 0
+
+
+def test_held_out_sources_show_no_relation_where_there_is_none():
+    sources = [f"s{i // 2}" for i in range(12)]
+    real, other = walks(12, joints=10), walks(12, joints=10)
+    assert kinematics.cca(other, real) > 0.9  # thirty drifting dimensions fit whatever they are given
+    assert abs(kinematics.cca(other, real, sources)) < 0.5
+    linear = [clip @ Rotation.from_rotvec([1.0, 2.0, 3.0]).as_matrix() * 3 + 1 for clip in real]
+    assert kinematics.cca(linear, real, sources) == pytest.approx(1, abs=1e-3)
+
+
+def test_a_source_is_fitted_or_scored_but_not_both():
+    sources, real = ["a", "b", "a", "b"], walks(4)
+    generated = [clip + RNG.normal(0, 0.1, clip.shape) for clip in real]
+    pairs = kinematics.canonical_pairs(generated, real, sources)
+    effects = []
+    for changed in range(4):
+        clips = [RNG.normal(size=clip.shape) if i == changed else clip for i, clip in enumerate(generated)]
+        others = kinematics.canonical_pairs(clips, real, sources)
+        effects.append([not np.array_equal(x, y) for x, y in zip(others, pairs, strict=True)])
+    # A clip that was fitted changes both scored ones; a scored one only itself.
+    assert sorted(effects) == [[False, True], [True, False], [True, True], [True, True]]
+    assert effects[0] != effects[1]
+
+
+def test_too_little_is_undefined_and_warns_of_nothing():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for frames in (0, 3, 4):
+            short = np.ones((frames, 2, 3))
+            for value in (
+                kinematics.acceleration(short, FPS),
+                kinematics.jerk(short, FPS),
+                kinematics.l1_diversity(short),
+                kinematics.speed_hellinger([short], walks(1, joints=2), FPS),
+                kinematics.speed_hellinger(walks(1, joints=2), [short], FPS),
+                kinematics.cca([short], [short]),
+                kinematics.cca([short, short], [short, short], ["a", "b"]),
+            ):
+                assert np.isnan(value)
+        real = walks(2)
+        assert np.isnan(kinematics.cca(real, real, ["a", "a"]))
+
+
+def test_motion_that_stands_still_has_zeros():
+    still = np.full((34, 3, 3), 0.1, np.float32)
+    assert kinematics.acceleration(still, FPS) == kinematics.jerk(still, FPS) == kinematics.l1_diversity(still) == 0
+    assert kinematics.speed_hellinger([still], [still], FPS) == 0
+    assert kinematics.cca([still], [still]) == 0
+
+
+def test_inputs_are_not_modified():
+    clips, real = walks(4), walks(4)
+    before = [clip.tobytes() for clip in (*clips, *real)]
+    for metric in (kinematics.acceleration, kinematics.jerk):
+        metric(clips[0], FPS)
+    kinematics.l1_diversity(clips[0])
+    kinematics.speed_hellinger(clips, real, FPS)
+    kinematics.cca(clips, real, ["a", "a", "b", "b"])
+    assert [clip.tobytes() for clip in (*clips, *real)] == before
