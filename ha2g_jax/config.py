@@ -27,6 +27,7 @@ def paper(skeleton: str) -> Config:
     config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
     config.data.num_frames = 34  # N
     config.data.num_seed_frames = 4  # M
+    config.data.num_reference_frames = 4  # images of a speaker that E_ID looks at; M as well, in the paper
     config.data.fps = 15
     config.data.image_size = 224
     config.data.jitter = 0  # most frames by which a training window may start late, at random

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import threadpoolctl
 from tqdm import tqdm
 
 from ha2g_jax import __version__
@@ -32,6 +33,9 @@ _PAIRED = (
 )
 
 
+# A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
+# each other: on a busy machine that took ten times as long.
+@threadpoolctl.threadpool_limits.wrap(limits=1)
 def evaluate(
     rows: Mapping[str, Sequence[Performance]],
     reference: Sequence[Performance],

@@ -29,7 +29,7 @@ def clip_identity(model: Model, clip: Clip) -> np.ndarray:
         return np.asarray(known.get(clip.speaker, np.mean(list(known.values()), axis=0)), np.float32)
     if clip.reference_frames is None:
         raise UserError(f"clip {clip.id} has no reference frames, which this model needs; give a corpus that has them")
-    frames = resize_frames(clip.reference_frames[: model.task.num_seed_frames], model.task.image_size)
+    frames = resize_frames(clip.reference_frames[: model.task.num_reference_frames], model.task.image_size)
     return np.asarray(_encode(model.task, model.variables, frames[None])[0])
 
 

@@ -3,6 +3,7 @@
 import datetime
 import importlib.metadata
 import json
+import os
 import pathlib
 import platform
 import sys
@@ -92,7 +93,8 @@ def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str
         for run in runs:
             found = _scores(request, plan, run)
             if found is None:
-                failures.setdefault(row, {})[run.seed] = failed.get(run.name, "it ended without scores")
+                reason = failed.get(run.name, "it ended without scores")
+                failures.setdefault(row, {})[run.seed] = reason.replace(f"{run.workdir.parent}{os.sep}", "")
             else:
                 scores.setdefault(row, {})[run.seed] = found
     states = [

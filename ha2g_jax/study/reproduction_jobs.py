@@ -216,10 +216,11 @@ class _Watch:
         self._bar.close()
 
     def _left(self) -> float:
-        """Seconds, as if all steps of all runs took the same time."""
-        done = sum(self._done.values())
-        remaining = sum(self._steps.values()) - done
-        return (time.monotonic() - self._start) * remaining / max(done - self._before, 1)
+        """Seconds, as if all steps of all runs took the same time; by runs, where only scores are missing."""
+        passed, done = time.monotonic() - self._start, sum(self._done.values())
+        if remaining := sum(self._steps.values()) - done:
+            return passed * remaining / max(done - self._before, 1)
+        return passed * (len(self._steps) - self._count) / self._count
 
 
 def last_step(run: Run) -> int:

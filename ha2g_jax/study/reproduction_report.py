@@ -130,6 +130,8 @@ def caveats(results: Results) -> list[str]:
         found.append("The debug size shows that everything runs; its numbers say nothing about the methods.")
     if len(seeds) < 3:
         found.append(f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''} a row: too few to decide anything.")
+    if results.name == "table11":
+        found.append("Three of the scored frames of each clip, 4 to 6, are given to M = 7.")
     if len(budgets := sorted({run.steps * run.batch_size for run in results.runs})) > 1:
         found.append(f"Budgets differ: {', '.join(f'{count:,}' for count in budgets)} windows of training.")
     unfinished = [run for run in results.runs if run.scored_step is not None and run.last_step < run.steps]

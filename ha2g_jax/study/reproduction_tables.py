@@ -9,7 +9,7 @@ import numpy as np
 from ha2g_jax.study import claims, paper_tables
 from ha2g_jax.study.claims import Spread, Verdict
 from ha2g_jax.study.paper_tables import GROUND_TRUTH, Row, Table
-from ha2g_jax.study.run_estimates import TRUTH, Cell, Scores, by_seed, cell
+from ha2g_jax.study.run_estimates import MODEL, TRUTH, Cell, Scores, by_seed, cell
 
 RowScores = Mapping[str, Mapping[int, Scores]]  # name of a row -> seed -> scores
 
@@ -44,7 +44,7 @@ def main_table(table: Table, scores: RowScores, split: str, failures: Mapping[st
     for row in table.rows:
         mine, failed = scores.get(row.name, {}), failures.get(row.name, {})
         seeds = f"{len(mine)}, {len(failed)} failed" if failed else f"{len(mine)}"
-        lines.append(_main_line(row, mine, split, "model", seeds))
+        lines.append(_main_line(row, mine, split, MODEL, seeds))
     for name in _sanity_names(scores, split):
         sanity = Row(f"*{name}*", "", {}, paper_tables.Published())
         lines.append(_main_line(sanity, _any_row(scores), split, name, ""))
@@ -72,11 +72,10 @@ def _main_line(row: Row, scores: Mapping[int, Scores], split: str, key: str, see
 
 def legacy_table(table: Table, scores: RowScores, split: str) -> str:
     """The same rows by the rules of the public release."""
+    any_row = _any_row(scores)
+    rows = [(GROUND_TRUTH, any_row, TRUTH), *((row.name, scores.get(row.name, {}), MODEL) for row in table.rows)]
+    rows += [(f"*{name}*", any_row, name) for name in _sanity_names(scores, split)]
     lines = [("row, legacy rules", *_LEGACY.values())]
-    rows = [
-        (GROUND_TRUTH, _any_row(scores), TRUTH),
-        *((row.name, scores.get(row.name, {}), "model") for row in table.rows),
-    ]
     for name, mine, key in rows:
         lines.append((name, *(_text(cell(mine, split, metric, key)) for metric in _LEGACY)))
     return markdown(lines)
@@ -161,7 +160,7 @@ def draws_table(scores: RowScores, split: str) -> str:
             draws = one["splits"][split]["draws"]
             if draws[TRUTH]:  # empty where no clip is as long as a window
                 groups.setdefault(TRUTH, draws[TRUTH])
-                groups[f"{name}, seed {seed}"] = draws["model"]
+                groups[f"{name}, seed {seed}"] = draws[MODEL]
     lines = [("group", *map(str, range(1, len(paper_tables.TABLE_12) + 1)), "mean", "range / mean")]
     for name, values in groups.items():
         lines.append((name, *map(number, values), number(float(np.mean(values))), f"{_relative_range(values):.2%}"))
@@ -190,7 +189,7 @@ def markdown(lines: Iterable[Sequence[str]]) -> str:
 
 def _sanity_names(scores: RowScores, split: str) -> list[str]:
     rows = next(iter(_any_row(scores).values()), {"splits": {split: {"evaluation": {"rows": {}}}}})
-    return [name for name in rows["splits"][split]["evaluation"]["rows"] if name not in ("model", TRUTH)]
+    return [name for name in rows["splits"][split]["evaluation"]["rows"] if name not in (MODEL, TRUTH)]
 
 
 def _any_row(scores: RowScores) -> Mapping[int, Scores]:

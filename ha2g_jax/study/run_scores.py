@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import threadpoolctl
 
 from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -33,10 +32,7 @@ def score_run(run: Run, plan: Plan, request: Request) -> None:
     path = reproduction_plan.scores_path(run, plan, request.has_legacy)
     if path is None or reproduction_plan.read_scores(path) is not None:
         return
-    # A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
-    # each other: on a busy machine that took ten times as long.
-    with threadpoolctl.threadpool_limits(1):
-        scores = _score(run, plan, request)
+    scores = _score(run, plan, request)
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(scores, indent=1, allow_nan=False) + "\n")
 

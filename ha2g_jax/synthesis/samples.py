@@ -68,6 +68,6 @@ def _style(model: Model, clip: Clip) -> np.ndarray:
     if len(model.assets.speakers.get(clip.speaker, ())):
         return choose_style(model, speaker=clip.speaker)[0]
     if model.task.identity_input == "frames" and clip.reference_frames is not None:
-        frames = resize_frames(clip.reference_frames[: model.task.num_seed_frames], model.task.image_size)
+        frames = resize_frames(clip.reference_frames[: model.task.num_reference_frames], model.task.image_size)
         return np.asarray(encode_identity(model.task, model.variables, frames))
     return choose_style(model, style_seed=_SEED)[0]

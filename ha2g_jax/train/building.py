@@ -77,6 +77,7 @@ def build_task(
         num_seed_frames=config.data.num_seed_frames,
         inputs=method.inputs(config),
         identity_input=_IDENTITY_INPUTS[kind],
+        num_reference_frames=config.data.num_reference_frames,
         image_size=config.data.image_size,
         pretrained=pretrained or {},
     )

@@ -10,6 +10,7 @@ import json
 import pathlib
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from ha2g_jax.train import checksums, orbax_errors
 from ha2g_jax.train.state import TrainState
 
 _NONE, _ALL_DAMAGED = -1, -2  # in place of a step, when the first process tells the others
+_REMOVALS = 20  # attempts
 
 
 class Restored(NamedTuple):
@@ -203,6 +205,15 @@ class Checkpoints:
         """Folders of the step at hand that are not whole yet."""
         return list(self._folder.glob(f"{self._writing}{ocp.utils.TMP_DIR_SUFFIX}*"))
 
+    def _remove_temporary(self) -> None:
+        # Other threads of Orbax may not know yet that it is over, and go on writing into the folder.
+        for _ in range(_REMOVALS):
+            for folder in self._temporary():
+                shutil.rmtree(folder, ignore_errors=True)
+            if not self._temporary():
+                return
+            time.sleep(0.1)
+
     @contextlib.contextmanager
     def _blaming_the_disk(self) -> Iterator[None]:
         try:
@@ -210,8 +221,7 @@ class Checkpoints:
         except Exception as error:
             self._manager = None
             if jax.process_index() == 0:
-                for folder in self._temporary():
-                    shutil.rmtree(folder, ignore_errors=True)
+                self._remove_temporary()
             left = (
                 f"{self._folder.name}/{self.steps()[-1]} is whole"
                 if self.steps()

@@ -52,7 +52,7 @@ def open_windows(config: Config, corpus: Corpus, vocabulary: Vocabulary, split: 
         vocabulary,
         num_frames=config.data.num_frames,
         inputs=find_method(config).inputs(config),
-        num_reference_frames=config.data.num_seed_frames,
+        num_reference_frames=config.data.num_reference_frames,
         image_size=config.data.image_size if kind == "images" else None,
         among=frozenset(corpus.speakers_of(TRAIN)) if kind == "speakers" else None,
         cache_bytes=int(config.data.cache_gib * 2**30),

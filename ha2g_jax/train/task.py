@@ -89,7 +89,7 @@ class Task:
         inputs: what a training example has of the speech.
         identity_input: "frames" or "speaker", the key of the batch that the identity is read from; "" for a method
             that knows no identity.
-        image_size: of the reference frames.
+        num_reference_frames, image_size: of the images that the identity is read from.
         pretrained: parameters, as a part of the generator's tree, that training starts from.
     """
 
@@ -110,6 +110,7 @@ class Task:
     num_seed_frames: int
     inputs: tuple[str, ...]
     identity_input: str
+    num_reference_frames: int
     image_size: int
     pretrained: Mapping[str, Any]
 
@@ -143,7 +144,8 @@ def example_batch(task: Task) -> dict[str, jax.Array]:
         "speaker": jnp.zeros((1,), jnp.int32),
     }
     if task.identity_input == "frames":
-        batch["frames"] = jnp.zeros((1, task.num_seed_frames, task.image_size, task.image_size, 3), jnp.uint8)
+        shape = (1, task.num_reference_frames, task.image_size, task.image_size, 3)
+        batch["frames"] = jnp.zeros(shape, jnp.uint8)
     return batch
 
 

@@ -59,7 +59,7 @@ class FakeRuns:
         if self.barrier:
             self.barrier.wait(10)
         if any(word in run.name for word in self.unlucky):
-            raise UserError("the loss is\nno number")
+            raise UserError(f"the loss is\nno number (see {run.workdir}.log)")
         if request.has_training and not reproduction_plan.is_finished(run):
             self._train(run)
         plan = make_plan(request, corpus)
@@ -169,7 +169,7 @@ def test_the_recogniser_s_weights_are_of_one_row(request_, corpus):
 def test_a_failed_run_is_reported_and_tried_again(request_):
     is_whole, report = _reproduce(request_, FakeRuns(unlucky=("trimodal",)))
     assert not is_whole
-    assert "- Trimodal, seed 1: failed: the loss is no number" in report
+    assert "- Trimodal, seed 1: failed: the loss is no number (see bvh-debug-trimodal-" in report
     assert "0, 2 failed" in report and "| HA2G | 5.306 | 1.000 [" in report
     again = FakeRuns()
     is_whole, report = _reproduce(request_, again)

@@ -79,7 +79,7 @@ def make_batch():
     def make(task, size, seed=0):
         rng = np.random.default_rng(seed)
         directions = rng.normal(size=(size, task.num_frames, task.skeleton.num_bones, 3))
-        images = (size, task.num_seed_frames, task.image_size, task.image_size, 3)
+        images = (size, task.num_reference_frames, task.image_size, task.image_size, 3)
         return {
             "mel": rng.uniform(-80, 0, (size, 128, 70)).astype(np.float32),
             "words": rng.integers(0, NUM_WORDS, (size, task.num_frames)).astype(np.int32),
