@@ -10,12 +10,12 @@ import logging
 import pathlib
 
 import av
-import librosa
 import numpy as np
 import soundfile
 from av.error import FFmpegError
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.librosa_once import librosa
 
 SAMPLE_RATE = 16000
 FFT_SIZE = 1024
@@ -68,8 +68,8 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
     samples = check_samples(samples, rate, str(path))
     if rate != SAMPLE_RATE:
         num_samples = round(len(samples) * SAMPLE_RATE / rate)
-        samples = librosa.resample(samples, orig_sr=rate, target_sr=SAMPLE_RATE, res_type="soxr_hq")
-        samples = librosa.util.fix_length(samples, size=num_samples)
+        samples = librosa().resample(samples, orig_sr=rate, target_sr=SAMPLE_RATE, res_type="soxr_hq")
+        samples = librosa().util.fix_length(samples, size=num_samples)
     return samples / np.maximum(1, np.max(np.abs(samples)))
 
 
@@ -139,7 +139,7 @@ def _read_with_av(path: pathlib.Path) -> tuple[np.ndarray, int]:
 
 @functools.cache
 def _mel_filters() -> np.ndarray:
-    return librosa.filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS)
+    return librosa().filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS)
 
 
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
@@ -156,7 +156,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
         (128, 1 + samples // 512) float32 in [-80, 0].
     """
     padded = np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect")
-    spectrum = librosa.stft(padded, n_fft=FFT_SIZE, hop_length=HOP_LENGTH, center=False)
+    spectrum = librosa().stft(padded, n_fft=FFT_SIZE, hop_length=HOP_LENGTH, center=False)
     power = _mel_filters() @ np.square(np.abs(spectrum))
     if reference is None:
         reference = float(np.max(power))

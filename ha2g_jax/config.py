@@ -141,12 +141,12 @@ def study(config: Config) -> Config:
     """A size of which two CPU cores train dozens of runs in some hours, to compare methods and ablations."""
     config = small(config)
     config.model.inferer.layers = 1
-    config.train.steps = 800
+    config.train.steps = 1000
     config.train.batch_size = 32
-    config.train.learning_rate = 1e-3
+    config.train.learning_rate = 3e-3
     config.train.schedule = "cosine"
     config.train.validate_every = 200
-    config.train.checkpoint_every = 400
+    config.train.checkpoint_every = 500
     return config
 
 

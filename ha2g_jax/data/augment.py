@@ -6,10 +6,10 @@ Pure functions of one example (see `Windows`). All randomness comes from the gen
 import functools
 from typing import Any, NamedTuple
 
-import librosa
 import numpy as np
 
 from ha2g_jax.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, WINDOW_COLUMNS, log_mel
+from ha2g_jax.librosa_once import librosa
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
@@ -118,7 +118,7 @@ def sound_power(power: np.ndarray) -> float:
 
     A band holds power per hertz (Slaney's area normalisation), so it counts by its width.
     """
-    edges = librosa.mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
+    edges = librosa().mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
     widths = edges[2:] - edges[:-2]
     return float(widths @ power.mean(axis=1) / widths.sum())
 

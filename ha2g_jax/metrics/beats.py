@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.librosa_once import librosa
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is matched with
@@ -207,9 +208,7 @@ def strict_f1(counts: np.ndarray) -> float:
 
 def onsets(audio: np.ndarray) -> np.ndarray:
     """Times in seconds, (n,), of the onsets of samples at 16 kHz: librosa's detector with its defaults."""
-    import librosa  # slow to import, and Talk does without it
-
-    return librosa.onset.onset_detect(y=audio, sr=ONSET_RATE, units="time")
+    return librosa().onset.onset_detect(y=audio, sr=ONSET_RATE, units="time")
 
 
 def kernels(

@@ -4,13 +4,13 @@ Parameters are float32 everywhere outside of the modules. On the way in they and
 `task.dtype`, on the way out results are float32 again; so gradients, statistics and losses are float32 too.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.train.task import Task
+from ha2g_jax.train.task import Task, speech_arguments
 
 Batch = dict[str, jax.Array]
 Variables = dict[str, Any]
@@ -43,6 +43,32 @@ def apply(
         method=method,
     )
     return _cast(result, jnp.dtype(jnp.float32)), updates.get("batch_stats", variables["batch_stats"])
+
+
+class Poses(NamedTuple):
+    """Outputs of a method whose objective looks at poses alone: one level, (B, N, pose_dim), mean-subtracted."""
+
+    poses: tuple[jax.Array]
+
+
+def run_generator(
+    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+) -> tuple[Poses, tuple[Any, None]]:
+    """`Method.run` of a generator that needs nothing but a call on a batch.
+
+    Args:
+        task: static.
+        variables: {"params", "batch_stats"} of the generator.
+        batch: as in `train_step`.
+        keys: "dropout".
+        train: False is evaluation mode.
+
+    Returns:
+        The outputs, and (batch statistics after the run, None).
+    """
+    arguments = speech_arguments(task, batch)
+    poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], *arguments, train=train)
+    return Poses(poses), (batch_stats, None)
 
 
 def discriminate(

@@ -9,6 +9,7 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.cache_folder import cache_folder
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
@@ -109,8 +110,7 @@ def talk_folder(spec: str) -> pathlib.Path:
     """Where `talk_path` has a corpus, or will have it: "talk" in $HA2G_CACHE, by default ~/.cache/ha2g-jax."""
     if spec != "talk":
         return pathlib.Path(spec)
-    cache = os.environ.get("HA2G_CACHE")
-    return (pathlib.Path(cache) if cache else pathlib.Path.home() / ".cache" / "ha2g-jax") / _VERSION
+    return cache_folder() / _VERSION
 
 
 def _plan(num_speakers: int, minutes: float, seed: int) -> list[_Talk]:

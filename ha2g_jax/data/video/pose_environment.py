@@ -10,6 +10,7 @@ import tempfile
 
 from tqdm import tqdm
 
+from ha2g_jax.cache_folder import cache_folder
 from ha2g_jax.errors import UserError
 
 _NAME = "pose-0.10.21"  # MediaPipe's version
@@ -78,8 +79,7 @@ def command() -> list[str]:
 
 
 def _folder() -> pathlib.Path:
-    cache = os.environ.get("HA2G_CACHE")
-    return (pathlib.Path(cache) if cache else pathlib.Path.home() / ".cache" / "ha2g-jax") / _NAME
+    return cache_folder() / _NAME
 
 
 def _interpreter(folder: pathlib.Path) -> pathlib.Path:

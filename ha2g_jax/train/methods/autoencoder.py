@@ -4,7 +4,7 @@ The paper says nothing of its training. Ours: mean L1 of the poses and of their 
 between restored vectors, as angles are everywhere here; selected on the validation split.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 
@@ -12,14 +12,8 @@ from ha2g_jax import models
 from ha2g_jax.config import Config
 from ha2g_jax.losses import autoencoder as losses
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.train.forward import Batch, Variables, apply
+from ha2g_jax.train.forward import Batch, Poses, Variables, apply
 from ha2g_jax.train.task import Method, Networks, Task, restore, subtract_mean
-
-
-class Outputs(NamedTuple):
-    """`poses` holds one array, the reconstruction (B, 34, pose_dim), mean-subtracted."""
-
-    poses: tuple[jax.Array]
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
@@ -30,14 +24,14 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 
 def run(
     task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool
-) -> tuple[Outputs, tuple[Any, None]]:
+) -> tuple[Poses, tuple[Any, None]]:
     """The windows of a batch through the auto-encoder."""
     poses = subtract_mean(task, batch["directions"])
     poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], poses, train=train)
-    return Outputs((poses,)), (batch_stats, None)
+    return Poses((poses,)), (batch_stats, None)
 
 
-def loss_terms(task: Task, outputs: Outputs, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
     """The unweighted terms; `targets` are (B, 34, pose_dim), mean-subtracted."""
     del aux
     (poses,) = outputs.poses

@@ -1,6 +1,6 @@
 """Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,17 +11,11 @@ from ha2g_jax.models.baselines.joint_embedding import JointEmbedding, sample
 from ha2g_jax.models.baselines.waveform import WaveformEncoder
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.train.choices import choice
-from ha2g_jax.train.forward import Batch, Variables, apply
+from ha2g_jax.train.forward import Batch, Poses, Variables, apply
 from ha2g_jax.train.methods.encoders import text_encoder
 from ha2g_jax.train.task import Method, Networks, Task, subtract_mean
 
 TERMS = ("l1",)
-
-
-class Outputs(NamedTuple):
-    """What the objective is differentiated by: one level of poses (B, N, pose_dim), mean-subtracted."""
-
-    poses: tuple[jax.Array]
 
 
 def inputs(config: Config) -> tuple[str, ...]:
@@ -55,7 +49,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 
 def run(
     task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
-) -> tuple[Outputs, tuple[Any, None]]:
+) -> tuple[Poses, tuple[Any, None]]:
     """The poses of the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
 
     There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
@@ -80,7 +74,7 @@ def run(
     decoded, batch_stats = apply(
         task, task.generator, variables, keys["dropout"], *clips, train=train, method=_encode_and_decode
     )
-    return Outputs((decoded,)), (batch_stats, None)
+    return Poses((decoded,)), (batch_stats, None)
 
 
 def _encode_and_decode(
@@ -98,7 +92,7 @@ def _encode_and_decode(
     return model.decode(latent, seed, train=train)
 
 
-def loss_terms(task: Task, outputs: Outputs, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
     """The one term; `targets` are (B, N, pose_dim), mean-subtracted."""
     del task, aux
     return {"l1": l1(outputs.poses[-1], targets)}

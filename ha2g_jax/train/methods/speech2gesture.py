@@ -1,7 +1,5 @@
 """Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion."""
 
-from typing import Any, NamedTuple
-
 import jax
 
 from ha2g_jax.config import Config
@@ -9,16 +7,10 @@ from ha2g_jax.losses.speech2gesture import l1
 from ha2g_jax.models.baselines.speech2gesture import PatchDiscriminator, Speech2Gesture
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.train.choices import choice
-from ha2g_jax.train.forward import Batch, Variables, apply
-from ha2g_jax.train.task import Method, Networks, Task, speech_arguments
+from ha2g_jax.train.forward import Poses, run_generator
+from ha2g_jax.train.task import Method, Networks, Task
 
 TERMS = ("gan", "l1")
-
-
-class Outputs(NamedTuple):
-    """What the objective is differentiated by: one level of poses (B, N, pose_dim), mean-subtracted."""
-
-    poses: tuple[jax.Array]
 
 
 def inputs(config: Config) -> tuple[str, ...]:
@@ -45,30 +37,10 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return Networks(generator, PatchDiscriminator(channels=config.model.discriminator.hidden_dim))
 
 
-def run(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
-) -> tuple[Outputs, tuple[Any, None]]:
-    """The generator on one batch.
-
-    Args:
-        task: static.
-        variables: {"params", "batch_stats"} of the generator.
-        batch: as in `train_step`.
-        keys: "dropout".
-        train: False is evaluation mode.
-
-    Returns:
-        The outputs, and (batch statistics after the run, None).
-    """
-    arguments = speech_arguments(task, batch)
-    poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], *arguments, train=train)
-    return Outputs(poses), (batch_stats, None)
-
-
-def loss_terms(task: Task, outputs: Outputs, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
     """The terms but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
     del task, aux
     return {"l1": l1(outputs.poses[-1], targets)}
 
 
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms)
+METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)
