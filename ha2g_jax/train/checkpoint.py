@@ -26,7 +26,7 @@ from ha2g_jax.train import checksums, orbax_errors
 from ha2g_jax.train.state import TrainState
 
 _NONE, _ALL_DAMAGED = -1, -2  # in place of a step, when the first process tells the others
-_REMOVALS = 20  # attempts
+_REMOVALS = 10  # attempts
 
 
 class Restored(NamedTuple):
@@ -206,12 +206,11 @@ class Checkpoints:
         return list(self._folder.glob(f"{self._writing}{ocp.utils.TMP_DIR_SUFFIX}*"))
 
     def _remove_temporary(self) -> None:
-        # Other threads of Orbax may not know yet that it is over, and go on writing into the folder.
+        # Other threads of Orbax may not know yet that it is over, and make the folder again. What one of them makes
+        # even later, the next start removes.
         for _ in range(_REMOVALS):
             for folder in self._temporary():
                 shutil.rmtree(folder, ignore_errors=True)
-            if not self._temporary():
-                return
             time.sleep(0.1)
 
     @contextlib.contextmanager
