@@ -17,9 +17,10 @@ from collections.abc import Sequence
 from ha2g_jax import config as configs
 from ha2g_jax import presets
 from ha2g_jax.errors import UserError
-from ha2g_jax.study import paper_tables, reproduction
-from ha2g_jax.study.reproduction_jobs import Perform, Stopped, perform_in_process, stop_signals
-from ha2g_jax.study.reproduction_plan import Request, parse_changes, parse_seeds
+from ha2g_jax.study.reproduction.jobs import Perform, Stopped, perform_in_process, stop_signals
+from ha2g_jax.study.reproduction.paper_tables import TABLES
+from ha2g_jax.study.reproduction.plan import Request, parse_changes, parse_seeds
+from ha2g_jax.study.reproduction.reproduce import reproduce
 
 WORKDIR = pathlib.Path("runs/reproduce")
 
@@ -38,7 +39,7 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
         out = arguments.out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
         command = shlex.join(["python", "experiments/reproduce.py", *argv])
         with stop_signals() as stop:
-            is_whole = reproduction.reproduce(request, out, command, stop, perform)
+            is_whole = reproduce(request, out, command, stop, perform)
     except UserError as error:
         print(f"reproduce: {error}", file=sys.stderr)
         return 2
@@ -75,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    parser.add_argument("table", choices=paper_tables.TABLES, metavar="TABLE", help=", ".join(paper_tables.TABLES))
+    parser.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
     parser.add_argument("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
     parser.add_argument("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
     parser.add_argument("--size", default="small", choices=configs.SIZES, help="of the models (default: small)")

@@ -9,8 +9,7 @@ import signal
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.study import reproduction
-from ha2g_jax.study.reproduction_jobs import Stopped
+from ha2g_jax.study.reproduction.jobs import Stopped
 
 ROOT = pathlib.Path(__file__).parent.parent
 
@@ -39,9 +38,9 @@ class Asked:
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def asked(command, monkeypatch):
     asked = Asked()
-    monkeypatch.setattr(reproduction, "reproduce", asked)
+    monkeypatch.setattr(command, "reproduce", asked)
     return asked
 
 

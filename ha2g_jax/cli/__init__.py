@@ -138,16 +138,19 @@ def _describe(arguments: argparse.Namespace) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import evaluation_inputs, evaluation_table, recording, talk
+    from ha2g_jax.study.evaluation.inputs import knows_strokes
+    from ha2g_jax.study.evaluation.table import as_markdown, as_table
+    from ha2g_jax.study.talk import evaluate as talk
+    from ha2g_jax.study.talk.recording import evaluate_recording
 
     if arguments.speech:
-        scores = recording.evaluate_recording(arguments.checkpoint, arguments.speech, seed=arguments.seed)
+        scores = evaluate_recording(arguments.checkpoint, arguments.speech, seed=arguments.seed)
         print(json.dumps(scores, indent=1))
         return
     if (arguments.motion is None) != (arguments.reference is None):
         raise UserError("--motion and --reference go together; give both folders")
     wants_metrics = arguments.autoencoder or arguments.legacy or arguments.markdown
-    if arguments.motion is None and not wants_metrics and evaluation_inputs.knows_strokes(arguments.data):
+    if arguments.motion is None and not wants_metrics and knows_strokes(arguments.data):
         scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
         print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
         return
@@ -155,21 +158,21 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print(json.dumps(results, indent=1, allow_nan=False))
     else:
-        print((evaluation_table.as_markdown if arguments.markdown else evaluation_table.as_table)(results))
+        print((as_markdown if arguments.markdown else as_table)(results))
 
 
 def _evaluate_metrics(arguments: argparse.Namespace) -> dict[str, Any]:
-    from ha2g_jax.study import evaluation_inputs
+    from ha2g_jax.study.evaluation.inputs import evaluate_checkpoint, evaluate_folders
 
     options = {"autoencoder": arguments.autoencoder, "legacy": arguments.legacy, "seed": arguments.seed}
     if arguments.motion is not None:
-        return evaluation_inputs.evaluate_folders(
+        return evaluate_folders(
             arguments.motion, arguments.reference, skeleton=arguments.skeleton, joint_map=arguments.joint_map, **options
         )
     if len(arguments.split or ()) > 1:
         raise UserError("these scores are of one split; name one with --split")
     split = arguments.split[0] if arguments.split else None
-    return evaluation_inputs.evaluate_checkpoint(arguments.checkpoint, arguments.data, split=split, **options)
+    return evaluate_checkpoint(arguments.checkpoint, arguments.data, split=split, **options)
 
 
 def _export_model(arguments: argparse.Namespace) -> None:

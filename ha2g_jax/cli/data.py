@@ -208,9 +208,9 @@ def _add_inspect_talk(data: Any) -> None:
 
 
 def _inspect_talk(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import talk_report
+    from ha2g_jax.study.corpus.talk_report import write_report
 
-    print(talk_report.write_report(arguments.data, arguments.out, recording=arguments.recording))
+    print(write_report(arguments.data, arguments.out, recording=arguments.recording))
 
 
 def _add_stats(data: Any) -> None:
@@ -221,10 +221,10 @@ def _add_stats(data: Any) -> None:
 
 
 def _stats(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import corpus_statistics
+    from ha2g_jax.study.corpus.statistics import as_table, summarise
 
-    summary = corpus_statistics.summarise(arguments.data)
-    print(json.dumps(summary, indent=1) if arguments.json else corpus_statistics.as_table(summary))
+    summary = summarise(arguments.data)
+    print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
 
 
 def _add_inspect(data: Any) -> None:
@@ -236,11 +236,11 @@ def _add_inspect(data: Any) -> None:
 
 
 def _inspect(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study import corpus_report
+    from ha2g_jax.study.corpus.report import write_report
 
     folder = arguments.data.resolve() if arguments.data.name in ("", "..") else arguments.data
     page = arguments.out or folder.with_name(f"{folder.name}.html")
-    print(corpus_report.write_report(arguments.data, page, num_samples=arguments.samples))
+    print(write_report(arguments.data, page, num_samples=arguments.samples))
 
 
 def _add_validate(data: Any) -> None:

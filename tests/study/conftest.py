@@ -7,7 +7,7 @@ import pytest
 
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
-from ha2g_jax.study.performance import Performance
+from ha2g_jax.study.evaluation.performance import Performance
 
 FPS = 15.0
 

@@ -1,0 +1,183 @@
+"""A folder of motion from any system and one of reference motion: read, paired by name, at one frame rate."""
+
+import collections
+import os
+import pathlib
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.data.mocap.joint_maps import AUTO
+from ha2g_jax.data.mocap.sources import AUDIO_SUFFIXES
+from ha2g_jax.data.processes import parallel_map
+from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.beat_alignment import audio_onsets
+from ha2g_jax.skeleton import Skeleton, load_skeleton
+from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file
+from ha2g_jax.study.evaluation.performance import Performance
+
+FPS = 15.0  # that everything is scored at: the rate of the paper's data
+
+_GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
+_PAIRS_PER_PROCESS = 32  # a process takes seconds to start
+_SHOWN = 3
+_DIED = "a process that read the motion was killed, perhaps for want of memory; evaluate fewer files at once"
+
+
+class Folders(NamedTuple):
+    """What two folders hold.
+
+    Attributes:
+        motion, reference: performances of the same ids, in the same order.
+        skeleton: of both.
+        notes: what was changed or left out, a sentence each.
+    """
+
+    motion: list[Performance]
+    reference: list[Performance]
+    skeleton: Skeleton
+    notes: list[str]
+
+
+class _Pair(NamedTuple):
+    """Files of one clip, and how to read them."""
+
+    name: str
+    source: str
+    motion: pathlib.Path
+    reference: pathlib.Path
+    audio: pathlib.Path | None
+    skeleton: str
+    joint_map: str
+    with_audio: bool
+
+
+class _Read(NamedTuple):
+    motion: Performance
+    reference: Performance
+    rates: tuple[float, float]
+    is_cut_to_sound: bool
+
+
+def from_folders(
+    motion: str | os.PathLike,
+    reference: str | os.PathLike,
+    *,
+    skeleton: str | None = None,
+    joint_map: str = AUTO,
+    with_audio: bool = False,
+) -> Folders:
+    """Reads the files of two folders that have the same name, up to the suffix.
+
+    Folders may have subfolders, which then must be alike; a subfolder is taken for the recording that its clips were
+    cut from, without subfolders every clip for a recording of its own. The sound of a clip is the file of sound with
+    the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
+    motion is brought to 15 frames per second, see `motion_files`.
+
+    Args:
+        motion: folder of the motion to be evaluated.
+        reference: folder of the true motion.
+        skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
+        joint_map: whose joint names the files have; see `motion_files`.
+        with_audio: whether the legacy scores are wanted.
+
+    Raises:
+        UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
+    """
+    found = {pathlib.Path(folder): _find(pathlib.Path(folder)) for folder in (motion, reference)}
+    motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
+    names = sorted(motions.keys() & references.keys())
+    if not names:
+        raise UserError(
+            f"no file in {motion} has the name of one in {reference}: found {_few(motions)} and {_few(references)}; "
+            "give both the names of the clips"
+        )
+    name = skeleton or find_skeleton(references[names[0]], joint_map)
+    sounds = _find_sounds({path.parent for path in (*motions.values(), *references.values())})
+    pairs = []
+    for clip in names:
+        audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[clip])) if key in sounds), None)
+        source = clip.rpartition("/")[0] or clip
+        pairs.append(_Pair(clip, source, motions[clip], references[clip], audio, name, joint_map, with_audio))
+    processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
+    with parallel_map(processes, _DIED) as each:
+        read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
+    left_out = {"motion": len(motions) - len(names), "reference": len(references) - len(names)}
+    notes = _notes(pairs, read, left_out)
+    return Folders([pair.motion for pair in read], [pair.reference for pair in read], load_skeleton(name), notes)
+
+
+def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
+    """Files of motion by name; of several with one name the first kind of `SUFFIXES`, the others being its words."""
+    if not folder.is_dir():
+        raise UserError(f"no folder at {folder}; give a folder of motion in {', '.join(SUFFIXES)}")
+    found: dict[str, pathlib.Path] = {}
+    paths = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
+    for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
+        if not path.name.startswith("."):
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            found.setdefault(name.removesuffix(_GENERATED), path)
+    if not found:
+        raise UserError(f"no motion in {folder}; expected files of {', '.join(SUFFIXES)}")
+    return found
+
+
+def _find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pathlib.Path]:
+    ranks = {suffix: rank for rank, suffix in enumerate(AUDIO_SUFFIXES)}
+    sounds: dict[tuple[pathlib.Path, str], pathlib.Path] = {}
+    for folder in folders:
+        files = [path for path in folder.iterdir() if path.suffix.lower() in ranks and path.is_file()]
+        for path in sorted(files, key=lambda path: (ranks[path.suffix.lower()], path)):
+            sounds.setdefault(_key(path), path)
+    return sounds
+
+
+def _key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
+    return path.parent, path.stem.removesuffix(_GENERATED).lower()
+
+
+def _read(pair: _Pair) -> _Read:
+    skeleton = load_skeleton(pair.skeleton)
+    motion, reference = (
+        read_motion_file(path, skeleton, fps=FPS, joint_map=pair.joint_map) for path in (pair.motion, pair.reference)
+    )
+    audio = None if pair.audio is None else read_audio(pair.audio)
+    onsets, heard = None, len(reference.directions)
+    if audio is not None:
+        onsets = audio_onsets(audio, len(audio) / SAMPLE_RATE)
+        heard = max(1, round(len(audio) / SAMPLE_RATE * FPS))
+    true = reference._replace(directions=reference.directions[:heard])
+    return _Read(
+        _performance(pair, motion),
+        _performance(pair, true, onsets, audio if pair.with_audio else None),
+        (motion.fps, reference.fps),
+        heard < len(reference.directions) - 1,
+    )
+
+
+def _performance(
+    pair: _Pair, motion: FileMotion, onsets: np.ndarray | None = None, audio: np.ndarray | None = None
+) -> Performance:
+    return Performance(pair.name, pair.source, motion.directions, FPS, onsets, audio, motion.borders)
+
+
+def _notes(pairs: list[_Pair], read: list[_Read], left_out: dict[str, int]) -> list[str]:
+    notes = []
+    for which, count in left_out.items():
+        if count:
+            notes.append(f"{count} files of {which} have no counterpart and are left out")
+    for which, index in (("motion", 0), ("reference", 1)):
+        rates = collections.Counter(pair.rates[index] for pair in read if pair.rates[index] != FPS)
+        for rate, count in sorted(rates.items()):
+            notes.append(f"{which} of {count} clips resampled from {rate:.6g} to {FPS:g} frames per second")
+    if cut := sum(pair.is_cut_to_sound for pair in read):
+        notes.append(f"reference of {cut} clips cut to the length of their sound")
+    return notes
+
+
+def _few(names: dict[str, pathlib.Path]) -> str:
+    shown = ", ".join(sorted(names)[:_SHOWN])
+    return f"{shown}, ..." if len(names) > _SHOWN else shown

@@ -1,0 +1,50 @@
+"""Figure 3 of a reproduction: beat consistency by the threshold of a motion beat, as a chart and as a table."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ha2g_jax.study.reproduction.paper_tables import THRESHOLDS
+from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
+from ha2g_jax.study.reproduction.tables import RowScores, markdown, number
+from ha2g_jax.study.reproduction.threshold_chart import Panel, threshold_chart
+
+_SHOWN = (0.01, 0.03, 0.1, 0.2, 0.3)  # of the thresholds, in the table
+
+
+def chart(scores: RowScores, split: str, title: str) -> str:
+    """An SVG document: F and its gain over mismatched speech by threshold, means over seeds."""
+    curves = _curves(scores, split)
+    panels = (
+        Panel("F with the own speech", {name: own.tolist() for name, (own, _) in curves.items()}),
+        Panel("gain over mismatched speech", {name: gain.tolist() for name, (_, gain) in curves.items()}),
+    )
+    return threshold_chart(THRESHOLDS, panels, title)
+
+
+def sweep_table(scores: RowScores, split: str) -> str:
+    """The same at a few thresholds, in Markdown."""
+    lines = [("row", *(f"{name} at {threshold:g}" for name in ("F", "gain") for threshold in _SHOWN))]
+    places = [THRESHOLDS.index(threshold) for threshold in _SHOWN]
+    for name, curves in _curves(scores, split).items():
+        lines.append((name, *(number(float(curve[place])) for curve in curves for place in places)))
+    return markdown(lines)
+
+
+def _curves(scores: RowScores, split: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Name of a row -> F and gain by threshold; ground truth first."""
+    curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for row, mine in scores.items():
+        sweeps = [one["splits"][split]["sweep"] for one in mine.values()]
+        for name, key in ((TRUTH, TRUTH), (row, MODEL)):
+            if sweeps and name not in curves:
+                own, floor = (
+                    np.array([_numbers(each[key][part]) for each in sweeps]) for part in ("own", "mismatched")
+                )
+                curves[name] = own.mean(axis=0), (own - floor).mean(axis=0)
+    return curves
+
+
+def _numbers(values: Sequence[float | None]) -> list[float]:
+    return [math.nan if value is None else value for value in values]

@@ -1,0 +1,242 @@
+"""Runs of a table in processes of their own, several at once, and what can be seen of them while they work."""
+
+import concurrent.futures
+import contextlib
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import FrameType
+from typing import TypeAlias
+
+import tqdm
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.study.reproduction.plan import Request, Run
+
+_WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")
+_LOOK_EVERY = 1.0  # seconds between looks at what the runs have done
+_TAIL = 4096  # bytes at the end of metrics.jsonl that hold its last line
+# Most of a step on a Linux CPU can go into giving memory back and asking for it again; this keeps it.
+_KEEP_MEMORY = (
+    "glibc.malloc.hugetlb=1:glibc.malloc.mmap_max=0:glibc.malloc.trim_threshold=17179869184"
+    ":glibc.malloc.top_pad=268435456"
+)
+
+
+class Stopped(Exception):
+    """A signal ended the work; its number."""
+
+    def __init__(self, number: int):
+        super().__init__(f"stopped by signal {number}")
+        self.number = number
+
+
+class Stop:
+    """Whether a signal asked to stop, and the processes that it is passed on to."""
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._processes: set[subprocess.Popen] = set()
+
+    def handle(self, number: int, _: FrameType | None = None) -> None:
+        """Asks the processes to save and end; ends them at once if asked again."""
+        is_first = self.number is None
+        self.number = number
+        for process in list(self._processes):
+            self._end(process, signal.SIGTERM if is_first else signal.SIGKILL)
+
+    def wait(self, process: subprocess.Popen) -> int:
+        """The exit code of a process that ends when this stops."""
+        self._processes.add(process)
+        try:
+            if self.number is not None:  # it came while the process was being started
+                self._end(process, signal.SIGTERM)
+            return process.wait()
+        finally:
+            self._processes.discard(process)
+
+    def _end(self, process: subprocess.Popen, number: int) -> None:
+        if process.poll() is None:
+            process.send_signal(number)
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[Stop]:
+    """Turns SIGTERM, Ctrl-C and a closed terminal, except under nohup, into a `Stop`."""
+    stop = Stop()
+    numbers = [n for n in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) != signal.SIG_IGN]
+    previous = {number: signal.signal(number, stop.handle) for number in numbers}
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+# Trains a run if it is not finished and scores it: (request, corpus, run, number of the worker, stop). A UserError is
+# the reason why it failed.
+Perform: TypeAlias = Callable[[Request, pathlib.Path, Run, int, Stop], None]
+
+
+def run_all(
+    request: Request, corpus: pathlib.Path, runs: Sequence[Run], perform: Perform, stop: Stop, title: str
+) -> dict[str, str]:
+    """Performs runs, `request.jobs` at once; one that fails does not keep the others from going on.
+
+    Args:
+        request, corpus: what the runs are for.
+        runs: in the order in which they start.
+        perform: `perform_in_process`.
+        stop: ends the runs and the waiting.
+        title: of the runs, for those who watch.
+
+    Returns:
+        Name of a run that failed -> reason, in one line.
+
+    Raises:
+        Stopped: a signal came; what the runs had done is saved.
+    """
+    failures: dict[str, str] = {}
+    watch = _Watch(runs, title)
+    idle = list(range(request.jobs))
+    queue = list(runs)
+    working: dict[concurrent.futures.Future, tuple[Run, int, float]] = {}
+    with contextlib.closing(watch), concurrent.futures.ThreadPoolExecutor(request.jobs) as threads:
+        while queue or working:
+            while queue and idle and stop.number is None:
+                run, worker = queue.pop(0), idle.pop(0)
+                future = threads.submit(perform, request, corpus, run, worker, stop)
+                working[future] = run, worker, time.monotonic()
+            if not working:
+                break
+            done, _ = concurrent.futures.wait(working, _LOOK_EVERY, concurrent.futures.FIRST_COMPLETED)
+            for future in done:
+                run, worker, start = working.pop(future)
+                idle.append(worker)
+                try:
+                    future.result()
+                except UserError as error:
+                    failures[run.name] = " ".join(str(error).split())
+                if stop.number is None:
+                    watch.finish(run, time.monotonic() - start, failures.get(run.name))
+            watch.look([run for run, _, _ in working.values()])
+    if stop.number is not None:
+        raise Stopped(stop.number)
+    return failures
+
+
+def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker: int, stop: Stop) -> None:
+    """Trains and scores one run in a process of its own; what it prints goes to RUN.log beside the workdir.
+
+    Raises:
+        UserError: the process failed; its last line.
+    """
+    path = run.workdir.with_name(f"{run.name}.log")
+    task = {
+        "request": request._asdict() | {"workdir": str(request.workdir.resolve())},
+        "corpus": str(corpus),
+        "run": run.name,
+        "cores": _cores(worker, request.jobs),
+    }
+    with path.open("ab") as log:
+        # In a session of its own, so that the terminal's Ctrl-C comes to it only by way of `stop`.
+        process = subprocess.Popen(
+            [*_WORKER, run.name],
+            stdin=subprocess.PIPE,
+            stdout=log,
+            stderr=log,
+            env=_environment(request, os.environ),
+            start_new_session=True,
+        )
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), process.stdin:  # it died: the exit code tells
+            process.stdin.write(json.dumps(task).encode())
+        code = stop.wait(process)
+    if code and stop.number is None:
+        printed = [line.strip() for line in path.read_text(errors="replace").splitlines() if line.strip()]
+        raise UserError(f"{printed[-1] if printed else 'it printed nothing'} (exit code {code}; see {path})")
+
+
+def _cores(worker: int, jobs: int) -> list[int]:
+    """The share of a worker of the cores of this process; [] for all of them."""
+    if jobs == 1 or not hasattr(os, "sched_getaffinity"):
+        return []
+    cores = sorted(os.sched_getaffinity(0))
+    size = max(len(cores) // jobs, 1)
+    start = worker * size % len(cores)
+    return cores[start : start + size]
+
+
+def _environment(request: Request, environment: Mapping[str, str]) -> dict[str, str]:
+    """Of a worker; what the user has set stays."""
+    defaults = {
+        # The seeds of a row are one program: compiled once, for all of them.
+        "JAX_COMPILATION_CACHE_DIR": str(request.workdir.resolve() / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+    if request.jobs > 1:  # the first process on an accelerator would take most of its memory
+        defaults["XLA_PYTHON_CLIENT_MEM_FRACTION"] = f"{0.9 / request.jobs:.2f}"
+    if sys.platform == "linux":
+        defaults["GLIBC_TUNABLES"] = _KEEP_MEMORY
+    return defaults | dict(environment)
+
+
+class _Watch:
+    """A bar over the steps of all runs, and a line for each run that ends."""
+
+    def __init__(self, runs: Sequence[Run], title: str):
+        self._steps = {run.name: int(run.config.train.steps) for run in runs}
+        self._done = {run.name: last_step(run) for run in runs}
+        self._before = sum(self._done.values())
+        self._start = time.monotonic()
+        self._count = 0
+        total = sum(self._steps.values())
+        self._bar = tqdm.tqdm(total=total, initial=self._before, desc=title, unit="step", disable=None, leave=False)
+
+    def look(self, working: Sequence[Run]) -> None:
+        self._done |= {run.name: min(last_step(run), self._steps[run.name]) for run in working}
+        self._bar.set_postfix_str(", ".join(run.name for run in working), refresh=False)
+        self._bar.update(sum(self._done.values()) - self._bar.n)
+
+    def finish(self, run: Run, seconds: float, failure: str | None) -> None:
+        self._count += 1
+        self._done[run.name] = self._steps[run.name]
+        state = f"failed: {failure}" if failure else f"finished in {duration(seconds)}"
+        line = f"[{self._count}/{len(self._steps)}] {run.name}: {state}"
+        if self._count < len(self._steps):
+            line += f"; about {duration(self._left())} left"
+        tqdm.tqdm.write(line, file=sys.stderr)
+
+    def close(self) -> None:
+        self._bar.close()
+
+    def _left(self) -> float:
+        """Seconds, as if all steps of all runs took the same time; by runs, where only scores are missing."""
+        passed, done = time.monotonic() - self._start, sum(self._done.values())
+        if remaining := sum(self._steps.values()) - done:
+            return passed * remaining / max(done - self._before, 1)
+        return passed * (len(self._steps) - self._count) / self._count
+
+
+def last_step(run: Run) -> int:
+    """The last step that a run has written metrics of, 0 before there is one."""
+    try:
+        with (run.workdir / "metrics.jsonl").open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL))
+            lines = file.read().splitlines(keepends=True)
+        return next(int(json.loads(line)["step"]) for line in reversed(lines) if line.endswith(b"\n"))
+    except (OSError, ValueError, KeyError, StopIteration):
+        return 0
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: "41 s", "12 min" or "3 h 20 min"."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,0 +1,237 @@
+"""A table of the paper as runs: which models it needs, where each is, and which of its scores are there already."""
+
+import ast
+import hashlib
+import json
+import pathlib
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ha2g_jax import presets
+from ha2g_jax.config import Config
+from ha2g_jax.data.talk import build
+from ha2g_jax.errors import UserError
+from ha2g_jax.study.reproduction import paper_tables
+from ha2g_jax.study.reproduction.paper_tables import Table
+
+EVALUATION_VERSION = 1  # of what `run_scores` measures; a higher number makes all scores anew
+DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
+SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
+
+_DEBUG_TALK = {"speakers": 6, "minutes": 10}
+_HASH_DIGITS = 10
+
+
+class Request(NamedTuple):
+    """What the user asks for.
+
+    Attributes:
+        table: one of `paper_tables.TABLES`.
+        data: one of `presets.DATA`.
+        size: one of `config.SIZES`.
+        path: folder of the corpus; "" for the Talk corpus, which is made on first use.
+        seeds: of the trainings of each row.
+        workdir: folder of the folders of all runs.
+        changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
+        jobs: runs at once.
+        has_training: False only evaluates what is there.
+        has_legacy: whether the scores of the public release are added.
+    """
+
+    table: str
+    data: str
+    size: str
+    path: str
+    seeds: tuple[int, ...]
+    workdir: pathlib.Path
+    changes: Mapping[str, Any] = {}
+    jobs: int = 1
+    has_training: bool = True
+    has_legacy: bool = False
+
+
+class Run(NamedTuple):
+    """One training: of a row with one seed, or of the auto-encoder."""
+
+    name: str
+    seed: int
+    config: Config
+    workdir: pathlib.Path
+
+
+class Plan(NamedTuple):
+    """All runs of a table.
+
+    Attributes:
+        table: of the paper.
+        corpus: folder of the corpus.
+        splits: that are scored.
+        autoencoder: its latents are the features of the Frechet distance and of diversity.
+        rows: name of a row -> its runs, by seed.
+        draws: of the bootstrap over clips.
+    """
+
+    table: Table
+    corpus: pathlib.Path
+    splits: tuple[str, ...]
+    autoencoder: Run
+    rows: dict[str, tuple[Run, ...]]
+    draws: int
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The runs of all rows, seed by seed, so that a first result of every row comes early."""
+        return tuple(run for same_seed in zip(*self.rows.values(), strict=True) for run in same_seed)
+
+
+def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
+    """The runs that a request needs; nothing is written.
+
+    Raises:
+        UserError: no such table, data, size, setting or corpus, or the table is not one for the data.
+    """
+    table = paper_tables.table(request.table, request.data)
+    if not (corpus / "dataset.json").is_file():
+        raise UserError(f"no corpus in {corpus}: dataset.json is missing; see docs/data.md for how to bring in data")
+    if not request.seeds or len(set(request.seeds)) < len(request.seeds):
+        raise UserError(f"the seeds are {list(request.seeds)}; give one or more, each once")
+    rows = {
+        row.name: tuple(_run(request, corpus, row.method, row.changes, row.name, seed) for seed in request.seeds)
+        for row in table.rows
+    }
+    autoencoder = _run(request._replace(changes={}), corpus, "autoencoder", {}, "", 0)
+    return Plan(table, corpus, SPLITS.get(request.data, ("test",)), autoencoder, rows, DRAWS.get(request.size, 1000))
+
+
+def corpus_path(request: Request) -> pathlib.Path:
+    """The folder of the corpus; Talk is made if it is not there, and a small one for the debug size.
+
+    Raises:
+        UserError: a data set without a path that needs one, or the Talk corpus cannot be made.
+    """
+    if request.path:
+        return pathlib.Path(request.path).resolve()
+    if request.data != "talk":
+        raise UserError(f"--data {request.data} needs the folder of a corpus: add --path DIR (docs/data.md)")
+    if request.size != "debug":
+        return build.talk_path("talk").resolve()
+    path = request.workdir.resolve() / "talk-debug-corpus"
+    if not path.exists():
+        build.make_talk(path, seed=0, **_DEBUG_TALK)
+    return path
+
+
+def is_finished(run: Run) -> bool:
+    """Whether the workdir has the checkpoint of the last step of exactly this config."""
+    if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
+        return False
+    try:
+        stored = json.loads((run.workdir / "config.json").read_text())
+        return _causes(stored) == _causes(json.loads(run.config.to_json()))
+    except (OSError, ValueError, KeyError, TypeError):
+        return False  # training itself says what is wrong
+
+
+def checkpoint_step(run: Run) -> int | None:
+    """The step of the checkpoint that is scored: the best on the validation split, else the latest."""
+    folder = _checkpoint(run)
+    return int(folder.name) if folder else None
+
+
+def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
+    """Where the scores of a run are, or will be: the name holds what they depend on. None without a checkpoint.
+
+    Checkpoints and corpora carry the hashes of their contents, so that no weights need to be read.
+    """
+    checkpoint, autoencoder = _checkpoint(run), _checkpoint(plan.autoencoder)
+    if checkpoint is None or autoencoder is None:
+        return None
+    files = (checkpoint / "SHA256SUMS", autoencoder / "SHA256SUMS", plan.corpus / "dataset.json")
+    causes = [EVALUATION_VERSION, list(plan.splits), has_legacy, plan.draws, *map(_file_hash, files)]
+    return run.workdir / f"scores-{_digest(causes)}.json"
+
+
+def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
+    """The scores in a file, None where it is not there or damaged."""
+    if path is None:
+        return None
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
+    """The name of a workdir tells the row; one with the settings of the method itself is named after the method."""
+    more = {"data.path": str(corpus), "seed": seed}
+    asked = dict(request.changes)
+    if changes.get("model.audio.kind") != "whisper":
+        asked.pop("model.audio.weights", None)  # of one row of the table; the others stay the runs that they are
+    try:
+        config = presets.make(request.data, request.size, method, {**asked, **changes, **more}).lock()
+        plain = presets.make(request.data, request.size, method, {**asked, **more})
+    except (KeyError, TypeError, ValueError) as error:  # ml_collections' for a key or a type that is not there
+        raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g_jax/config.py") from error
+    values = json.loads(config.to_json())
+    is_plain = values == json.loads(plain.to_json())
+    label = method if is_plain else f"{method}-{re.sub('[^a-z0-9]+', '-', row.lower()).strip('-')}"
+    causes = [_causes(values | {"seed": None}), _file_hash(corpus / "dataset.json")]
+    end = f"-{_digest(causes)}-seed{seed}"
+    folder = request.workdir.resolve()
+    # Two tables may name the same settings differently: a run that is there is taken, whatever it is called.
+    there = sorted(path.name for path in folder.glob(f"*{end}") if path.is_dir())
+    name = there[0] if there else f"{request.data}-{request.size}-{label}{end}"
+    return Run(name, seed, config, folder / name)
+
+
+def _checkpoint(run: Run) -> pathlib.Path | None:
+    for folder in (run.workdir / "best", run.workdir / "latest"):
+        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / "SHA256SUMS").is_file()]
+        if steps:
+            return max(steps, key=lambda path: int(path.name))
+    return None
+
+
+def _causes(values: dict[str, Any]) -> dict[str, Any]:
+    """A config without the place of the corpus, which may move; what it holds has a hash of its own."""
+    return values | {"data": values["data"] | {"path": ""}}
+
+
+def _file_hash(path: pathlib.Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _digest(values: Any) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:_HASH_DIGITS]
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """The seeds of "3", which are 0, 1 and 2, or of a list such as "0,5,7".
+
+    Raises:
+        UserError: the text is neither.
+    """
+    parts = text.split(",")
+    if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
+        raise UserError(f"--seeds {text} is neither a number of seeds nor a list such as 0,5,7")
+    numbers = tuple(int(part) for part in parts if part.strip())
+    return numbers if "," in text else tuple(range(numbers[0]))
+
+
+def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
+    """Settings from "KEY=VALUE"; a value is a Python literal, else text.
+
+    Raises:
+        UserError: one has no key or no value.
+    """
+    changes: dict[str, Any] = {}
+    for text in texts:
+        key, _, value = text.partition("=")
+        if not key or not value:
+            raise UserError(f"--changes {text} is no KEY=VALUE, such as train.steps=3000")
+        try:
+            changes[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            changes[key] = value
+    return changes

@@ -1,0 +1,246 @@
+"""The report of a reproduction in Markdown: what was run, the paper's numbers beside ours, which claims held."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.study.evaluation.metrics import METRICS
+from ha2g_jax.study.reproduction.claims import LEVEL
+from ha2g_jax.study.reproduction.figure import chart, sweep_table
+from ha2g_jax.study.reproduction.paper_tables import TABLE_12, Table
+from ha2g_jax.study.reproduction.run_estimates import MODEL
+from ha2g_jax.study.reproduction.tables import (
+    CLAIMED,
+    CLAIMED_ON_TALK,
+    SHOWN,
+    RowScores,
+    claim_table,
+    draws_table,
+    draws_verdict,
+    floor_lines,
+    legacy_table,
+    main_table,
+    markdown,
+    talk_table,
+    tally,
+)
+
+
+class RunState(NamedTuple):
+    """What became of a training.
+
+    Attributes:
+        row, seed, name: of the run; its folder has the name.
+        steps: that it was to have.
+        batch_size: windows of a step.
+        last_step: that it had.
+        scored_step: of the checkpoint that was scored, None without one.
+    """
+
+    row: str
+    seed: int
+    name: str
+    steps: int
+    batch_size: int
+    last_step: int
+    scored_step: int | None
+
+
+class Results(NamedTuple):
+    """All that the report is written from.
+
+    Attributes:
+        table: of the paper.
+        name: of the table, as in `TABLES`.
+        data, size: as in the request.
+        splits: that were scored.
+        scores: name of a row -> seed -> what `run_scores` stored.
+        failures: name of a row -> seed -> reason, in one line.
+        runs: of all rows.
+        facts: title -> text, printed in this order.
+        autoencoder: sentence on the pose auto-encoder.
+        has_legacy: whether legacy scores were asked for.
+    """
+
+    table: Table
+    name: str
+    data: str
+    size: str
+    splits: tuple[str, ...]
+    scores: RowScores
+    failures: Mapping[str, Mapping[int, str]]
+    runs: Sequence[RunState]
+    facts: Mapping[str, str]
+    autoencoder: str
+    has_legacy: bool
+
+
+_HOW_TO_READ = f"""\
+A value is the mean over seeds [its t interval over seeds, {LEVEL:.0%}] (the bootstrap interval over clips, by source \
+recording, {LEVEL:.0%}, mean of the seeds). The first says how far another training would be off, the second how far \
+other speech would be. For beats and diversity the value to reach is ground truth's; more is not better. Beat gain is \
+F with the own speech less F with other clips' speech. The paper's BC is another measure (speech to motion only, not \
+against chance) and stands beside it for its order, not for its size. Rows in *italics* are no models: they show what \
+a measure does with motion that is known to be good or bad."""
+_TALK_HOW_TO_READ = """\
+Talk knows which syllable or word causes which movement. Beat F1 and its gain are about the strokes that sound causes. \
+Semantic recall is the share of gesture-bearing words at which the hand has the shape of the word's class; its floor \
+is the better of always showing the most frequent class and of showing the same shapes at shuffled words. Amplitude \
+and handedness are correlations of what is seen with the style asked for. Intervals in parentheses are 1.96 standard \
+errors over clips, of the styles over speakers."""
+_CLAIMS = """\
+Difference: first row less second, seed by seed, with the t interval of the paired differences. *Held*: the interval \
+leaves 0 out on the side that the paper claims; *not held*: on the other side; *undecided*: it covers 0, or there is \
+one seed. Where the paper calls two rows about as good, an interval that leaves 0 out means *not held*. A verdict is \
+about other trainings scored on this speech; what other speech could change is in the tables above."""
+# Metrics that the evaluation may remark on and no table here shows.
+_UNSHOWN = {metric.title for key, metric in METRICS.items() if key not in SHOWN}
+
+
+def as_markdown(results: Results, chart: str | None = None) -> str:
+    """The whole report.
+
+    Args:
+        results: of all runs.
+        chart: file name of the SVG of `figure`, for Figure 3.
+    """
+    lines = [f"# {results.table.title}, on {results.data} ({results.size})", ""]
+    lines += [f"- {title}: {text}" for title, text in results.facts.items()]
+    lines += [f"- pose auto-encoder: {results.autoencoder}", ""]
+    lines += [" ".join(caveats(results)), ""]
+    if any(results.scores.values()):
+        body = {"table12": _draws, "figure3": _figure}.get(results.name, _comparison)
+        lines += body(results, chart)
+    failed = [
+        f"{row}, seed {seed}: failed: {reason}"
+        for row, reasons in results.failures.items()
+        for seed, reason in reasons.items()
+    ]
+    lines += [
+        *_section("Failed", failed),
+        *_section("Remarks", _remarks(results)),
+        "## Runs",
+        "",
+        _run_table(results),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def caveats(results: Results) -> list[str]:
+    """Sentences that follow from what was run."""
+    table, seeds = results.table, sorted({run.seed for run in results.runs})
+    found = []
+    if results.data == "talk":
+        found.append("Talk is a testbed made by a program: these are no numbers on people.")
+    found.append(
+        "FGD and Diversity are of the auto-encoder named above and can be compared with no other's, so not in size "
+        f"with the published values ({table.published_on}); compare the order of the rows."
+    )
+    if results.size != "paper":
+        found.append(f"Models and training budget are of the size {results.size}, not the paper's.")
+    if results.size == "debug":
+        found.append("The debug size shows that everything runs; its numbers say nothing about the methods.")
+    if len(seeds) < 3:
+        found.append(f"{len(seeds)} seed{'s' if len(seeds) > 1 else ''} a row: too few to decide anything.")
+    if results.name == "table11":
+        found.append("Three of the scored frames of each clip, 4 to 6, are given to M = 7.")
+    if len(budgets := sorted({run.steps * run.batch_size for run in results.runs})) > 1:
+        found.append(f"Budgets differ: {', '.join(f'{count:,}' for count in budgets)} windows of training.")
+    unfinished = [run for run in results.runs if run.scored_step is not None and run.last_step < run.steps]
+    if unfinished:
+        found.append(f"{len(unfinished)} runs are unfinished and scored as they are.")
+    if failed := sum(map(len, results.failures.values())):
+        found.append(f"{failed} of {len(results.runs)} runs have no scores, see below.")
+    count = (len(table.rows) - 1) * len(_claimed(results)) * len(results.splits)
+    if count > 1 and results.name not in ("table12", "figure3"):
+        found.append(
+            f"{count} differences are looked at, each at {LEVEL:.0%}: about {count * (1 - LEVEL):.1f} of them would "
+            "leave 0 out by chance alone."
+        )
+    found.append("Checkpoints were chosen on the validation split; the splits below were used for these scores only.")
+    return found
+
+
+def _comparison(results: Results, _: str | None) -> list[str]:
+    tallies = [
+        f"- {split}: {tally(results.table, results.scores, split, _claimed(results))}" for split in results.splits
+    ]
+    lines = ["Claims, in short:", "", *tallies, "", _HOW_TO_READ, ""]
+    for split in results.splits:
+        lines += [f"## Split {split}", ""]
+        lines += [main_table(results.table, results.scores, split, results.failures), ""]
+        if results.has_legacy:
+            lines += ["By the rules of the public release, to be compared with old tables only:", ""]
+            lines += [legacy_table(results.table, results.scores, split), ""]
+        if results.data == "talk":
+            lines += ["### Against the known causes", "", _TALK_HOW_TO_READ, ""]
+            lines += [talk_table(results.table, results.scores, split), ""]
+            lines += ["Hand shapes of words, above the floors:", ""]
+            lines += [*floor_lines(results.table, results.scores, split), ""]
+        lines += ["### Claims", "", _CLAIMS, ""]
+        lines += [
+            claim_table(results.table, results.scores, split, _claimed(results)),
+            "",
+        ]
+    return lines
+
+
+def _draws(results: Results, _: str | None) -> list[str]:
+    published = np.array(TABLE_12)
+    lines = [
+        "Ten random draws of 500 pairs (L1). The paper's draws lie within "
+        f"{np.ptp(published) / published.mean():.2%} of their mean.",
+        "",
+    ]
+    for split in results.splits:
+        lines += [f"## Split {split}", "", draws_table(results.scores, split), ""]
+        lines += [draws_verdict(results.scores, split), ""]
+    return lines
+
+
+def _figure(results: Results, chart: str | None) -> list[str]:
+    lines = [f"![{results.table.title}]({chart})", ""] if chart else []
+    for split in results.splits:
+        lines += [f"## Split {split}", "", sweep_table(results.scores, split), ""]
+    return lines
+
+
+def figure(results: Results) -> str:
+    """Figure 3 as an SVG document, of the first split."""
+    title = f"{results.table.title}, on {results.data}, split {results.splits[0]}"
+    return chart(results.scores, results.splits[0], title)
+
+
+def _claimed(results: Results) -> dict[str, tuple[str, bool]]:
+    return CLAIMED | (CLAIMED_ON_TALK if results.data == "talk" else {})
+
+
+def _remarks(results: Results) -> list[str]:
+    """What the evaluations say of the measures in the tables, each once; a remark on a model names its row and seed."""
+    remarks: dict[str, None] = {}
+    for row, mine in results.scores.items():
+        for seed, one in mine.items():
+            for split in results.splits:
+                found = one["splits"][split]["evaluation"]
+                for remark in (*found["warnings"], *found["flags"]):
+                    about, _, rest = remark.partition(": ")
+                    if about in _UNSHOWN:
+                        continue
+                    name = f"{row}, seed {seed}: {rest}" if about == MODEL else remark
+                    remarks[f"{split}: {name}"] = None
+    return list(remarks)
+
+
+def _section(title: str, lines: Sequence[str]) -> list[str]:
+    return [f"## {title}", "", *(f"- {line}" for line in lines), ""] if lines else []
+
+
+def _run_table(results: Results) -> str:
+    lines = [("row", "seed", "steps", "batch", "checkpoint scored (best on validation)", "folder")]
+    for run in results.runs:
+        steps = f"{run.last_step:,}" if run.last_step >= run.steps else f"{run.last_step:,} of {run.steps:,}"
+        scored = "-" if run.scored_step is None else f"{run.scored_step:,}"
+        lines.append((run.row, str(run.seed), steps, str(run.batch_size), scored, f"`{run.name}`"))
+    return markdown(lines)

@@ -1,0 +1,206 @@
+"""Reproduces a table of the paper: trains and scores what is missing, then writes the report."""
+
+import datetime
+import importlib.metadata
+import json
+import os
+import pathlib
+import platform
+import sys
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import tqdm
+
+import ha2g_jax
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.study.reproduction import paper_tables
+from ha2g_jax.study.reproduction.jobs import Perform, Stop, duration, last_step, perform_in_process, run_all
+from ha2g_jax.study.reproduction.plan import (
+    Plan,
+    Request,
+    Run,
+    checkpoint_step,
+    corpus_path,
+    is_finished,
+    make_plan,
+    read_scores,
+    scores_path,
+)
+from ha2g_jax.study.reproduction.report import Results, RunState, as_markdown, figure
+from ha2g_jax.whole_file import whole_file
+
+_PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
+_NOT_TRAINED = "not trained"
+
+
+def reproduce(
+    request: Request, out: pathlib.Path, command: str, stop: Stop, perform: Perform = perform_in_process
+) -> bool:
+    """Trains and scores what is missing of a table and writes its report, for Figure 3 with an SVG beside it.
+
+    Args:
+        request: what is wanted.
+        out: the report.
+        command: that was typed, for the report.
+        stop: ends the work; the same request then goes on with it.
+        perform: trains and scores one run.
+
+    Returns:
+        Whether every run has scores.
+
+    Raises:
+        UserError: the request does not fit the data, the auto-encoder failed, or the report cannot be written.
+        Stopped: a signal came.
+    """
+    start = time.monotonic()
+    paper_tables.table(request.table, request.data)  # before a corpus is made
+    folder = corpus_path(request)
+    corpus = Corpus.open(folder)
+    plan = make_plan(request, folder)
+    for split in plan.splits:
+        if not corpus.has_clips(split):
+            raise UserError(f"{folder} has no clips in the split {split}, which is scored; `ha2g data split` makes one")
+    request.workdir.mkdir(parents=True, exist_ok=True)
+    failures = _fill(request, plan, perform, stop)
+    results = _collect(request, plan, corpus, failures)
+    facts = _facts(request, plan, corpus, command, time.monotonic() - start)
+    _write(results._replace(facts=facts), out)
+    return not results.failures
+
+
+def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[str, str]:
+    """Trains and scores what is missing; name of a run -> why it has no scores."""
+    if request.has_training and not is_finished(plan.autoencoder):
+        title = "pose auto-encoder"
+        if failed := run_all(request, plan.corpus, [plan.autoencoder], perform, stop, title):
+            raise UserError(f"the pose auto-encoder was not trained: {failed[plan.autoencoder.name]}")
+    if checkpoint_step(plan.autoencoder) is None:
+        raise UserError(f"no pose auto-encoder in {plan.autoencoder.workdir}; leave out --no-train to train one")
+    runs = {run.name: run for run in plan.runs if _scores(request, plan, run) is None}
+    failures = {}
+    if not request.has_training:
+        failures = {name: _NOT_TRAINED for name, run in runs.items() if checkpoint_step(run) is None}
+    missing = [run for name, run in runs.items() if name not in failures]
+    there = len({run.name for run in plan.runs}) - len(runs)
+    tqdm.tqdm.write(f"{len(missing)} runs to train or score, {there} are there already", file=sys.stderr)
+    return failures | run_all(request, plan.corpus, missing, perform, stop, request.table)
+
+
+def _scores(request: Request, plan: Plan, run: Run) -> dict[str, Any] | None:
+    """The scores of a run, None where they or a part of the training is missing."""
+    if request.has_training and not is_finished(run):
+        return None
+    return read_scores(scores_path(run, plan, request.has_legacy))
+
+
+def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str]) -> Results:
+    scores: dict[str, dict[int, dict[str, Any]]] = {}
+    failures: dict[str, dict[int, str]] = {}
+    for row, runs in plan.rows.items():
+        for run in runs:
+            found = _scores(request, plan, run)
+            if found is None:
+                reason = failed.get(run.name, "it ended without scores")
+                failures.setdefault(row, {})[run.seed] = reason.replace(f"{run.workdir.parent}{os.sep}", "")
+            else:
+                scores.setdefault(row, {})[run.seed] = found
+    states = [
+        RunState(
+            row=row,
+            seed=run.seed,
+            name=run.name,
+            steps=run.config.train.steps,
+            batch_size=run.config.train.batch_size,
+            last_step=last_step(run),
+            scored_step=checkpoint_step(run),
+        )
+        for row, runs in plan.rows.items()
+        for run in runs
+    ]
+    return Results(
+        table=plan.table,
+        name=request.table,
+        data=request.data,
+        size=request.size,
+        splits=plan.splits,
+        scores=scores,
+        failures=failures,
+        runs=states,
+        facts={},
+        autoencoder=_describe_autoencoder(plan.autoencoder, scores),
+        has_legacy=request.has_legacy,
+    )
+
+
+def _describe_autoencoder(run: Run, scores: dict[str, dict[int, dict[str, Any]]]) -> str:
+    ids = {one["autoencoder"] for mine in scores.values() for one in mine.values()}
+    step = checkpoint_step(run)
+    texts = [f"id {', '.join(sorted(ids)) or 'unknown'}", f"step {step:,} of {run.config.train.steps:,}"]
+    error = _validation_error(run, step)
+    if error is not None:
+        texts.append(f"reconstruction error {error:.4g} (mean L1 of direction vectors on the validation split)")
+    return "; ".join([*texts, f"folder `{run.name}`"])
+
+
+def _validation_error(run: Run, step: int | None) -> float | None:
+    """The reconstruction error that was written at a step."""
+    try:
+        lines = (run.workdir / "metrics.jsonl").read_text().splitlines()
+        found = [json.loads(line) for line in lines]
+        return next(line["validation/loss/reconstruction"] for line in reversed(found) if line["step"] == step)
+    except (OSError, ValueError, KeyError, StopIteration):
+        return None
+
+
+def _facts(request: Request, plan: Plan, corpus: Corpus, command: str, seconds: float) -> dict[str, str]:
+    from ha2g_jax.train.run_record import commit  # JAX takes a while to import
+
+    records = [_starts(run) for run in plan.runs]
+    trained = _distinct(start["commit"] or "unknown" for starts in records for start in starts)
+    devices = _distinct(
+        f"{count} x {name}"
+        for starts in records
+        for start in starts
+        for name, count in start["hardware"]["devices"].items()
+    )
+    splits = [f"{name} {values['clips']:,} clips" for name, values in corpus.metadata["splits"].items()]
+    now = datetime.datetime.now(datetime.UTC)
+    return {
+        "command": f"`{command}`",
+        "time": f"{now:%Y-%m-%d %H:%M} UTC, {duration(seconds)} for what was missing",
+        "commit": commit(pathlib.Path(ha2g_jax.__file__).parent) or "unknown",
+        "trained with": f"commit {trained}; {devices}",
+        "versions": f"Python {platform.python_version()}, {_versions()}",
+        "data": f"{corpus.metadata['name']} ({corpus.metadata['source']}): {'; '.join(splits)}; "
+        f"{corpus.skeleton.name}, {corpus.fps:g} frames per second",
+        "size": request.size + (f", changed: {dict(request.changes)}" if request.changes else ""),
+        "seeds": ", ".join(map(str, request.seeds)),
+    }
+
+
+def _starts(run: Run) -> list[dict[str, Any]]:
+    try:
+        return json.loads((run.workdir / "run.json").read_text())["starts"]
+    except (OSError, ValueError, KeyError):
+        return []
+
+
+def _distinct(texts: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(texts)) or "unknown"
+
+
+def _versions() -> str:
+    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _PACKAGES)
+
+
+def _write(results: Results, out: pathlib.Path) -> None:
+    chart = out.with_suffix(".svg")
+    has_chart = results.name == "figure3" and any(results.scores.values())
+    if has_chart:
+        with whole_file(chart) as path:
+            path.write_text(figure(results))
+    with whole_file(out) as path:
+        path.write_text(as_markdown(results, chart.name if has_chart else None))

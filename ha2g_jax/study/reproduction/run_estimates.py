@@ -1,0 +1,99 @@
+"""Single numbers from the stored scores of a run, and their means over seeds."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ha2g_jax.study.reproduction.claims import Spread, over_seeds
+
+MODEL, TRUTH = "model", "ground truth"
+_Z = 1.96  # standard errors on both sides of a mean that hold 95 %
+
+
+class Estimate(NamedTuple):
+    """A value of one run and its interval over clips; the bounds are None where there is no interval."""
+
+    value: float
+    low: float | None
+    high: float | None
+
+
+class Cell(NamedTuple):
+    """A value of a row: its mean and interval over seeds, and the mean of its seeds' intervals over clips."""
+
+    seeds: Spread
+    low: float | None
+    high: float | None
+
+
+Scores = Mapping[str, Any]
+
+
+def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estimate | None:
+    """One number of the scores that `run_scores` stored, None where it is undefined.
+
+    Args:
+        scores: of one run.
+        split: of the corpus.
+        metric: of `study.evaluation`, "legacy_..." included; or "talk.NAME" with a score of `study.talk` or one of its
+            gains; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
+            the row is above it.
+        row: `MODEL`, or one that stands beside every model.
+    """
+    result = scores["splits"][split]
+    if metric.startswith("legacy_"):
+        legacy = result["evaluation"].get("legacy_v1", {"rows": {}})
+        return _interval(legacy["rows"].get(row, {}).get(metric))
+    if not metric.startswith("talk."):
+        return _interval(result["evaluation"]["rows"].get(row, {}).get(metric))
+    name = metric.removeprefix("talk.")
+    talk = result.get("talk")
+    if talk is None:
+        return None
+    if name.endswith("_gain"):
+        return _normal(talk[name]) if row == MODEL else None
+    if name not in ("floor", "above_floor"):
+        return _normal(talk["rows"].get(row, {}).get(name))
+    floors = [talk["rows"].get(floor, {}).get("semantic_recall") for floor in ("majority", "shuffled")]
+    values = [floor["value"] for floor in floors if floor and floor["value"] is not None]
+    shown = _normal(talk["rows"].get(row, {}).get("semantic_recall"))
+    if not values or shown is None:
+        return None
+    floor = max(values)
+    return Estimate(floor if name == "floor" else shown.value - floor, None, None)
+
+
+def by_seed(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> dict[int, float]:
+    """Seed -> value, without the seeds that have none."""
+    found = {seed: estimate(one, split, metric, row) for seed, one in scores.items()}
+    return {seed: each.value for seed, each in found.items() if each is not None}
+
+
+def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:
+    """A row's value over its seeds, None where no seed has one."""
+    found = [estimate(one, split, metric, row) for one in scores.values()]
+    there = [each for each in found if each is not None]
+    if not there:
+        return None
+    lows, highs = ([getattr(each, bound) for each in there] for bound in ("low", "high"))
+    return Cell(over_seeds([each.value for each in there]), _mean(lows), _mean(highs))
+
+
+def _interval(values: Mapping[str, float | None] | None) -> Estimate | None:
+    if values is None or values["value"] is None:
+        return None
+    return Estimate(values["value"], values.get("low"), values.get("high"))
+
+
+def _normal(values: Mapping[str, float | None] | None) -> Estimate | None:
+    """A value with a standard error over clips."""
+    if values is None or values["value"] is None:
+        return None
+    value, error = values["value"], values["error"]
+    return Estimate(value, None, None) if error is None else Estimate(value, value - _Z * error, value + _Z * error)
+
+
+def _mean(bounds: Sequence[float | None]) -> float | None:
+    there = [bound for bound in bounds if bound is not None]
+    return float(np.mean(there)) if len(there) == len(bounds) else None

@@ -1,0 +1,78 @@
+"""The table has every row and every value, says what its numbers are, and is not printed without sanity rows."""
+
+import re
+
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.study.evaluation.evaluate import evaluate
+from ha2g_jax.study.evaluation.metrics import METRICS, SANITY_ROWS
+from ha2g_jax.study.evaluation.table import CLOSER, _cell, as_markdown, as_table
+
+
+@pytest.fixture(scope="module")
+def results(skeleton, perform, features):
+    rows = {"late": perform(9, delay=0.25), "a method with a name that is far too long": perform(9, delay=0.1)}
+    return evaluate(rows, perform(9), skeleton, autoencoder=features, draws=20, notes=("a note",))
+
+
+def test_every_value_is_printed(results):
+    table, markdown = as_table(results), as_markdown(results)
+    for text in (table, markdown):
+        for name in ("late", *SANITY_ROWS):
+            assert name in text
+        for key in {key for row in results["rows"].values() for key in row if row[key]["value"] is not None}:
+            assert METRICS[key].title in text
+        fgd = results["rows"]["late"]["fgd"]
+        assert f"{fgd['value']:.3f} [{fgd['low']:.3f}, {fgd['high']:.3f}]" in text
+        assert "±" in text
+        assert "SHA-256 0123456789abcdef, trained on toy" in text
+        assert "a note" in text
+        assert "BEAT alignment: " in text  # a flag
+        assert "Paired differences" in text
+
+
+def test_a_value_that_is_nowhere_has_no_column(results):
+    assert all(
+        row.get("beats_per_second_in_silence", {"value": None})["value"] is None for row in results["rows"].values()
+    )
+    assert "silent  " not in as_table(results)
+
+
+def test_no_column_claims_that_more_is_better(results):
+    for text in (as_table(results), as_markdown(results)):
+        assert not re.search("[↑↓]", text)
+        assert CLOSER in text
+
+
+def test_cells_of_a_terminal_stay_apart_and_short(results):
+    parts = as_table(results).split("\n\n")
+    cells = [line for part in parts for line in part.splitlines()[2:] if part.split("\n")[0] in _groups()]
+    assert len(cells) > 30
+    for line in cells:
+        assert len(line) <= 120
+        assert re.fullmatch(r".{24}( +(-|-?[\d.]+( ±[\d.]+)?( \[-?[\d.]+, -?[\d.]+\])?))+", line), line
+
+
+def _groups():
+    groups = {metric.group for metric in METRICS.values()}
+    return groups | {f"{group}, continued" for group in groups}
+
+
+def test_markdown_rows_have_as_many_cells_as_their_head(results):
+    tables = re.findall(r"(?m)(?:^\|.*\n)+", as_markdown(results))
+    assert len(tables) > 4
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1
+
+
+def test_results_without_sanity_rows_are_not_printed(results):
+    fewer = results | {"rows": {name: row for name, row in results["rows"].items() if name != "white jitter"}}
+    for form in (as_table, as_markdown):
+        with pytest.raises(UserError, match="lack white jitter"):
+            form(fewer)
+
+
+def test_numbers_keep_their_width():
+    score = {"value": -0.0001, "low": -123456.0, "high": 12.345}
+    assert _cell(score, METRICS["acceleration"]) == "0.00 [-123456, 12.3]"

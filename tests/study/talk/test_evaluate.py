@@ -1,0 +1,169 @@
+"""The table of scores on the Talk corpus has its ceiling above its floors, and numbers that JSON can hold."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.records import Clip, Stroke
+from ha2g_jax.errors import UserError
+from ha2g_jax.metrics import beats
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.study import identity
+from ha2g_jax.study.talk.evaluate import SPLITS, as_table, evaluate, score
+from ha2g_jax.study.talk.probe import Heard, accuracy
+from ha2g_jax.study.talk.scores import (
+    CLASSES,
+    Seen,
+    Trial,
+    Truth,
+    beat_counts,
+    gain,
+    look,
+    semantic_floors,
+    word_shapes,
+)
+from ha2g_jax.train import model_folder
+
+ROWS = ["model", "teacher", "mean pose", "mismatched speech", "majority", "shuffled"]
+
+
+@pytest.fixture(scope="module")
+def results(debug_model, tiny_talk):
+    return score(debug_model, Corpus.open(tiny_talk))
+
+
+def test_every_split_has_every_row(results):
+    assert list(results["splits"]) == list(results["probe"]) == ["train", "test", "test_unseen_speakers"]
+    for split in results["splits"].values():
+        if split["num_clips"] > 1:
+            assert list(split["rows"]) == ROWS
+    assert results["num_test_words"] == sum(results["splits"][name]["num_words"] for name in SPLITS[1:])
+
+
+def test_teacher_is_the_ceiling_and_still_motion_the_floor(results):
+    for split in results["splits"].values():
+        rows = split["rows"]
+        assert rows["teacher"]["beat_f1"]["value"] > 0.85
+        assert rows["teacher"]["semantic_recall"]["value"] > 0.9
+        assert rows["mean pose"]["beat_f1"]["value"] == rows["mean pose"]["beats_per_second"]["value"] == 0
+        assert rows["mean pose"]["style_amplitude"]["value"] is None
+        assert rows["model"]["beat_f1"]["value"] < 0.5
+
+
+def test_scores_are_json_and_a_table(results):
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+    table = as_table(results)
+    for title in ("beat F1", "hand shape", "teacher", "mean pose", "shuffled", "linear probe"):
+        assert title in table
+
+
+def test_scores_are_the_same_twice(results, debug_model, tiny_talk):
+    again = score(debug_model, Corpus.open(tiny_talk), ["test"])
+    assert again["splits"]["test"] == results["splits"]["test"]
+
+
+def test_a_saved_model_scores_as_in_memory(results, debug_model, tiny_talk, tmp_path):
+    variables = jax.device_get(debug_model.variables)
+    folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, variables)
+    again = evaluate(folder, tiny_talk, splits=["test"])
+    assert again["checkpoint"] == str(folder)
+    assert again["splits"]["test"] == results["splits"]["test"]
+
+
+def test_a_corpus_without_known_strokes_is_refused(debug_model, tiny_talk, monkeypatch):
+    corpus = Corpus.open(tiny_talk)
+    bare = [dataclasses.replace(clip, strokes=()) for clip in corpus.clips("test")]
+    monkeypatch.setattr(Corpus, "clips", lambda self, split: bare)
+    with pytest.raises(UserError, match="does not know its strokes"):
+        score(debug_model, corpus, ["test"])
+
+
+def truth_of(name: str, hits: np.ndarray, words: tuple[Stroke, ...] = ()) -> Truth:
+    """A clip of 20 s that beats at `hits` and gestures at `words`."""
+    clip = Clip(
+        id=name,
+        speaker=name,
+        audio=np.zeros(0, np.float32),
+        words=(),
+        positions=np.zeros((300, 43, 3), np.float32),
+        reference_frames=None,
+        source_time=0.0,
+        window_starts=(),
+        strokes=words,
+    )
+    return Truth(clip, hits, hits, 300)
+
+
+def test_random_motion_gains_nothing_over_mismatched_speech():
+    """However often it beats: what it hits by chance, the floor hits as well."""
+    rng = np.random.default_rng(0)
+    truths = [truth_of(str(index), np.sort(rng.uniform(0, 20, 20))) for index in range(60)]
+    jitter = [
+        Seen(wrists, beats.motion_beats(wrists, 15), np.zeros((300, 2, 5)))
+        for wrists in rng.normal(0, 0.05, (60, 300, 2, 3))
+    ]
+    own, mismatched = (
+        beat_counts([Trial(*pair) for pair in zip(truths, motions)], 15, 4)
+        for motions in (jitter, jitter[1:] + jitter[:1])
+    )
+    value, error = gain(own, mismatched, [truth.clip.id for truth in truths])
+    assert beats.recall(own) > 0.3
+    assert abs(value) < 3 * error < 0.1
+    assert np.isnan(gain(own, mismatched[:0], [truth.clip.id for truth in truths])).all()
+
+
+def test_strokes_in_the_given_frames_and_after_the_motion_are_not_scored():
+    truth = truth_of("a", np.array([0.1, 1.0, 12.0]))
+    seen = Seen(np.zeros((150, 2, 3)), np.array([0.1, 1.05]), np.zeros((150, 2, 5)))
+    assert beat_counts([Trial(truth, seen)], 15, 4).tolist() == [[1, 1, 1, 1]]
+
+
+def test_shapes_are_read_from_the_hand_that_gestures():
+    words = tuple(
+        Stroke(time, time - 0.5, time + 0.5, "semantic", hand, 1.0, name)
+        for time, hand, name in ((2.0, "left", "fist"), (4.0, "right", "fist"), (6.0, "both", "open"))
+    )
+    flexions = np.zeros((300, 2, 5))
+    flexions[:75, 0] = 1
+    seen = Seen(np.zeros((300, 2, 3)), np.zeros(0), flexions)
+    shown = word_shapes([Trial(truth_of("a", np.zeros(0), words), seen)], 15, 4)
+    names = [(CLASSES[given], CLASSES[true]) for _, given, true in shown]
+    assert names == [("fist", "fist"), ("open", "fist"), ("open", "open")]
+    floors = semantic_floors(shown)
+    assert floors["majority"]["semantic_recall"].value == pytest.approx(2 / 3)
+    assert floors["shuffled"]["semantic_recall"].value == pytest.approx(2 / 9 + 2 / 9)
+
+
+def test_probe_learns_what_is_there_and_not_what_is_not():
+    rng = np.random.default_rng(0)
+    classes = np.array(["one", "two", "fist"])[rng.integers(0, 3, 600)]
+    clips = np.repeat(np.arange(60).astype(str), 10)
+    telling = rng.normal(size=(600, 8)) + 4 * np.eye(8)[np.unique(classes, return_inverse=True)[1]]
+    for features, low, high in ((telling, 0.9, 1.0), (rng.normal(size=(600, 8)), 0.2, 0.47)):
+        train, test = (Heard(features[part], classes[part], clips[part]) for part in np.split(np.arange(600), 2))
+        result = accuracy(train, {"test": test})["test"]
+        assert low <= result["accuracy"].value <= high
+        assert 0.2 < result["majority"].value < 0.5
+
+
+def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
+    clip = Corpus.open(tiny_talk).clips("test")[0]
+    f_id = identity.clip_identity(debug_model, clip)
+    assert f_id.shape == (18,)
+    with pytest.raises(UserError, match="no reference frames"):
+        identity.clip_identity(debug_model, dataclasses.replace(clip, reference_frames=None))
+    by_name = dataclasses.replace(debug_model, task=dataclasses.replace(debug_model.task, identity_input="speaker"))
+    ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
+    np.testing.assert_array_equal(identity.clip_identity(by_name, dataclasses.replace(clip, speaker="ada")), ada)
+    unknown = identity.clip_identity(by_name, dataclasses.replace(clip, speaker="eve"))
+    np.testing.assert_allclose(unknown, (ada + ben) / 2, rtol=1e-6)
+
+
+def test_mean_pose_has_hands():
+    skeleton = load_skeleton("ted_expressive")
+    seen = look(skeleton, np.broadcast_to(skeleton.mean_directions, (30, 42, 3)), 15)
+    assert seen.wrists.shape == (30, 2, 3) and seen.flexions.shape == (30, 2, 5) and len(seen.beats) == 0
