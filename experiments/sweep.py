@@ -10,20 +10,17 @@ with the same command; each task trains one run, and the command without Slurm t
 """
 
 import argparse
-import contextlib
 import itertools
 import json
 import os
 import pathlib
 import re
-import signal
 import statistics
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from types import FrameType
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ha2g_jax.child_process import run_logged, stop_signals
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.launch import load_config
@@ -138,41 +135,15 @@ def as_table(gathered: dict[str, Any]) -> str:
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
 
 
-class _Stop:
-    """Whether a signal asked the sweep to stop, and the run that it is passed on to."""
-
-    def __init__(self) -> None:
-        self.number: int | None = None
-        self.process: subprocess.Popen | None = None
-
-    def handle(self, number: int, _: FrameType | None) -> None:
-        self.number = number
-        if self.process and self.process.poll() is None:
-            # A run saves after these two; a closed terminal (SIGHUP) would end it at once.
-            self.process.send_signal(number if number == signal.SIGINT else signal.SIGTERM)
-
-
-@contextlib.contextmanager
-def _stop_signals() -> Iterator[_Stop]:
-    """Turns SIGTERM, Ctrl-C and a closed terminal, except under nohup, into a `_Stop`."""
-    stop = _Stop()
-    numbers = [n for n in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) != signal.SIG_IGN]
-    previous = {number: signal.signal(number, stop.handle) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
 def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path) -> int:
     is_good = True
-    with _stop_signals() as stop:
+    with stop_signals() as stop:
         for index, run in enumerate(runs):
             if stop.number is not None:
                 break
             print(f"[{index + 1}/{len(runs)}] {run.name}: ", end="", flush=True)
-            error = None if is_finished(run) else _train(run, train, stop)
+            log = run.workdir.with_name(f"{run.name}.log")
+            error = None if is_finished(run) else run_logged([*train, *run.arguments], log, stop)
             is_good &= error is None
             print(f"failed: {error}" if error else "finished" if stop.number is None else "stopped", flush=True)
     gathered = gather(runs)
@@ -183,21 +154,6 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
     if stop.number is not None:
         return 128 + stop.number
     return 0 if is_good else 1
-
-
-def _train(run: Run, train: Sequence[str], stop: _Stop) -> str | None:
-    """Trains one run to its end; what went wrong, if anything did."""
-    path = run.workdir.with_name(f"{run.name}.log")
-    with path.open("ab") as log:
-        # In a session of its own, so that the terminal's Ctrl-C comes to it only by way of `stop`.
-        stop.process = subprocess.Popen([*train, *run.arguments], stdout=log, stderr=log, start_new_session=True)
-        if stop.number is not None:  # it came while the process was being started
-            stop.handle(stop.number, None)
-        code = stop.process.wait()
-    if code == 0:
-        return None
-    printed = [line.strip() for line in path.read_text(errors="replace").splitlines() if line.strip()]
-    return f"{printed[-1] if printed else 'it printed nothing'} (exit code {code}; see {path})"
 
 
 def _progress(workdir: pathlib.Path) -> dict[str, Any]:

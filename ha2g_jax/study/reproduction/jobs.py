@@ -5,16 +5,14 @@ import contextlib
 import json
 import os
 import pathlib
-import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import FrameType
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import tqdm
 
+from ha2g_jax.child_process import Stop, run_logged
 from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction.plan import Request, Run
 
@@ -34,48 +32,6 @@ class Stopped(Exception):
     def __init__(self, number: int):
         super().__init__(f"stopped by signal {number}")
         self.number = number
-
-
-class Stop:
-    """Whether a signal asked to stop, and the processes that it is passed on to."""
-
-    def __init__(self) -> None:
-        self.number: int | None = None
-        self._processes: set[subprocess.Popen] = set()
-
-    def handle(self, number: int, _: FrameType | None = None) -> None:
-        """Asks the processes to save and end; ends them at once if asked again."""
-        is_first = self.number is None
-        self.number = number
-        for process in list(self._processes):
-            self._end(process, signal.SIGTERM if is_first else signal.SIGKILL)
-
-    def wait(self, process: subprocess.Popen) -> int:
-        """The exit code of a process that ends when this stops."""
-        self._processes.add(process)
-        try:
-            if self.number is not None:  # it came while the process was being started
-                self._end(process, signal.SIGTERM)
-            return process.wait()
-        finally:
-            self._processes.discard(process)
-
-    def _end(self, process: subprocess.Popen, number: int) -> None:
-        if process.poll() is None:
-            process.send_signal(number)
-
-
-@contextlib.contextmanager
-def stop_signals() -> Iterator[Stop]:
-    """Turns SIGTERM, Ctrl-C and a closed terminal, except under nohup, into a `Stop`."""
-    stop = Stop()
-    numbers = [n for n in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) != signal.SIG_IGN]
-    previous = {number: signal.signal(number, stop.handle) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 # Trains a run if it is not finished and scores it: (request, corpus, run, number of the worker, stop). A UserError is
@@ -143,23 +99,11 @@ def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker:
         "run": run.name,
         "cores": _cores(worker, request.jobs),
     }
-    with path.open("ab") as log:
-        # In a session of its own, so that the terminal's Ctrl-C comes to it only by way of `stop`.
-        process = subprocess.Popen(
-            [*_WORKER, run.name],
-            stdin=subprocess.PIPE,
-            stdout=log,
-            stderr=log,
-            env=_environment(request, os.environ),
-            start_new_session=True,
-        )
-        assert process.stdin is not None
-        with contextlib.suppress(BrokenPipeError), process.stdin:  # it died: the exit code tells
-            process.stdin.write(json.dumps(task).encode())
-        code = stop.wait(process)
-    if code and stop.number is None:
-        printed = [line.strip() for line in path.read_text(errors="replace").splitlines() if line.strip()]
-        raise UserError(f"{printed[-1] if printed else 'it printed nothing'} (exit code {code}; see {path})")
+    given = json.dumps(task).encode()
+    environment = _environment(request, os.environ)
+    error = run_logged([*_WORKER, run.name], path, stop, given=given, environment=environment)
+    if error and stop.number is None:
+        raise UserError(error)
 
 
 def _cores(worker: int, jobs: int) -> list[int]:

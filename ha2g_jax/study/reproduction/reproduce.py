@@ -14,10 +14,11 @@ from typing import Any
 import tqdm
 
 import ha2g_jax
+from ha2g_jax.child_process import Stop
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction import paper_tables
-from ha2g_jax.study.reproduction.jobs import Perform, Stop, duration, last_step, perform_in_process, run_all
+from ha2g_jax.study.reproduction.jobs import Perform, duration, last_step, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import (
     Plan,
     Request,
