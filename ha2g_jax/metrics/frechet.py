@@ -12,6 +12,8 @@ from ha2g_jax.errors import UserError
 SAMPLES_PER_DIMENSION = 10  # below, the bias of the distance is of the order of what it should measure
 LEGACY_FAILURE = 1e10
 
+_CLOSE = 1e-4  # share of the traces below which their difference has lost digits that matter
+
 _logger = logging.getLogger(__name__)
 
 
@@ -75,10 +77,10 @@ def pool(parts: Sequence[Moments], counts: np.ndarray) -> Moments:
 def distance(a: Moments, b: Moments) -> float:
     """Squared Frechet distance of two Gaussians: |mu1 - mu2|^2 + tr S1 + tr S2 - 2 tr sqrt(S1^1/2 S2 S1^1/2).
 
-    With R = S^1/2, by eigen-decomposition with negative eigenvalues clipped at 0, the last trace is the sum of the
-    singular values of R1 R2 = P D Q^T, and the three traces together are |R1 - R2 Q P^T|^2. This form subtracts
-    matrices, not large traces: it is never negative, and singular covariances cost no accuracy. What is below the
-    rounding of the traces is 0, so that equal sets are at 0 in whatever chunks they were gathered.
+    With factors F F^T = S, the last trace is the sum of the singular values of F1^T F2 = P D Q^T. Where sets are so
+    close that little is left of the three traces, |F1 P - F2 Q|^2 takes their place, which is the same number: it
+    subtracts matrices, not large traces, so that it is never negative, and singular covariances cost no accuracy. What
+    is below the rounding of the traces is 0, so that equal sets are at 0 in whatever chunks they were gathered.
 
     Args:
         a: moments of one set, in units of the latents.
@@ -97,10 +99,14 @@ def distance(a: Moments, b: Moments) -> float:
         )
     if a.count < 2 or b.count < 2:
         return np.nan
-    root_a, root_b = _root(a.scatter / (a.count - 1)), _root(b.scatter / (b.count - 1))
-    left, _, right = np.linalg.svd(root_a @ root_b)
-    spread = np.sum(np.square(root_a - root_b @ (left @ right).T))
-    rounding = np.finfo(np.float64).eps * len(left) * (np.sum(np.square(root_a)) + np.sum(np.square(root_b)))
+    a_factor, b_factor = _factor(a.scatter / (a.count - 1)), _factor(b.scatter / (b.count - 1))
+    traces = np.sum(np.square(a_factor)) + np.sum(np.square(b_factor))
+    product = a_factor.T @ b_factor
+    spread = traces - 2 * np.linalg.svd(product, compute_uv=False).sum()
+    if spread < _CLOSE * traces:
+        left, _, right = np.linalg.svd(product)
+        spread = np.sum(np.square(a_factor @ left - b_factor @ right.T))
+    rounding = np.finfo(np.float64).eps * len(product) * traces
     return float(np.sum(np.square(a.mean - b.mean)) + (spread if spread > rounding else 0.0))
 
 
@@ -206,10 +212,13 @@ def legacy_feature_distance(generated: np.ndarray, real: np.ndarray) -> float:
     return float(np.abs(np.asarray(generated, np.float64) - np.asarray(real, np.float64)).sum(axis=1).mean())
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """The symmetric square root of a covariance whose eigenvalues may be negative by rounding."""
-    values, vectors = np.linalg.eigh(covariance)
-    return (vectors * np.sqrt(np.clip(values, 0, None))) @ vectors.T
+def _factor(covariance: np.ndarray) -> np.ndarray:
+    """F with F F^T = S: Cholesky's, or where S is singular the symmetric root, negative eigenvalues clipped at 0."""
+    try:
+        return np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(covariance)
+        return (vectors * np.sqrt(np.clip(values, 0, None))) @ vectors.T
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a root that is not finite has its rule in the caller
