@@ -12,6 +12,9 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
+from ha2g_jax.motion.control import rest_pose
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.files import out_paths
 from ha2g_jax.train import model_folder
 
@@ -49,6 +52,42 @@ def test_writes_motion_and_video(checkpoint, speech, tmp_path, capsys):
     assert meta["style"] == {"kind": "speaker", "speaker": "ada"}
     with av.open(f"{out}.mp4") as container:
         assert (container.duration or 0) / av.time_base == pytest.approx(1, abs=0.04)
+
+
+def test_controls_reach_the_motion_and_its_record(checkpoint, speech, tmp_path):
+    skeleton = load_skeleton("ted_expressive")
+    pose = rest_pose(skeleton)
+    Motion.from_directions(skeleton, np.repeat(pose[None], 20, axis=0), 30).save(tmp_path / "still.npz")
+    options = ["--checkpoint", checkpoint, "--style", "ada:0.3,ben:0.7", "--seed-pose", tmp_path / "still.npz"]
+    options += ["--energy", 1.2, "--extent", 0.9, "--handedness", "left", "--mirror", "--smooth", 0.2, "--fps", 30]
+    options += ["--pin", f"0.5:0.6:{tmp_path / 'still.npz'}@0.3", "--pin", "0.8:0.8:rest", "--mute", "0.1:0.2"]
+    assert generate(speech, "-o", tmp_path / "out", "--size", "64x32", *options) == 0
+    motion = Motion.load(tmp_path / "out.npz")
+    assert motion.meta["style"] == {"kind": "mixture", "speakers": {"ada": 0.3, "ben": 0.7}}
+    assert motion.meta["seed_pose"] == "still.npz"
+    assert motion.meta["smoothing"] == 0.2
+    assert motion.meta["controls"] == {
+        "energy": 1.2,
+        "extent": 0.9,
+        "handedness": "left",
+        "mirror": True,
+        "pins": [
+            {"start": 0.5, "end": 0.6, "pose": "still.npz@0.3"},
+            {"start": 0.8, "end": 0.8, "pose": "rest"},
+        ],
+        "mutes": [{"start": 0.1, "end": 0.2}],
+    }
+    np.testing.assert_allclose(motion.directions[15:19], np.broadcast_to(pose, (4, 42, 3)), atol=1e-6)
+    with av.open(tmp_path / "out.mp4") as container:
+        assert (container.streams.video[0].width, container.streams.video[0].height) == (64, 32)
+
+
+def test_neutral_flags_change_no_byte(checkpoint, speech, tmp_path):
+    neutral = ["--energy", 1, "--extent", 1.0, "--handedness", "both", "--smooth", 0]
+    for name, options in (("a", []), ("b", neutral)):
+        assert generate(speech, "-o", tmp_path / name, "--size", 64, "--checkpoint", checkpoint, *options) == 0
+    for suffix in (".npz", ".mp4"):
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
 @pytest.mark.parametrize("name", ["talk", "talk.npz", "talk.mp4", "talk.v2"])
@@ -103,6 +142,16 @@ MISTAKES = {
     "image": ["{speech}", "--reference-image", "{bad}/text.png"],
     "fps": ["{speech}", "--fps", "0"],
     "seed": ["{speech}", "--seed", "-1"],
+    "energy": ["{speech}", "--energy", "3"],
+    "extent": ["{speech}", "--extent", "-1"],
+    "smooth": ["{speech}", "--smooth", "nan"],
+    "pin": ["{speech}", "--pin", "0:1"],
+    "pin after the end": ["{speech}", "--pin", "2:3:rest"],
+    "pin without a motion": ["{speech}", "--pin", "0:1:{bad}/text.wav"],
+    "mute": ["{speech}", "--mute", "1"],
+    "style": ["{speech}", "--style", "ada:0.3,eve:0.7"],
+    "seed pose": ["{speech}", "--seed-pose", "{bad}/missing.npz"],
+    "size": ["{speech}", "--size", "large"],
     "no checkpoint": ["{speech}", "--checkpoint", "{bad}/missing"],
     "empty checkpoint": ["{speech}", "--checkpoint", "{bad}/no_model"],
     "cut checkpoint": ["{speech}", "--checkpoint", "{bad}/cut_model"],
@@ -127,9 +176,10 @@ def test_a_mistake_is_one_line_and_leaves_nothing(checkpoint, speech, bad_files,
 
 
 def test_a_failure_on_the_way_leaves_neither_file(checkpoint, speech, tmp_path, monkeypatch):
-    def interrupt(*_):
+    def interrupt(path, *_, **__):
+        path.write_bytes(b"half a video")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ha2g_jax.motion.video.draw_figure", interrupt)
+    monkeypatch.setattr("ha2g_jax.synthesis.files.write_video", interrupt)
     assert generate(speech, "-o", tmp_path / "new" / "out", "--checkpoint", checkpoint) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -5,6 +5,8 @@ import pytest
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
+from ha2g_jax.figure import stage
+from ha2g_jax.figure.outlines import outline
 
 
 @pytest.mark.parametrize("name", skeletons.SKELETONS)
@@ -36,3 +38,90 @@ def test_place_in_the_room_does_not_matter():
         for shift in (0.0, 3.0)
     ]
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.1
+
+
+def random_poses(name: str, count: int) -> np.ndarray:
+    """(count, joints, 3) poses about the mean."""
+    skeleton = skeletons.load_skeleton(name)
+    noise = np.random.default_rng(0).normal(0, 0.3, (count, skeleton.num_bones, 3))
+    return skeletons.directions_to_positions(skeleton, skeleton.mean_directions + noise)
+
+
+@pytest.mark.parametrize("name", skeletons.SKELETONS)
+def test_many_poses_are_outlined_as_each_alone(name):
+    skeleton, poses = skeletons.load_skeleton(name), random_poses(name, 20)
+    together = outline(poses, skeleton, figure.DEFAULT_LOOK)
+    alone = [outline(pose[None], skeleton, figure.DEFAULT_LOOK) for pose in poses]
+    np.testing.assert_allclose(together.points, np.concatenate([each.points for each in alone]), atol=1e-12)
+    np.testing.assert_array_equal(together.order, np.concatenate([each.order for each in alone]))
+    np.testing.assert_array_equal(np.sort(together.order), np.tile(np.arange(len(together.colours)), (20, 1)))
+    assert len(np.unique(together.order, axis=0)) > 1  # the nearer arm, and nearer fingers, come last
+
+
+def test_more_detail_is_the_same_figure_with_rounder_curves():
+    skeleton, poses = skeletons.load_skeleton("ted_expressive"), random_poses("ted_expressive", 3)
+    plain, round_ = (outline(poses, skeleton, figure.DEFAULT_LOOK, detail) for detail in (1, 2))
+    assert plain.colours == round_.colours
+    assert round_.points.shape[1] > 1.2 * plain.points.shape[1]
+    for ends in (np.min, np.max):
+        np.testing.assert_allclose(ends(plain.points, axis=1), ends(round_.points, axis=1), atol=0.003)
+
+
+@pytest.mark.parametrize(
+    ("count", "size", "columns", "rows"),
+    [
+        (1, (1920, 1080), 1, 1),
+        (2, (1920, 1080), 2, 1),
+        (4, (1920, 1080), 2, 2),
+        (6, (1920, 1080), 3, 2),
+        (2, (500, 1000), 1, 2),
+        (3, (192, 64), 3, 1),
+        (5, (300, 180), 3, 2),
+    ],
+)
+def test_panels_fill_the_picture_and_do_not_overlap(count, size, columns, rows):
+    panels = stage.panels(count, *size)
+    assert len(panels) == count
+    assert len({panel.left for panel in panels}) == columns
+    assert len({panel.top for panel in panels}) == rows
+    covered = np.zeros(size[::-1], int)
+    for panel in panels:
+        assert all(side % 2 == 0 for side in panel)
+        covered[panel.top : panel.top + panel.height, panel.left : panel.left + panel.width] += 1
+    assert covered.max() == 1
+    if count == columns * rows:
+        assert covered.min() == 1
+
+
+def test_a_figure_stays_in_its_panel():
+    skeleton = skeletons.load_skeleton("ted_expressive")
+    wide = skeletons.directions_to_positions(skeleton, stretched(skeleton))[None]
+    empty = stage.set_stage(["", ""], figure.DEFAULT_LOOK.background, 160, 80)
+    drawings = [stage.draw(empty, 0, 3 * wide, skeleton, figure.DEFAULT_LOOK)]
+    planes = [np.zeros_like(plane) for plane in empty.clean]
+    stage.paint(empty, drawings, 0, planes)
+    for plane, clean in zip(planes, empty.clean, strict=True):
+        half = plane.shape[1] // 2
+        np.testing.assert_array_equal(plane[:, half:], clean[:, half:])
+        assert (plane[:, :half] != clean[:, :half]).mean() > 0.2
+
+
+def stretched(skeleton: skeletons.Skeleton) -> np.ndarray:
+    """Arms to both sides."""
+    directions = skeleton.mean_directions.copy()
+    for side, x in (("left", 1), ("right", -1)):
+        for joint in ("elbow", "wrist"):
+            directions[skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
+    return directions
+
+
+def test_a_name_is_written_as_small_as_it_must_be():
+    background = figure.DEFAULT_LOOK.background
+    plain = stage.set_stage([""], background, 320, 160).clean[0].astype(int)
+    widths = []
+    for name in ("one", "a name much longer than there is room for it in such a small picture, even so"):
+        written = np.abs(stage.set_stage([name], background, 320, 160).clean[0] - plain) > 20
+        assert written.any()
+        widths.append(np.flatnonzero(written.any(axis=0)))
+    assert widths[0].max() < 80
+    assert 250 < widths[1].max() < 319

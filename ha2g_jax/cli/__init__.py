@@ -8,7 +8,7 @@ import signal
 import sys
 from typing import Any
 
-from ha2g_jax.cli import data
+from ha2g_jax.cli import data, export, generate, view
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
@@ -43,18 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ha2g", description="Speech in, gestures out.")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    generate = commands.add_parser("generate", help="motion and a video from a speech file")
-    generate.add_argument("speech", type=pathlib.Path, help="any audio or video file with sound")
-    generate.add_argument("-o", "--out", type=pathlib.Path, help="OUT.npz and OUT.mp4 (default: beside the speech)")
-    generate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
-    style = generate.add_mutually_exclusive_group()
-    style.add_argument("--speaker", help="a speaker of the training data")
-    style.add_argument("--reference-image", type=pathlib.Path, nargs="+", metavar="PNG", help="frames of the speaker")
-    style.add_argument("--style-seed", type=int, help="draw a style from the prior with this seed")
-    generate.add_argument("--seed", type=int, default=0, help="seed of everything random")
-    generate.add_argument("--fps", type=float, help="frames per second of the motion (default: the model's)")
-    generate.add_argument("--words", type=pathlib.Path, help="a transcript, for a baseline that reads words")
-    generate.set_defaults(run=_generate)
+    generate.add_command(commands)
+    export.add_commands(commands)
+    view.add_command(commands)
 
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
 
@@ -70,10 +61,10 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_evaluate(commands)
 
-    export = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
-    export.add_argument("workdir", type=pathlib.Path)
-    export.add_argument("out", type=pathlib.Path)
-    export.set_defaults(run=_export_model)
+    model = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
+    model.add_argument("workdir", type=pathlib.Path)
+    model.add_argument("out", type=pathlib.Path)
+    model.set_defaults(run=_export_model)
 
     data.add_commands(commands)
     return parser
@@ -100,24 +91,6 @@ def _add_evaluate(commands: Any) -> None:
     form.add_argument("--json", action="store_true")
     form.add_argument("--markdown", action="store_true")
     evaluate.set_defaults(run=_evaluate)
-
-
-def _generate(arguments: argparse.Namespace) -> None:
-    from ha2g_jax import synthesis
-
-    paths = synthesis.generate_files(
-        arguments.speech,
-        out=arguments.out,
-        checkpoint=arguments.checkpoint,
-        speaker=arguments.speaker,
-        reference_images=arguments.reference_image,
-        style_seed=arguments.style_seed,
-        seed=arguments.seed,
-        fps=arguments.fps,
-        words=arguments.words,
-    )
-    for path in paths:
-        print(path)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:

@@ -1,8 +1,10 @@
 """The trunk, the arms and the hands."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ha2g_jax.figure.shapes import Look, Shape, capsules, facing, project, shade, smooth, unit
+from ha2g_jax.figure.shapes import Look, Shape, capsules, dot, facing, project, shade, smooth, unit
 
 _FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _FINGER_RADII = (0.0125, 0.0105, 0.011, 0.0105, 0.009)
@@ -10,7 +12,7 @@ _LIT = np.array([-0.008, -0.012, 0.0])  # light falls from the upper left of the
 
 
 def torso_shapes(points: dict[str, np.ndarray], look: Look) -> list[Shape]:
-    """Trunk and collar, from joints by name."""
+    """Trunk and collar, from joints (T, 3) by name."""
     spine, neck = points["spine"], points["neck"]
     left, right = points["left_shoulder"], points["right_shoulder"]
     up = unit(neck - spine)
@@ -27,79 +29,94 @@ def torso_shapes(points: dict[str, np.ndarray], look: Look) -> list[Shape]:
         spine - 0.32 * up + 0.172 * build * across,
         spine - 0.52 * up + 0.190 * build * across,
     ]
-    mirrored = [point - 2 * ((point - spine) @ across) * across for point in half]
+    mirrored = [point - 2 * dot(point - spine, across) * across for point in half]
     mirrored[2] = right + 0.050 * build * up + 0.035 * across
     mirrored[3] = right + 0.012 * up - 0.030 * build * across
     mirrored[4] = right - 0.110 * up + 0.005 * across
-    outline = smooth(project(np.array(half + mirrored[::-1])))
-    middle = outline.mean(axis=0)
+    outline = smooth(project(np.stack(half + mirrored[::-1], axis=-2)))
+    middle = outline.mean(axis=-2, keepdims=True)
     light = middle + np.array([0.965, 0.985]) * (outline - middle)
-    collar = np.array(
-        [
-            neck + 0.05 * up + 0.062 * across,
-            neck - 0.055 * up - 0.03 * facing(points),
-            neck + 0.05 * up - 0.062 * across,
-        ]
-    )
+    collar = [
+        neck + 0.05 * up + 0.062 * across,
+        neck - 0.055 * up - 0.03 * facing(points),
+        neck + 0.05 * up - 0.062 * across,
+    ]
     shapes = [Shape(outline, shade(look.shirt, 0.76)), Shape(light, look.shirt)]
-    return [*shapes, Shape(project(collar), shade(look.skin, 0.86))]
+    return [*shapes, Shape(project(np.stack(collar, axis=-2)), shade(look.skin, 0.86))]
 
 
-def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look) -> list[Shape]:
+def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Shape]:
     """Sleeve and cuff of the "left" or "right" arm."""
     shoulder, elbow, wrist = (points[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
     cuff = elbow + 0.92 * (wrist - elbow)
     armpit = shoulder + 0.3 * (elbow - shoulder)
-    starts, ends = np.array([shoulder, elbow]), np.array([elbow, cuff])
+    starts, ends = _pair(shoulder, elbow), _pair(elbow, cuff)
     wide, narrow = look.build * np.array([0.057, 0.044]), look.build * np.array([0.045, 0.034])
     dark, light = shade(look.shirt, 0.70), shade(look.shirt, 1.07)
     # The edge starts below the shoulder, where sleeve and trunk are one piece of cloth.
-    edges = capsules(np.array([armpit, elbow]), ends, wide + np.array([-0.003, 0.003]), narrow + 0.003)
-    cloth = capsules(starts, ends, wide, narrow)
-    bright = capsules(np.array([armpit, elbow]) + _LIT, ends + _LIT, 0.4 * wide, 0.45 * narrow)
-    skin = capsules(cuff[None], wrist[None], np.array([0.027]), np.array([0.025]))[0]
-    hem = capsules(elbow[None] + 0.9 * (wrist - elbow), cuff[None], np.array([0.036]), np.array([0.036]))[0]
+    edges = capsules(_pair(armpit, elbow), ends, wide + np.array([-0.003, 0.003]), narrow + 0.003, detail)
+    cloth = capsules(starts, ends, wide, narrow, detail)
+    bright = capsules(_pair(armpit, elbow) + _LIT, ends + _LIT, 0.4 * wide, 0.45 * narrow, detail)
+    skin = _capsule(cuff, wrist, 0.027, 0.025, detail)
+    hem = _capsule(elbow + 0.9 * (wrist - elbow), cuff, 0.036, 0.036, detail)
     shapes = [Shape(edges[0], dark), Shape(cloth[0], look.shirt), Shape(bright[0], light)]
     shapes += [Shape(skin, shade(look.skin, 0.84)), Shape(edges[1], dark), Shape(cloth[1], look.shirt)]
     return [*shapes, Shape(bright[1], light), Shape(hem, dark)]
 
 
-def hand_shapes(points: dict[str, np.ndarray], side: str, look: Look) -> list[Shape]:
-    """Palm and fingers, far ones first; a mitten where the skeleton has no fingers."""
+class Part(NamedTuple):
+    """Shapes that are drawn together, and how far from the camera they are in each frame: (T,) metres."""
+
+    depth: np.ndarray
+    shapes: list[Shape]
+
+
+def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Part]:
+    """Palm and fingers; a mitten where the skeleton has no fingers."""
     wrist, elbow = points[f"{side}_wrist"], points[f"{side}_elbow"]
     edge, lit = shade(look.skin, 0.72), shade(look.skin, 1.04)
     if f"{side}_index_1" not in points:
         tip = wrist + 0.14 * unit(wrist - elbow)
-        ends = wrist[None], tip[None], np.array([0.030]), np.array([0.026])
-        return [
-            Shape(capsules(*ends)[0], edge),
-            Shape(capsules(*ends[:2], ends[2] - 0.004, ends[3] - 0.004)[0], lit),
+        mitten = [
+            Shape(_capsule(wrist, tip, 0.030, 0.026, detail), edge),
+            Shape(_capsule(wrist, tip, 0.030 - 0.004, 0.026 - 0.004, detail), lit),
         ]
-    chains = np.array([_finger_chain(points, side, finger) for finger in _FINGERS])
-    knuckles = chains[1:, 0]
-    starts, ends = chains[:, :-1].reshape(-1, 3), chains[:, 1:].reshape(-1, 3)
+        return [Part(wrist[:, 2], mitten)]
+    chains = np.stack([_finger_chain(points, side, finger) for finger in _FINGERS], axis=1)
+    starts, ends = chains[:, :, :-1].reshape(-1, 15, 3), chains[:, :, 1:].reshape(-1, 15, 3)
     radii = np.repeat(np.array(_FINGER_RADII), 3) * np.tile([1.08, 1.0, 0.94], 5)
     tips = np.repeat(np.array(_FINGER_RADII), 3) * np.tile([1.0, 0.94, 0.8], 5)
     # The palm: capsules from the wrist to each knuckle, joined by one outline.
-    wrist_points = np.repeat(wrist[None], 5, axis=0)
-    bones = capsules(wrist_points, chains[:, 0], np.full(5, 0.024), np.array([0.016, *[0.0145] * 4]))
-    slim = capsules(wrist_points, chains[:, 0], np.full(5, 0.021), np.array([0.013, *[0.0115] * 4]))
-    fill = project(np.concatenate([wrist[None], chains[:1, 0], knuckles]))
+    knuckles = chains[:, :, 0]
+    wrists = np.repeat(wrist[:, None], 5, axis=1)
+    bones = capsules(wrists, knuckles, np.full(5, 0.024), np.array([0.016, *[0.0145] * 4]))
+    slim = capsules(wrists, knuckles, np.full(5, 0.021), np.array([0.013, *[0.0115] * 4]))
+    fill = project(np.concatenate([wrist[:, None], knuckles], axis=1))
     palm = [Shape(outline, edge) for outline in bones] + [Shape(outline, look.skin) for outline in (*slim, fill)]
-    groups = [(float(np.mean([wrist[2], *knuckles[:, 2]])), palm)]
+    parts = [Part(np.concatenate([wrist[:, None], knuckles[:, 1:]], axis=1)[..., 2].mean(axis=1), palm)]
     outer = capsules(starts, ends, radii + 0.0028, tips + 0.0028)
     inner = capsules(starts, ends, radii, tips)
-    # Each finger is one group, its edge first, so that its own joints show no seams.
+    # Each finger is one part, its edge first, so that its own joints show no seams.
     for finger in range(5):
-        parts = range(3 * finger, 3 * finger + 3)
-        shapes = [Shape(outer[part], edge) for part in parts] + [Shape(inner[part], lit) for part in parts]
-        groups.append((float(chains[finger, 1:, 2].mean()), shapes))
-    return [shape for _, group in sorted(groups, key=lambda group: -group[0]) for shape in group]
+        bones = range(3 * finger, 3 * finger + 3)
+        shapes = [Shape(outer[bone], edge) for bone in bones] + [Shape(inner[bone], lit) for bone in bones]
+        parts.append(Part(chains[:, finger, 1:, 2].mean(axis=1), shapes))
+    return parts
 
 
 def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.ndarray:
-    """(4, 3) the three joints of a finger and its tip, which the skeleton does not have: the bend goes on."""
+    """(T, 4, 3) the three joints of a finger and its tip, which the skeleton does not have: the bend goes on."""
     first, second, third = (points[f"{side}_{finger}_{part}"] for part in (1, 2, 3))
     ahead, last = second - first, third - second
     tip = third + 0.026 * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
-    return np.stack([first, second, third, tip])
+    return np.stack([first, second, third, tip], axis=1)
+
+
+def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Points (T, 2, 3) of two points (T, 3)."""
+    return np.stack([first, second], axis=1)
+
+
+def _capsule(start: np.ndarray, end: np.ndarray, wide: float, narrow: float, detail: int) -> np.ndarray:
+    """The outline (T, n, 2) of one capsule between points (T, 3)."""
+    return capsules(start[:, None], end[:, None], np.array([wide]), np.array([narrow]), detail)[0]

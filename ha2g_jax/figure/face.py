@@ -2,64 +2,65 @@
 
 import numpy as np
 
-from ha2g_jax.figure.shapes import Look, Shape, capsules, facing, project, shade, smooth, unit
+from ha2g_jax.figure.shapes import Look, Shape, capsules, dot, facing, project, shade, smooth, unit
 
 _SIZE = 1.16  # of a head 0.23 m high
 
 
 def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
-    """(4, 3): centre of the head and its axes to the left, up and ahead, scaled to the size of the head."""
+    """(4, T, 3): centre of the head and its axes to the left, up and ahead, scaled to the size of the head."""
     neck = points["neck"]
     if "left_ear" in points:
         ears = (points["left_ear"] + points["right_ear"]) / 2
         left = unit(points["left_ear"] - points["right_ear"])
         ahead = points["nose"] - ears
         # The nose lies below the ears: level the line between them.
-        ahead = unit(ahead - (ahead @ left) * left)
+        ahead = unit(ahead - dot(ahead, left) * left)
         up = np.cross(ahead, left)
-        up = up if up[1] < 0 else -up
+        up = np.where(up[:, 1:2] < 0, up, -up)
         tilt = np.deg2rad(-18)
         ahead, up = np.cos(tilt) * ahead - np.sin(tilt) * up, np.cos(tilt) * up + np.sin(tilt) * ahead
         return np.stack([ears + 0.012 * up + 0.055 * ahead, *(_SIZE * axis for axis in (left, up, ahead))])
     top = points["head"] if "head" in points else points["nose"]
     up = unit(top - neck)
     left = points["left_shoulder"] - points["right_shoulder"]
-    left = unit(left - (left @ up) * up)
+    left = unit(left - dot(left, up) * up)
     ahead = points["nose"] - neck
-    ahead = unit(ahead - (ahead @ up) * up - (ahead @ left) * left)
+    ahead = unit(ahead - dot(ahead, up) * up - dot(ahead, left) * left)
     return np.stack([neck + 0.19 * up + 0.02 * ahead, *(_SIZE * axis for axis in (left, up, ahead))])
 
 
-def hair_behind(head: np.ndarray, look: Look) -> list[Shape]:
+def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
     """The hair that lies behind face and shoulders."""
     length = 0.012 + 0.17 * max(look.hair_length - 0.3, 0.0)
     width = 0.096 + 0.018 * look.hair_length
-    crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, flat=False)
+    crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, detail, flat=False)
     shapes = [Shape(crown, look.hair)]
     if look.hair_length > 0.3:
         fall = [(-width, 0.03, -0.03), (width, 0.03, -0.03), (width + 0.012, -0.06 - length, -0.02)]
         fall += [(0.6 * width, -0.115 - length, -0.03), (-0.6 * width, -0.115 - length, -0.03)]
         fall += [(-width - 0.012, -0.06 - length, -0.02)]
-        outline = _curve(head, fall)
+        outline = _curve(head, fall, detail)
         shapes.append(Shape(outline, shade(look.hair, 0.86)))
     return shapes
 
 
-def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look) -> list[Shape]:
+def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, detail: int) -> list[Shape]:
     """Neck, face and the hair over the forehead."""
     dark, blush = shade(look.skin, 0.80), shade(look.skin, 0.90)
-    neck = np.array([points["neck"] + 0.02 * facing(points), head[0] - 0.05 * head[2]])
-    shapes = [Shape(capsules(neck[:1], neck[1:], np.array([0.062]), np.array([0.055]))[0], dark)]
-    face = _ellipse(head, (0, 0, 0), 0.086, 0.116, flat=False)
+    low, high = points["neck"] + 0.02 * facing(points), head[0] - 0.05 * head[2]
+    throat = capsules(low[:, None], high[:, None], np.array([0.062]), np.array([0.055]), detail)[0]
+    shapes = [Shape(throat, dark)]
+    face = _ellipse(head, (0, 0, 0), 0.086, 0.116, detail, flat=False)
     for side in (-1, 1):
-        shapes.append(Shape(_ellipse(head, (side * 0.086, -0.012, -0.01), 0.017, 0.027, flat=False), blush))
+        shapes.append(Shape(_ellipse(head, (side * 0.086, -0.012, -0.01), 0.017, 0.027, detail, flat=False), blush))
     shapes.append(Shape(face, look.skin))
-    shapes.append(Shape(_fringe(head, look), look.hair))
+    shapes.append(Shape(_fringe(head, look, detail), look.hair))
     for side in (-1, 1):
         lid = [(0.016, -0.004), (0.024, 0.005), (0.036, 0.0075), (0.049, 0.001), (0.036, 0.001)]
         brow = [(0.017, 0.022), (0.034, 0.029), (0.053, 0.020), (0.034, 0.0235)]
-        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.080), 0.0150, 0.0088), (250, 250, 250)))
-        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.083), 0.0078, 0.0084), (60, 44, 38)))
+        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.080), 0.0150, 0.0088, detail), (250, 250, 250)))
+        shapes.append(Shape(_ellipse(head, (side * 0.033, -0.004, 0.083), 0.0078, 0.0084, detail), (60, 44, 38)))
         shapes.append(Shape(_curve(head, [(side * x, y, 0.084) for x, y in lid]), shade(look.hair, 0.55)))
         shapes.append(Shape(_curve(head, [(side * x, y, 0.085) for x, y in brow]), shade(look.hair, 0.85)))
     nose = [(0.0, 0.0, 0.088), (0.011, -0.034, 0.104), (0.0, -0.040, 0.106), (-0.011, -0.034, 0.104)]
@@ -70,31 +71,38 @@ def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look) -> 
     return shapes
 
 
-def _fringe(head: np.ndarray, look: Look) -> np.ndarray:
+def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
     """The hair over the forehead, parted at the side."""
     low = 0.035 - 0.03 * look.hair_length
     rim = [(-0.097, low - 0.01, 0.0), (-0.088, 0.075, 0.01), (-0.045, 0.128, 0.01), (0.01, 0.138, 0.01)]
     rim += [(0.06, 0.120, 0.01), (0.092, 0.070, 0.01), (0.097, low - 0.01, 0.0), (0.080, low + 0.015, 0.05)]
     rim += [(0.062, 0.066, 0.07), (0.030, 0.086, 0.075), (-0.020, 0.070, 0.078), (-0.062, 0.052, 0.07)]
     rim += [(-0.081, low + 0.012, 0.05)]
-    return _curve(head, rim)
+    return _curve(head, rim, detail)
 
 
-def _ellipse(head: np.ndarray, place: tuple[float, float, float], across: float, tall: float, flat=True) -> np.ndarray:
+def _ellipse(
+    head: np.ndarray,
+    place: tuple[float, float, float],
+    across: float,
+    tall: float,
+    detail: int,
+    flat: bool = True,
+) -> np.ndarray:
     """An ellipse on the head: in its face's plane when flat, else facing the camera and only rolling with the head."""
-    angle = np.linspace(0, 2 * np.pi, 28, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 28 * detail, endpoint=False)
     left, up = head[1], head[2]
     if not flat:
         up = _SIZE * unit(up * np.array([1, 1, 0]))
-        left = np.array([-up[1], up[0], 0])
-    centre = _on_head(head, place)
-    rim = centre + across * np.cos(angle)[:, None] * left + tall * np.sin(angle)[:, None] * up
+        left = np.stack([-up[:, 1], up[:, 0], np.zeros(len(up))], axis=-1)
+    centre = _on_head(head, place)[:, None]
+    rim = centre + across * np.cos(angle)[:, None] * left[:, None] + tall * np.sin(angle)[:, None] * up[:, None]
     return project(rim)
 
 
-def _curve(head: np.ndarray, places: list[tuple[float, float, float]]) -> np.ndarray:
+def _curve(head: np.ndarray, places: list[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
     """A smooth closed outline through places on the head."""
-    return smooth(project(np.array([_on_head(head, place) for place in places])))
+    return smooth(project(np.stack([_on_head(head, place) for place in places], axis=1)), detail)
 
 
 def _on_head(head: np.ndarray, place: tuple[float, float, float]) -> np.ndarray:

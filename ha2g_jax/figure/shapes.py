@@ -1,4 +1,4 @@
-"""Outlines in the picture: perspective, capsules, smooth curves, light."""
+"""Outlines in the picture: perspective, capsules, smooth curves, light. All work on many frames (T) at a time."""
 
 import functools
 from typing import NamedTuple
@@ -8,8 +8,9 @@ from PIL import Image
 
 Colour = tuple[int, int, int]
 
+TOP, BOTTOM = -0.70, 0.42  # metres above and below the spine that a picture shows
+
 _CAMERA = 3.2  # metres in front of the spine
-_ARC = np.linspace(-np.pi / 2, np.pi / 2, 9)
 
 
 class Look(NamedTuple):
@@ -24,7 +25,7 @@ class Look(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A filled outline (n, 2) in metres of the picture plane."""
+    """A filled outline (T, n, 2) in metres of the picture plane, one a frame."""
 
     outline: np.ndarray
     colour: Colour
@@ -35,33 +36,42 @@ def project(points: np.ndarray) -> np.ndarray:
     return points[..., :2] * (_CAMERA / (_CAMERA + points[..., 2:]))
 
 
-def capsules(starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray) -> np.ndarray:
-    """Outlines (n, 18, 2) in the picture of tapered capsules between points (n, 3) with radii (n,) in metres."""
+def capsules(
+    starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray, detail: int = 1
+) -> list[np.ndarray]:
+    """Outlines (T, 16 * detail + 2, 2) of n tapered capsules between points (T, n, 3) with radii (n,) in metres."""
+    arc = np.linspace(-np.pi / 2, np.pi / 2, 8 * detail + 1)
     first, last = project(starts), project(ends)
-    wide = wide * _CAMERA / (_CAMERA + starts[:, 2])
-    narrow = narrow * _CAMERA / (_CAMERA + ends[:, 2])
+    wide = wide * _CAMERA / (_CAMERA + starts[..., 2])
+    narrow = narrow * _CAMERA / (_CAMERA + ends[..., 2])
     along = last - first
-    angle = np.arctan2(along[:, 1], along[:, 0])
-    near, far = angle[:, None] + np.pi + _ARC[None], angle[:, None] + _ARC[None]
-    outline_near = first[:, None] + wide[:, None, None] * np.stack([np.cos(near), np.sin(near)], axis=-1)
-    outline_far = last[:, None] + narrow[:, None, None] * np.stack([np.cos(far), np.sin(far)], axis=-1)
-    return np.concatenate([outline_near, outline_far], axis=1)
+    angle = np.arctan2(along[..., 1], along[..., 0])
+    near, far = angle[..., None] + np.pi + arc, angle[..., None] + arc
+    outline_near = first[..., None, :] + wide[..., None, None] * np.stack([np.cos(near), np.sin(near)], axis=-1)
+    outline_far = last[..., None, :] + narrow[..., None, None] * np.stack([np.cos(far), np.sin(far)], axis=-1)
+    return list(np.moveaxis(np.concatenate([outline_near, outline_far], axis=-2), -3, 0))
 
 
-def smooth(outline: np.ndarray, steps: int = 5) -> np.ndarray:
-    """A closed Catmull-Rom curve through points (n, 2)."""
-    u = (np.arange(steps) / steps)[None, :, None]
-    before, here, after, later = (np.roll(outline, shift, axis=0)[:, None] for shift in (1, 0, -1, -2))
+def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
+    """A closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
+    u = (np.arange(5 * detail) / (5 * detail))[:, None]
+    before, here, after, later = (np.roll(outline, shift, axis=-2)[..., None, :] for shift in (1, 0, -1, -2))
     curve = 2 * here + (after - before) * u + (2 * before - 5 * here + 4 * after - later) * u**2
-    return (0.5 * (curve + (3 * here - before - 3 * after + later) * u**3)).reshape(-1, 2)
+    curve = 0.5 * (curve + (3 * here - before - 3 * after + later) * u**3)
+    return curve.reshape(len(outline), -1, 2)
 
 
 @functools.lru_cache(maxsize=8)
 def backdrop(colour: Colour, width: int, height: int) -> Image.Image:
     """A soft light behind the figure that darkens towards the corners."""
-    x, y = np.linspace(-1, 1, width)[None], np.linspace(-1, 1, height)[:, None]
-    light = 1.05 - 0.20 * np.clip(0.7 * x**2 + 0.5 * (y + 0.25) ** 2, 0, 1.2)
+    light = light_behind(width, height)
     return Image.fromarray(np.clip(light[..., None] * np.array(colour), 0, 255).astype(np.uint8))
+
+
+def light_behind(width: int, height: int) -> np.ndarray:
+    """(height, width) what the colour of the background is multiplied by."""
+    x, y = np.linspace(-1, 1, width)[None], np.linspace(-1, 1, height)[:, None]
+    return 1.05 - 0.20 * np.clip(0.7 * x**2 + 0.5 * (y + 0.25) ** 2, 0, 1.2)
 
 
 def shade(colour: Colour, factor: float) -> Colour:
@@ -70,12 +80,17 @@ def shade(colour: Colour, factor: float) -> Colour:
     return red, green, blue
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    """The vector (3,) at length 1."""
-    return vector / max(float(np.linalg.norm(vector)), 1e-8)
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Inner products (..., 1) of vectors (..., 3)."""
+    return np.sum(a * b, axis=-1, keepdims=True)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) at length 1."""
+    return vectors / np.maximum(np.sqrt(dot(vectors, vectors)), 1e-8)
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
-    """The direction in which the trunk faces."""
+    """The directions (T, 3) in which the trunk faces."""
     up, across = points["neck"] - points["spine"], points["left_shoulder"] - points["right_shoulder"]
     return unit(np.cross(across, up))

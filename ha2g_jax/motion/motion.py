@@ -59,19 +59,25 @@ class Motion:
     def num_frames(self) -> int:
         return len(self.directions)
 
-    def save(self, path: str | pathlib.Path) -> None:
-        """Writes a numpy `.npz` without pickle: directions, positions, fps, joint_names and meta (JSON text).
+    def save(self, path: str | pathlib.Path, rig: str = "ha2g") -> None:
+        """Writes the motion as the suffix says: `.npz`, the motion itself, or `.bvh`, `.glb`, `.vrma`, `.json`, `.csv`.
 
-        The same motion gives the same bytes. The file is whole or not there.
+        The `.npz` is numpy's, without pickle: directions, positions, fps, joint_names and meta (JSON text). The others
+        are described in `formats.export`. The same motion gives the same bytes. The file is whole or not there.
+
+        Args:
+            path: where to.
+            rig: whose joints the file has, one of `rigs.RIGS`; an `.npz` of the rig smplx holds SMPL-X poses.
 
         Raises:
-            UserError: the name does not end in `.npz`, or the place cannot be written.
+            UserError: no such format or rig, the motion cannot be posed, or the place cannot be written.
         """
         path = pathlib.Path(path)
-        if path.suffix != ".npz":
-            raise UserError(
-                f"motion is saved as .npz, not {path.suffix or 'without a suffix'}; name it {path.stem}.npz"
-            )
+        if path.suffix.lower() != ".npz" or rig != "ha2g":
+            from ha2g_jax.motion import formats  # imports glTF, which most uses of a motion do not need
+
+            formats.export(self, path, rig=rig)
+            return
         with whole_file(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,

@@ -1,98 +1,188 @@
 """A video of the figure that performs a motion, or of several side by side, with the sound."""
 
+import collections
+import concurrent.futures
+import contextlib
 import fractions
+import functools
+import itertools
+import os
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from typing import TypeVar, cast
 
 import av
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from av.codec.context import Flags
+from av.container import OutputContainer
+from av.video.codeccontext import VideoCodecContext
+from av.video.reformatter import ColorRange
 from tqdm import tqdm
 
-from ha2g_jax.figure import DEFAULT_LOOK, Look, draw_figure
+from ha2g_jax.errors import UserError
+from ha2g_jax.figure import DEFAULT_LOOK, Look
+from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.skeleton import directions_to_positions
+from ha2g_jax.motion.solver import check
+from ha2g_jax.skeleton import Skeleton, directions_to_positions
 from ha2g_jax.whole_file import whole_file
 
 VIDEO_FPS = 30
-# One thread: the bytes of H.264 depend on the number, and with more of them about one video in a hundred differs.
-_ENCODER = {"preset": "veryfast", "crf": "21", "threads": "1"}
-_INK = (70, 74, 82)
+MIN_SIDE, MAX_SIDE = 32, 4096  # of a picture, in pixels: 4096 is the most that players of H.264 have to take
+
+_PIECE = 2 * VIDEO_FPS  # frames that are drawn and encoded on their own, whatever the number of workers
+# One thread each: the bytes of H.264 depend on the number. No look ahead and no blocks smaller than 8 pixels, which
+# take two thirds of the time of "veryfast" and gain nothing that can be seen on plain shapes.
+_ENCODER = {
+    "preset": "superfast",
+    "crf": "23",
+    "threads": "1",
+    "x264-params": "bframes=0:rc-lookahead=0:mbtree=0:weightp=0:scenecut=0:subme=0:me=dia",
+}
+_BT709 = 1  # the number of this standard in the tables of H.264
+_TIME_BASE = fractions.Fraction(1, VIDEO_FPS)
+
+Result = TypeVar("Result")
 
 
 def write_video(
     path: str | pathlib.Path,
     motion: Motion | Mapping[str, Motion],
-    audio: np.ndarray,
+    audio: np.ndarray | None,
     sample_rate: int = 16000,
     *,
     look: Look = DEFAULT_LOOK,
-    size: int = 720,
+    size: int | tuple[int, int] = 720,
+    workers: int | None = None,
     has_progress: bool = True,
 ) -> None:
     """Writes an mp4 (H.264 and AAC, 30 frames a second) that lasts as long as the sound.
 
     The poses between the motion's frames are interpolated on the sphere. The same input gives the same bytes on one
-    machine. The file is whole or not there.
+    machine, whatever the number of workers. The file is whole or not there.
 
     Args:
         path: the `.mp4` to write.
         motion: what the figure does; several motions by name are drawn side by side, each with its name.
-        audio: (samples,) float32 mono sound.
+        audio: (samples,) float32 mono sound; with None the video is silent and lasts as long as the longest motion.
         sample_rate: samples per second.
         look: how the figure is dressed.
-        size: width and height of a figure's picture in pixels, even.
+        size: width and height of the picture in pixels, even; one number is both, for each figure.
+        workers: threads that draw and encode, by default one a core.
         has_progress: whether to show a progress bar; it needs a terminal.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: a motion has values that are none, the size cannot be had, or the place cannot be written.
     """
-    frames = num_frames(len(audio) / sample_rate, VIDEO_FPS)
     motions = motion if isinstance(motion, Mapping) else {"": motion}
-    pictures = zip(*(_pictures(name, motion, frames, look, size) for name, motion in motions.items()), strict=True)
+    for each in motions.values():
+        check(each)
+    width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
+    longest = max(each.num_frames / each.fps for each in motions.values())
+    frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
+    stage = set_stage(tuple(motions), look.background, width, height)
+    poses = [(resample(each.directions, each.fps, VIDEO_FPS, frames), each.skeleton) for each in motions.values()]
+    encode = functools.partial(_encode_piece, stage, poses, look)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
-    with whole_file(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
+    workers = workers or os.cpu_count() or 1
+    with (
+        whole_file(path) as temporary,
+        concurrent.futures.ThreadPoolExecutor(workers) as executor,
+        contextlib.closing(_in_order(executor, encode, range(0, frames, _PIECE), workers)) as pieces,
+        av.open(str(temporary), "w", format="mp4", options=options) as container,
+        tqdm(desc="video", total=frames, unit="frame", disable=None if has_progress else True, leave=False) as bar,
+    ):
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
-        video.width, video.height = size * len(motions), size
-        video.pix_fmt = "yuv420p"
-        sound = container.add_stream("aac", rate=sample_rate, layout="mono")
-        blocks = _sound_frames(audio, sample_rate)
-        disable = None if has_progress else True
-        for index, panels in enumerate(tqdm(pictures, desc="video", total=frames, unit="frame", disable=disable)):
-            image = np.concatenate(panels, axis=1)
-            container.mux(video.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
-            if index % VIDEO_FPS == 0:  # a second of sound follows the first picture of the second
-                container.mux([packet for block in next(blocks, ()) for packet in sound.encode(block)])
-        for seconds in blocks:
-            container.mux([packet for block in seconds for packet in sound.encode(block)])
-        container.mux(sound.encode(None))
-        container.mux(video.encode(None))
+        _set_up(video.codec_context, width, height)
+        sound = iter(()) if audio is None else _sound(container, audio, sample_rate)
+        for packets in pieces:
+            for packet in packets:
+                packet.stream = video
+            container.mux(packets)
+            container.mux([packet for second in itertools.islice(sound, _PIECE // VIDEO_FPS) for packet in second])
+            bar.update(len(packets))
+        container.mux([packet for second in sound for packet in second])
 
 
-def _pictures(name: str, motion: Motion, frames: int, look: Look, size: int) -> Iterator[np.ndarray]:
-    """The figure in each frame of the video, (size, size, 3) uint8, with a name unless it is empty."""
-    skeleton = motion.skeleton
-    poses = directions_to_positions(skeleton, resample(motion.directions, motion.fps, VIDEO_FPS, frames))
-    for pose in poses:
-        picture = draw_figure(pose, skeleton, look, size, size)
-        yield _label(picture, name) if name else picture
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
+    """The size, if a video can have it.
+
+    Raises:
+        UserError: a side is odd, too small or too large.
+    """
+    if any(side % 2 or not MIN_SIDE <= side <= MAX_SIDE for side in size):
+        raise UserError(
+            f"a picture of {size[0]}x{size[1]} pixels cannot be had; give even sides of {MIN_SIDE} to {MAX_SIDE}"
+        )
+    return size
 
 
-def _label(picture: np.ndarray, name: str) -> np.ndarray:
-    """The picture with a name in its upper left corner, where the figure seldom is."""
-    height = len(picture)
-    image = Image.fromarray(picture)
-    font = ImageFont.load_default(height / 18)
-    ImageDraw.Draw(image).text((height / 24, height / 24), name, fill=_INK, font=font, anchor="lt")
-    return np.asarray(image)
+def _in_order(
+    executor: concurrent.futures.Executor, function: Callable[[int], Result], tasks: Iterable[int], workers: int
+) -> Generator[Result, None, None]:
+    """The results in the order of the tasks, of which few are under way at a time."""
+    pending: collections.deque[concurrent.futures.Future[Result]] = collections.deque()
+    try:
+        for task in tasks:
+            pending.append(executor.submit(function, task))
+            if len(pending) > workers:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        for future in pending:
+            future.cancel()
 
 
-def _sound_frames(audio: np.ndarray, sample_rate: int) -> Iterator[list[av.AudioFrame]]:
-    """Seconds of sound as frames for the encoder, which takes 1024 samples at a time."""
+def _encode_piece(
+    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], look: Look, start: int
+) -> list[av.Packet]:
+    """The pictures from frame `start`, encoded as if there were no others: the first needs none before it."""
+    drawings = []
+    for index, (directions, skeleton) in enumerate(poses):
+        positions = directions_to_positions(skeleton, directions[start : start + _PIECE])
+        drawings.append(draw(stage, index, positions, skeleton, look))
+    height, width = stage.clean[0].shape
+    encoder = cast(VideoCodecContext, av.CodecContext.create("libx264", "w"))
+    encoder.options, encoder.time_base, encoder.framerate = _ENCODER, _TIME_BASE, 1 / _TIME_BASE
+    encoder.flags |= Flags.global_header
+    _set_up(encoder, width, height)
+    packets = []
+    for index in range(len(drawings[0].points)):
+        picture = av.VideoFrame(width, height, "yuv420p")
+        picture.pts = start + index
+        paint(stage, drawings, index, _planes(picture))
+        packets += encoder.encode(picture)
+    return packets + encoder.encode(None)
+
+
+def _set_up(encoder: VideoCodecContext, width: int, height: int) -> None:
+    encoder.width, encoder.height, encoder.pix_fmt = width, height, "yuv420p"
+    encoder.color_range = ColorRange.MPEG
+    encoder.colorspace, encoder.color_primaries, encoder.color_trc = _BT709, _BT709, _BT709
+
+
+def _planes(picture: av.VideoFrame) -> list[np.ndarray]:
+    """The three planes of a picture, to write into."""
+    return [
+        np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: plane.height, : plane.width]
+        for plane in picture.planes
+    ]
+
+
+def _sound(container: OutputContainer, audio: np.ndarray, sample_rate: int) -> Iterator[list[av.Packet]]:
+    """A track of sound, which is added to the container at once, and its packets, those of each second."""
+    stream = container.add_stream("aac", rate=sample_rate, layout="mono")
     samples = np.clip(np.asarray(audio, np.float32), -1, 1)
-    for second in range(0, len(samples), sample_rate):
-        frame = av.AudioFrame.from_ndarray(samples[None, second : second + sample_rate], format="fltp", layout="mono")
-        frame.sample_rate, frame.pts = sample_rate, second
-        frame.time_base = fractions.Fraction(1, sample_rate)
-        yield [frame]
+
+    def packets() -> Iterator[list[av.Packet]]:
+        for second in range(0, len(samples), sample_rate):
+            block = samples[None, second : second + sample_rate]
+            frame = av.AudioFrame.from_ndarray(block, format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = sample_rate, second
+            frame.time_base = fractions.Fraction(1, sample_rate)
+            yield stream.encode(frame)
+        yield stream.encode(None)
+
+    return packets()

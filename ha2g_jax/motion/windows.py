@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from ha2g_jax.motion.resample import slerp
+from ha2g_jax.motion.resample import exp_map, log_map, slerp
+from ha2g_jax.motion.rotations import between, from_vector, rotate, to_vector
+
+_EASE_FRAMES = 10
 
 
 def num_windows(frames: int, window: int, overlap: int) -> int:
@@ -19,3 +22,37 @@ def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
     faded = slerp(windows[:-1, -overlap:], windows[1:, :overlap], share)
     body = np.concatenate([windows[:-1, overlap:-overlap], faded], axis=1)
     return np.concatenate([windows[0, :overlap], body.reshape(-1, *body.shape[2:]), windows[-1, overlap:]])
+
+
+def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: bool = False) -> np.ndarray:
+    """The motion of `join_windows` without the step where a window leaves the frames it shares with the one before.
+
+    In those M frames a window repeats what it was given; in the first frame of its own it is where it thinks it should
+    be. That frame is turned to where the motion was heading, by the mean of the steps before and after it, and the
+    turn fades out over the next 10 frames along a minimum-jerk course (as in the inertial blending of games, Bollo
+    2018). Nothing before the border changes, so it can be done as windows come.
+
+    Args:
+        motion: (T, bones, 3) unit vectors.
+        window: N.
+        overlap: M.
+        from_start: whether the first M frames were given, too.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
+    """
+    stride = window - overlap
+    own = np.arange(overlap if from_start else stride + overlap, len(motion) - 1, stride)
+    eased = np.array(motion, np.float32)
+    earlier, before, first, after = (eased[np.maximum(own + step, 0)].astype(np.float64) for step in (-2, -1, 0, 1))
+    onward = rotate(between(first, before), log_map(first, after))
+    heading = exp_map(before, (onward - log_map(before, earlier)) / 2)
+    turn = to_vector(between(first, heading))
+    count = max(1, min(_EASE_FRAMES, stride - overlap))  # all before the next border
+    for step in range(count):
+        frames = own + step
+        exists = frames < len(eased)
+        u = step / count
+        share = 1 - u**3 * (10 - 15 * u + 6 * u**2)
+        eased[frames[exists]] = rotate(from_vector(share * turn[exists]), eased[frames[exists]].astype(np.float64))
+    return eased

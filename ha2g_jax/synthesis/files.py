@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from tqdm import tqdm
@@ -11,8 +11,10 @@ from tqdm import tqdm
 from ha2g_jax.audio import read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
+from ha2g_jax.motion import control
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.synthesis.model import Model, load
+from ha2g_jax.synthesis.seed_pose import SeedPose
 from ha2g_jax.text import Word
 from ha2g_jax.whole_file import whole_file
 
@@ -25,9 +27,14 @@ def generate_files(
     speaker: str | None = None,
     reference_images: str | pathlib.Path | Sequence[str | pathlib.Path] | None = None,
     style_seed: int | None = None,
+    style: Mapping[str, float] | None = None,
     seed: int = 0,
+    seed_pose: SeedPose | None = None,
     fps: float | None = None,
+    smoothing: float = 0.0,
+    controls: control.Controls = control.NEUTRAL,
     words: pathlib.Path | None = None,
+    size: int | tuple[int, int] = 720,
 ) -> tuple[pathlib.Path, pathlib.Path]:
     """Writes the motion (`.npz`) and a video of the figure with the sound (`.mp4`): both, or neither.
 
@@ -36,9 +43,10 @@ def generate_files(
         out: the name of both files, with or without `.npz` or `.mp4`, or a folder to put them in; by default
             they lie beside the speech, with `_gestures` after its name.
         checkpoint: see `load`.
-        speaker, reference_images, style_seed, seed, fps: see `Model.generate`.
+        speaker, reference_images, style_seed, style, seed, seed_pose, fps, smoothing, controls: see `Model.generate`.
         words: a transcript of the speech for a model that reads words, by default the one beside the speech. HA2G needs
             none.
+        size: width and height of the video in pixels, one number for both.
 
     Returns:
         The paths of the `.npz` and the `.mp4`.
@@ -58,13 +66,17 @@ def generate_files(
             speaker=speaker,
             reference_images=reference_images,
             style_seed=style_seed,
+            style=style,
             seed=seed,
+            seed_pose=seed_pose,
             fps=fps,
+            smoothing=smoothing,
+            controls=controls,
             words=spoken,
         )
         motion = dataclasses.replace(motion, meta=motion.meta | {"speech": speech.name})
         motion.save(temporary_npz)
-        write_video(temporary_mp4, motion, audio)
+        write_video(temporary_mp4, motion, audio, size=size)
     return npz, mp4
 
 

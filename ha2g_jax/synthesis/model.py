@@ -3,24 +3,25 @@
 import dataclasses
 import math
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from PIL import Image, ImageOps
 
 from ha2g_jax import __version__
 from ha2g_jax.audio import SAMPLE_RATE, check_samples, read_audio
 from ha2g_jax.data.speech import prepare
-from ha2g_jax.data.windows import resize_frames
 from ha2g_jax.errors import UserError
 from ha2g_jax.models import HA2G, Features
+from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.motion.windows import join_windows, num_windows
+from ha2g_jax.motion.smoothing import check_width, smooth
+from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
 from ha2g_jax.synthesis.scan import encode_windows, infer_windows
+from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
+from ha2g_jax.synthesis.style import choose_style
 from ha2g_jax.text import Word
 from ha2g_jax.train import model_folder
 from ha2g_jax.train.assets import Assets
@@ -67,48 +68,68 @@ class Model:
         speaker: str | None = None,
         reference_images: str | pathlib.Path | Sequence[str | pathlib.Path] | None = None,
         style_seed: int | None = None,
+        style: Mapping[str, float] | None = None,
         seed: int = 0,
+        seed_pose: SeedPose | None = None,
         fps: float | None = None,
+        smoothing: float = 0.0,
+        controls: control.Controls = control.NEUTRAL,
         words: Sequence[Word] = (),
     ) -> Motion:
         """Gestures for speech.
 
-        The style comes from a speaker of the training data, or from images of a person, or is drawn from the prior
-        N(0, I) with `style_seed`; without any of them it is drawn with `seed`. The first window starts from one of
-        the calm poses stored with the model, which `seed` picks. The same input and seed give the same motion.
+        The style comes from a speaker of the training data, or is a mixture of several, or from images of a person, or
+        is drawn from the prior N(0, I) with `style_seed`; without any of them it is drawn with `seed`. The first window
+        starts from `seed_pose`, else from one of the calm poses stored with the model, which `seed` picks. The same
+        input and seed give the same motion.
 
         Args:
             speech: a file with sound, or (samples,) float mono samples at 16 kHz.
             speaker: a name in `assets.speakers`.
             reference_images: one or more pictures of a person, like the frames the model was trained with.
             style_seed: seed of a style.
+            style: shares by name in `assets.speakers`; what they sum to is 1, and the identities are interpolated.
             seed: seed of everything random.
+            seed_pose: a motion, or its `.npz`, that this one goes on from: frame 0 shows where its last M frames began;
+                or a pose (bones, 3) to start from.
             fps: frames per second of the result, the model's by default; other rates are interpolated on the sphere.
+            smoothing: seconds of the window that poses are averaged over, see `motion.smoothing`; 0 for none.
+            controls: what else is asked of the motion, see `motion.control`.
             words: of the speech, in order of time, for a model that `reads_words`; HA2G does without.
 
         Returns:
             Motion of exactly round(duration x fps) frames, at least 1.
 
         Raises:
-            UserError: the speech, the style, a seed or the frame rate cannot be used.
+            UserError: the speech, the style, a seed, the seed pose, the frame rate or a control cannot be used.
         """
-        f_id, style = choose_style(self, speaker, reference_images, style_seed, seed)
+        f_id, described = choose_style(self, speaker, reference_images, style_seed, seed, style=style)
         fps = _check_fps(fps, self.fps)
         audio = read_audio(speech) if isinstance(speech, str | pathlib.Path) else _check_array(speech)
-        directions = generate_directions(self, audio, f_id, seed, words=words)
         duration = len(audio) / SAMPLE_RATE
-        if fps != self.fps:
-            directions = resample(directions, self.fps, fps, num_frames(duration, fps))
+        skeleton, overlap = self.assets.skeleton, self.task.num_seed_frames
+        control.check(controls, skeleton, duration)
+        check_width(smoothing)
+        start = start_name = None
+        if seed_pose is not None:
+            start, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
+        directions = _join(self, audio, f_id, seed, words, start)
+        directions = directions if start is None else start_from(directions, start)
+        directions = ease_borders(directions, self.task.num_frames, overlap, from_start=start is not None)
+        frames = num_frames(duration, fps)
+        directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
+        directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
+        asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
         meta = {
             "version": __version__,
             "model": self.config.name,
             "checkpoint": self.assets.hash,
             "speech": pathlib.Path(speech).name if isinstance(speech, str | pathlib.Path) else None,
             "duration": duration,
-            "style": style,
+            "style": described,
             "seed": seed,
         }
-        return Motion.from_directions(self.assets.skeleton, directions, fps, meta)
+        return Motion.from_directions(skeleton, directions, fps, meta | {name: it for name, it in asked.items() if it})
 
 
 def load(spec: str | pathlib.Path = "demo") -> Model:
@@ -125,39 +146,6 @@ def load(spec: str | pathlib.Path = "demo") -> Model:
     if not hasattr(loaded.task.generator, "infer"):
         raise UserError(f"the model in {spec} is of {loaded.config.method}, which generates no motion; name another")
     return Model(loaded.task, jax.device_put(loaded.variables), loaded.assets, loaded.config)
-
-
-def choose_style(
-    model: Model,
-    speaker: str | None = None,
-    reference_images: str | pathlib.Path | Sequence[str | pathlib.Path] | None = None,
-    style_seed: int | None = None,
-    seed: int = 0,
-) -> tuple[np.ndarray, dict[str, Any]]:
-    """The identity f_id (18,) that `Model.generate` takes for these arguments, and a description of it for the record.
-
-    Raises:
-        UserError: more than one source, an unknown speaker, an image that cannot be read, or a negative seed.
-    """
-    if sum(source is not None for source in (speaker, reference_images, style_seed)) > 1:
-        raise UserError("the style has more than one source; give a speaker, reference images or a style seed")
-    if min(seed, style_seed or 0) < 0:
-        raise UserError(f"seed {min(seed, style_seed or 0)} is negative; give 0 or more")
-    if speaker is not None:
-        if speaker not in model.assets.speakers:
-            known = ", ".join(model.assets.speakers)
-            expected = f"expected one of: {known}" if known else "it knows none"
-            raise UserError(f"no speaker {speaker!r} in the model; {expected}")
-        return np.asarray(model.assets.speakers[speaker], np.float32), {"kind": "speaker", "speaker": speaker}
-    if reference_images is not None:
-        if isinstance(reference_images, str | pathlib.Path):
-            reference_images = [reference_images]
-        names = [pathlib.Path(path).name for path in reference_images]
-        return _encode_images(model, reference_images), {"kind": "images", "images": names}
-    style_seed = seed if style_seed is None else style_seed
-    style_dim = model.task.generator.style_dim
-    f_id = np.random.default_rng(style_seed).standard_normal(style_dim, np.float32)
-    return f_id, {"kind": "prior", "seed": style_seed}
 
 
 def generate_directions(
@@ -184,12 +172,19 @@ def generate_directions(
     Raises:
         UserError: the model's numbers are broken.
     """
+    return _join(model, audio, f_id, seed, words, start)[: _num_frames(model, audio)]
+
+
+def _join(
+    model: Model, audio: np.ndarray, f_id: np.ndarray, seed: int, words: Sequence[Word], start: np.ndarray | None
+) -> np.ndarray:
+    """All frames of the windows that cover the audio, joined: as many as `generate_directions` gives, or more."""
     bank = model.assets.seed_poses
     pose = bank[np.random.default_rng(seed).integers(len(bank))] if start is None else start
     windows = infer_windows(model.task, model.variables, _encode_windows(model, audio, words), f_id, pose)
     if not np.isfinite(windows).all():
         raise UserError(f"model {model.assets.hash} gives values that are not finite; train or export it again")
-    return join_windows(windows, model.task.num_seed_frames)[: _num_frames(model, audio)]
+    return join_windows(windows, model.task.num_seed_frames)
 
 
 def encode_features(model: Model, audio: np.ndarray) -> Features:
@@ -215,30 +210,6 @@ def _encode_windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> A
     count = num_windows(_num_frames(model, audio), model.task.num_frames, model.task.num_seed_frames)
     speech = prepare(audio, words, model.task.generator.inputs)
     return encode_windows(model.task, model.variables, speech, model.assets.vocabulary, count, model.fps)
-
-
-def _encode_images(model: Model, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
-    """The mean of f_id (18,) for pictures of any size, cut to a square about the middle."""
-    if model.task.identity_input != "frames":
-        names = ", ".join(model.assets.speakers)
-        known = f"knows speakers by name, not by images; expected one of: {names}" if names else "knows no speakers"
-        raise UserError(f"this model {known}")
-    if not paths:
-        raise UserError("an empty list of reference images; give one or more pictures")
-    images = []
-    for path in paths:
-        try:
-            with Image.open(path) as image:
-                picture = ImageOps.exif_transpose(image).convert("RGB")
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
-            raise UserError(f"{path} cannot be read as an image; expected a PNG or JPEG of a person") from error
-        side = min(picture.size)
-        square = np.asarray(ImageOps.fit(picture, (side, side)))
-        images.append(resize_frames(square[None], model.task.image_size))
-    frames = jnp.asarray(np.concatenate(images))[None]
-    outputs: Any = model.task.generator.apply(model.variables, frames, train=False, method="encode_identity")
-    mean, _ = outputs
-    return np.asarray(mean[0])
 
 
 def _check_fps(fps: float | None, default: float) -> float:

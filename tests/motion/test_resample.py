@@ -1,9 +1,9 @@
-"""Interpolation stays on the sphere, keeps what it is given and moves at an even speed."""
+"""Interpolation stays on the sphere, keeps what it is given, moves at an even speed and shows no knots."""
 
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.resample import num_frames, resample, slerp
+from ha2g_jax.motion.resample import exp_map, log_map, num_frames, resample, sample, slerp
 
 
 def unit_vectors(*shape: int, seed: int = 0) -> np.ndarray:
@@ -55,3 +55,83 @@ def test_a_steady_turn_stays_steady():
     finer = resample(turn, 15, 24, 23)[:, 0]
     steps = np.arccos(np.clip(np.sum(finer[1:] * finer[:-1], axis=-1), -1, 1))
     np.testing.assert_allclose(steps, 0.2 * 15 / 24, atol=1e-3)
+
+
+@pytest.mark.parametrize("samples", [3200, 36267, 36800, 987200, 28_800_000])  # 0.2 s to 30 minutes
+@pytest.mark.parametrize("fps", [1, 15, 23.976, 24, 25, 29.97, 30, 50, 60, 120, 240])
+def test_frames_fill_the_sound_to_half_a_frame(samples, fps):
+    duration = samples / 16000
+    frames = num_frames(duration, fps)
+    assert frames == max(1, round(duration * fps))
+    assert abs(frames / fps - duration) <= 0.5 / fps + 1e-9 or frames == 1
+
+
+def sway(seed: int = 0) -> np.ndarray:
+    """Smooth movement of 5 bones at 15 frames a second."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(300)[:, None, None] / 15
+    offsets = np.sin(2 * np.pi * rng.uniform(0.3, 2, (1, 5, 3)) * time + rng.uniform(0, 6, (1, 5, 3)))
+    vectors = unit_vectors(5) + 0.3 * offsets
+    return (vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)).astype(np.float32)
+
+
+def test_the_speed_does_not_jump_at_the_frames_of_the_source():
+    fine = resample(sway(), 15, 960, 64 * 299).astype(np.float64)
+    speeds = np.linalg.norm(np.diff(fine, axis=0), axis=-1) * 960
+    jumps = np.abs(np.diff(speeds, axis=0)).reshape(-1, 5)
+    at_knots = jumps[np.arange(63, len(jumps), 64)].mean()
+    straight = slerp(sway()[:-1], sway()[1:], np.array([0.5]))
+    corner = np.abs(np.diff(np.linalg.norm(straight - sway()[:-1], axis=-1), axis=0)).mean() * 2 * 15
+    assert at_knots < 0.05 * corner
+
+
+def test_acceleration_shows_no_comb():
+    """Straight lines between frames put all acceleration into every fourth frame of 60 a second."""
+
+    def comb(directions: np.ndarray) -> float:
+        size = np.linalg.norm(np.diff(directions.astype(np.float64), n=2, axis=0), axis=-1).mean(axis=-1)
+        phases = size[8 : 8 + (len(size) - 16) // 4 * 4].reshape(-1, 4).mean(axis=0)
+        return phases.max() / phases.min()
+
+    motion = sway()
+    places = np.arange(4 * 299) / 4
+    rows = places.astype(int)
+    straight = slerp(motion[rows], motion[rows + 1], (places - rows)[:, None, None])
+    assert comb(resample(motion, 15, 60, 4 * 299)) < 2
+    assert comb(straight) > 5
+
+
+def test_a_curve_is_nearer_to_the_truth_than_lines():
+    fine, every_second = sway(), sway()[::2]
+    rows = np.arange(len(every_second) - 1)
+    lines = slerp(every_second[rows], every_second[rows + 1], np.array([0.5]))
+    truth = fine[1:-1:2]
+    assert np.abs(sample(every_second, rows + 0.5) - truth).mean() < 0.5 * np.abs(lines - truth).mean()
+
+
+def test_a_long_motion_is_as_its_pieces():
+    motion, places = sway(), np.linspace(-1, 300, 9000)
+    pieces = [sample(motion, places[start : start + 1000]) for start in range(0, 9000, 1000)]
+    np.testing.assert_array_equal(sample(motion, places), np.concatenate(pieces))
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_the_shortest_motions_are_resampled(frames):
+    motion = sway()[:frames]
+    finer = resample(motion, 15, 60, 4 * frames)
+    np.testing.assert_allclose(finer[::4], motion, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(finer, axis=-1), 1, atol=1e-6)
+
+
+def test_a_bone_that_flips_stays_on_the_sphere():
+    flip = np.zeros((4, 1, 3), np.float32)
+    flip[:, 0, 0] = [1, -1, 1, 1]
+    finer = resample(flip, 15, 60, 16)
+    np.testing.assert_allclose(np.linalg.norm(finer, axis=-1), 1, atol=1e-6)
+
+
+def test_the_log_map_is_the_turn_to_a_vector():
+    turn = log_map(np.array([1.0, 0, 0]), np.array([np.cos(0.7), 0, np.sin(0.7)]))
+    np.testing.assert_allclose(turn, [0, 0, 0.7], atol=1e-12)
+    np.testing.assert_allclose(exp_map(np.array([1.0, 0, 0]), turn), [np.cos(0.7), 0, np.sin(0.7)], atol=1e-12)
+    np.testing.assert_array_equal(log_map(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0])), 0)

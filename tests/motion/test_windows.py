@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.windows import join_windows, num_windows
+from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
 
 
 @pytest.mark.parametrize(
@@ -51,3 +51,57 @@ def test_a_disagreement_is_spread_over_the_fade():
     whole = np.arccos(np.sum(rest[0, 0] * rest[1, 0], axis=-1))
     steps = np.arccos(np.clip(np.sum(joined[1:] * joined[:-1], axis=-1), -1, 1))
     assert (steps <= whole / 5 + 1e-3).all()
+
+
+def circle(angle: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None].astype(np.float32)
+
+
+def test_easing_leaves_a_motion_without_steps_alone():
+    motion = circle(np.linspace(0, 6, 94))
+    np.testing.assert_allclose(ease_borders(motion, 34, 4), motion, atol=1e-6)
+    np.testing.assert_allclose(ease_borders(motion, 34, 4, from_start=True), motion, atol=1e-6)
+
+
+def test_a_step_at_a_border_becomes_a_course_that_ends_before_the_next():
+    """The second window moves off by 0.3 rad in its first own frame, 34."""
+    angle = 0.02 * np.arange(70)
+    angle[34:] += 0.3
+    eased = ease_borders(circle(angle), 34, 4)
+    kept = [*range(34), *range(44, 64)]
+    np.testing.assert_array_equal(eased[kept], circle(angle)[kept])
+    steps = np.diff(np.arctan2(eased[30:50, 0, 1], eased[30:50, 0, 0]))
+    assert steps[3] == pytest.approx(0.02, abs=1e-5)  # it goes on as it went
+    assert steps.min() > 0.019
+    assert steps.max() < 0.02 + 1.875 * 0.3 / 10 + 1e-3  # minimum jerk over 10 frames
+    assert np.abs(np.diff(steps)).max() < 0.02 + 1e-3
+
+
+def test_a_given_start_is_a_border_too():
+    angle = 0.02 * np.arange(34)
+    angle[4:] += 0.3
+    motion = circle(angle)
+    np.testing.assert_array_equal(ease_borders(motion, 34, 4), motion)
+    eased = ease_borders(motion, 34, 4, from_start=True)
+    np.testing.assert_array_equal(eased[:4], motion[:4])
+    np.testing.assert_array_equal(eased[14:], motion[14:])
+    np.testing.assert_allclose(eased[4], circle(np.array([0.08]))[0], atol=1e-5)
+
+
+def test_one_given_frame_has_no_frame_before_it():
+    angle = np.array([0.0, 0.5, 0.52, 0.54, *[0.56] * 30])
+    eased = ease_borders(circle(angle), 34, 1, from_start=True)
+    assert np.arctan2(eased[1, 0, 1], eased[1, 0, 0]) == pytest.approx(0.01, abs=1e-5)
+
+
+@pytest.mark.parametrize("frames", [1, 4, 5, 34, 35, 36, 64])
+def test_easing_a_short_motion(frames):
+    motion = circle(np.random.default_rng(0).normal(size=frames))
+    assert ease_borders(motion, 34, 4).shape == ease_borders(motion, 34, 4, from_start=True).shape == motion.shape
+
+
+def test_borders_that_are_close_are_eased_one_by_one():
+    motion = circle(np.random.default_rng(0).normal(0, 0.1, 40).cumsum())
+    for window, overlap in ((8, 4), (9, 4), (10, 7), (34, 1)):
+        eased = ease_borders(motion, window, overlap, from_start=True)
+        np.testing.assert_allclose(np.linalg.norm(eased, axis=-1), 1, atol=1e-5)

@@ -1,0 +1,153 @@
+"""`ha2g export`, `ha2g video` and `ha2g keyframes`: motion files for other programs, as video and as a figure."""
+
+import argparse
+import pathlib
+import re
+from typing import TYPE_CHECKING, Any
+
+from ha2g_jax.errors import UserError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ha2g_jax.motion.motion import Motion
+
+_MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a word
+
+
+def add_commands(commands: Any) -> None:
+    """Adds the three commands to those of a parser."""
+    export = commands.add_parser("export", help="motion for Blender, Unity, Unreal, three.js, a robot")
+    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="an .npz that ha2g generate wrote")
+    export.add_argument(
+        "-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".bvh .glb .vrma .json .csv or .npz"
+    )
+    export.add_argument("--rig", default="ha2g", help="ha2g, mixamo, unreal, unity, vrm or smplx (default: ha2g)")
+    export.add_argument("--audio", type=pathlib.Path, help="the speech, whose length is noted in .glb and .vrma")
+    export.set_defaults(run=_export)
+
+    video = commands.add_parser("video", help="an .mp4 of one motion, or of several side by side, with the sound")
+    _add_motions(video)
+    video.add_argument("--audio", type=pathlib.Path, help="the speech (default: a silent video)")
+    video.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help="the .mp4 to write")
+    video.add_argument("--size", default="1920x1080", metavar="WIDTHxHEIGHT", help="pixels (default: 1920x1080)")
+    video.add_argument("--workers", type=int, help="threads that draw and encode (default: one a core)")
+    video.set_defaults(run=_video)
+
+    keyframes = commands.add_parser("keyframes", help="a strip of key frames with the words, as in a paper")
+    _add_motions(keyframes)
+    keyframes.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".png or .svg")
+    keyframes.add_argument("--words", type=pathlib.Path, help="a transcript with times: TextGrid, JSON, SRT, VTT, TSV")
+    keyframes.add_argument("--count", type=int, default=8, help="of the frames (default: 8)")
+    keyframes.add_argument("--size", type=int, default=240, help="pixels of a picture's side (default: 240)")
+    keyframes.set_defaults(run=_keyframes)
+
+
+def _add_motions(command: argparse.ArgumentParser) -> None:
+    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help=".npz of ha2g generate")
+    command.add_argument("--names", nargs="+", metavar="NAME", help="of the motions (default: those of the files)")
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.motion import formats
+    from ha2g_jax.motion.motion import Motion
+
+    _check_out(arguments.out, [arguments.motion, arguments.audio])
+    motion = Motion.load(arguments.motion)
+    seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
+    formats.export(motion, arguments.out, rig=arguments.rig, audio_seconds=seconds)
+    print(arguments.out)
+
+
+def _video(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.motion.video import write_video
+
+    _check_out(arguments.out, [*arguments.motions, arguments.audio])
+    if arguments.out.suffix.lower() != ".mp4":
+        raise UserError(f"a video is written as .mp4; name it {arguments.out.stem}.mp4")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise UserError(f"{arguments.workers} workers; give 1 or more")
+    motions = _load(arguments)
+    audio = _read_audio(arguments.audio) if arguments.audio else None
+    if audio is not None:
+        _compare_lengths(motions, _seconds(audio))
+    write_video(
+        arguments.out,
+        motions if len(motions) > 1 or arguments.names else next(iter(motions.values())),
+        audio,
+        size=read_size(arguments.size),
+        workers=arguments.workers,
+    )
+    print(arguments.out)
+
+
+def _keyframes(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.data import transcripts
+    from ha2g_jax.motion import keyframes
+
+    _check_out(arguments.out, [*arguments.motions, arguments.words])
+    motions = _load(arguments)
+    words = transcripts.read_words(arguments.words) if arguments.words else ()
+    keyframes.write(
+        arguments.out,
+        motions if len(motions) > 1 or arguments.names else next(iter(motions.values())),
+        count=arguments.count,
+        words=words,
+        size=arguments.size,
+    )
+    print(arguments.out)
+
+
+def read_size(text: str) -> int | tuple[int, int]:
+    """Pixels of a video from "1920x1080", or from one number for both sides.
+
+    Raises:
+        UserError: the text is neither.
+    """
+    size = re.fullmatch(r"(\d{1,5})(?:[xX×](\d{1,5}))?", text)
+    if size is None:
+        raise UserError(f"the size {text!r} is none; give WIDTHxHEIGHT, as 1920x1080, or one number")
+    return (int(size[1]), int(size[2])) if size[2] else int(size[1])
+
+
+def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
+    """The motions by name; files of the same name go by their folder, too."""
+    from ha2g_jax.motion.motion import Motion
+
+    paths, names = arguments.motions, arguments.names
+    if names is None:
+        names = [path.stem for path in paths]
+        if len(set(names)) < len(names):
+            names = [f"{path.resolve().parent.name}/{path.stem}" for path in paths]
+    if len(names) != len(paths):
+        raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
+    if len(set(names)) < len(names):
+        raise UserError("two motions have the same name; give each its own with --names")
+    return {name: Motion.load(path) for name, path in zip(names, paths, strict=True)}
+
+
+def _check_out(out: pathlib.Path, sources: list[pathlib.Path | None]) -> None:
+    if any(source is not None and source.resolve() == out.resolve() for source in sources):
+        raise UserError(f"the result would overwrite {out}; choose another name with --out")
+
+
+def _read_audio(path: pathlib.Path) -> "np.ndarray":
+    from ha2g_jax.audio import read_audio
+
+    return read_audio(path)
+
+
+def _seconds(audio: "np.ndarray") -> float:
+    from ha2g_jax.audio import SAMPLE_RATE
+
+    return len(audio) / SAMPLE_RATE
+
+
+def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
+    """A motion that ends before the sound stands still until its end, and one that is longer is cut: worth a line."""
+    import sys
+
+    for name, motion in motions.items():
+        length = motion.num_frames / motion.fps
+        if abs(length - seconds) > _MOST_DIFFERENCE:
+            print(f"ha2g: {name} lasts {length:.1f} s, the sound {seconds:.1f} s", file=sys.stderr)

@@ -1,0 +1,113 @@
+"""A page of small pictures of figures with text, as PNG or as SVG."""
+
+import html
+import io
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from ha2g_jax.figure import draw_figure
+from ha2g_jax.figure.outlines import outline
+from ha2g_jax.figure.shapes import BOTTOM, TOP, Colour, Look, shade
+from ha2g_jax.skeleton import Skeleton
+
+_PAPER = (255, 255, 255)
+
+
+class Picture(NamedTuple):
+    """One pose (joints, 3) in a square; pixels from the upper left of the page."""
+
+    x: int
+    y: int
+    size: int
+    positions: np.ndarray
+    skeleton: Skeleton
+    look: Look
+
+
+class Text(NamedTuple):
+    """One line of words, each in its colour; `y` is where the letters stand, `anchor` what lies at `x`."""
+
+    x: float
+    y: float
+    words: tuple[tuple[str, Colour], ...]
+    size: float
+    anchor: Literal["start", "middle"] = "start"
+
+
+class Page(NamedTuple):
+    """What is on a page of width x height pixels."""
+
+    width: int
+    height: int
+    pictures: tuple[Picture, ...]
+    texts: tuple[Text, ...]
+
+
+def text_width(text: str, size: float) -> float:
+    """Width in pixels of a text of a size, as `as_png` writes it."""
+    return ImageFont.load_default(size).getlength(text)
+
+
+def as_png(page: Page) -> bytes:
+    """The page as the bytes of a PNG."""
+    image = Image.new("RGB", (page.width, page.height), _PAPER)
+    for picture in page.pictures:
+        pixels = draw_figure(picture.positions, picture.skeleton, picture.look, picture.size, picture.size)
+        image.paste(Image.fromarray(pixels), (picture.x, picture.y))
+    pen = ImageDraw.Draw(image)
+    for text in page.texts:
+        font = ImageFont.load_default(text.size)
+        width = font.getlength(" ".join(word for word, _ in text.words))
+        x = text.x - width / 2 if text.anchor == "middle" else text.x
+        for word, colour in text.words:
+            pen.text((x, text.y), word, fill=colour, font=font, anchor="ls")
+            x += font.getlength(f"{word} ")
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def as_svg(page: Page) -> str:
+    """The page as an SVG document, sharp at any size; its texts are texts."""
+    return "\n".join(_svg_lines(page)) + "\n"
+
+
+def _svg_lines(page: Page) -> Iterator[str]:
+    yield (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{page.width}" height="{page.height}" '
+        f'viewBox="0 0 {page.width} {page.height}" font-family="Helvetica, Arial, sans-serif">'
+    )
+    yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
+    backgrounds = list(dict.fromkeys(picture.look.background for picture in page.pictures))
+    for index, background in enumerate(backgrounds):  # as `shapes.backdrop` has it, nearly
+        yield f'<radialGradient id="light{index}" cx="50%" cy="37.5%" r="75%">'
+        for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
+            yield f'<stop offset="{offset}" stop-color="{_hex(shade(background, light))}"/>'
+        yield "</radialGradient>"
+    for picture in page.pictures:
+        yield from _svg_picture(picture, backgrounds.index(picture.look.background))
+    for text in page.texts:
+        place = f'x="{text.x:.1f}" y="{text.y:.1f}" font-size="{text.size:g}" text-anchor="{text.anchor}"'
+        words = (f'<tspan fill="{_hex(colour)}">{html.escape(word)}</tspan>' for word, colour in text.words)
+        yield f"<text {place}>{' '.join(words)}</text>"
+    yield "</svg>"
+
+
+def _svg_picture(picture: Picture, light: int) -> Iterator[str]:
+    figure = outline(picture.positions[None], picture.skeleton, picture.look, detail=2)
+    scale = picture.size / (BOTTOM - TOP)
+    points = figure.points[0] * scale + np.array([picture.size / 2, -TOP * scale])
+    yield f'<svg x="{picture.x}" y="{picture.y}" width="{picture.size}" height="{picture.size}">'
+    yield f'<rect width="100%" height="100%" fill="url(#light{light})"/>'
+    for shape in figure.order[0].tolist():
+        corners = points[figure.ends[shape] : figure.ends[shape + 1]]
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
+        yield f'<polygon points="{path}" fill="{_hex(figure.colours[shape])}"/>'
+    yield "</svg>"
+
+
+def _hex(colour: Colour) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)

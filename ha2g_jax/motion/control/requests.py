@@ -1,0 +1,58 @@
+"""Controls as a person writes them."""
+
+import pathlib
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.control.spans import Pin, Span
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.resample import sample
+
+
+def read_pin(text: str) -> Pin:
+    """The pin of START:END:POSE; times in seconds, POSE a motion's `.npz`, with or without @SECONDS, or "rest".
+
+    Without a time the first pose of the motion is taken.
+
+    Raises:
+        UserError: it is written in another way, or there is no such motion.
+    """
+    start, end, pose = _split(text, 3, "START:END:POSE, such as 2:3.5:wave.npz@1.2 or 2:3.5:rest")
+    moments = _seconds(start, text), _seconds(end, text)
+    if pose == "rest":
+        return Pin(*moments)
+    path, moment = pathlib.Path(pose), 0.0
+    if not path.is_file() and "@" in pose:
+        name, _, at = pose.rpartition("@")
+        path, moment = pathlib.Path(name), _seconds(at, text)
+    motion = Motion.load(path)
+    last = (motion.num_frames - 1) / motion.fps
+    if not 0 <= moment <= last:
+        raise UserError(f"{path} has no pose at {moment:g} s; expected 0 to {last:.3f}")
+    (posed,) = sample(motion.directions, np.array([moment * motion.fps]))
+    return Pin(*moments, posed, f"{path.name}@{moment:g}", motion.meta["skeleton"])
+
+
+def read_mute(text: str) -> Span:
+    """The span of START:END, in seconds.
+
+    Raises:
+        UserError: it is written in another way.
+    """
+    start, end = _split(text, 2, "START:END in seconds, such as 2:3.5")
+    return Span(_seconds(start, text), _seconds(end, text))
+
+
+def _split(text: str, count: int, expected: str) -> list[str]:
+    parts = text.split(":", count - 1)
+    if len(parts) != count or not all(parts):
+        raise UserError(f"{text!r} is not {expected}")
+    return parts
+
+
+def _seconds(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise UserError(f"{text!r} in {whole!r} is no time; give seconds") from error

@@ -1,0 +1,205 @@
+"""The body that a `.glb` shows: a plain person in a pullover, made of lofts between the joints of an armature at rest.
+
+Sizes are those of a tall adult whose shoulder joints are 0.418 m apart, as the mean bone lengths of TED-Expressive have
+them, and grow with that distance. Legs are drawn where the armature has them.
+"""
+
+import numpy as np
+
+from ha2g_jax.figure import DEFAULT_LOOK
+from ha2g_jax.motion import rigs
+from ha2g_jax.motion.armature import Armature
+from ha2g_jax.motion.formats.arm_mesh import Joints, arm, mix, smooth
+from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube
+
+_SHOULDERS = 0.418
+_X, _Y, _Z = np.eye(3)
+
+# Heights above the spine's joint, half-width, half-depth and how far ahead, of the pullover.
+_TORSO = np.array(
+    [
+        (-0.385, 0.158, 0.108, 0.004),
+        (-0.360, 0.170, 0.117, 0.004),
+        (-0.290, 0.173, 0.119, 0.003),
+        (-0.210, 0.163, 0.111, 0.004),
+        (-0.140, 0.157, 0.107, 0.006),
+        (-0.060, 0.163, 0.112, 0.008),
+        (0.020, 0.176, 0.119, 0.010),
+        (0.080, 0.188, 0.120, 0.010),
+        (0.130, 0.197, 0.114, 0.008),
+        (0.170, 0.201, 0.103, 0.005),
+        (0.200, 0.192, 0.091, 0.002),
+        (0.222, 0.166, 0.081, -0.001),
+        (0.240, 0.130, 0.073, -0.002),
+        (0.257, 0.095, 0.067, -0.003),
+        (0.275, 0.067, 0.061, 0.000),
+        (0.287, 0.060, 0.058, 0.003),
+    ]
+)
+# Heights above the chin, half-width, half-depth and how far ahead, of the head.
+_HEAD = np.array(
+    [
+        (0.000, 0.022, 0.024, 0.046),
+        (0.010, 0.034, 0.038, 0.039),
+        (0.028, 0.046, 0.054, 0.029),
+        (0.052, 0.056, 0.068, 0.019),
+        (0.080, 0.064, 0.080, 0.010),
+        (0.108, 0.070, 0.089, 0.004),
+        (0.135, 0.0745, 0.095, 0.000),
+        (0.162, 0.0755, 0.0975, -0.003),
+        (0.188, 0.0725, 0.095, -0.005),
+        (0.210, 0.063, 0.084, -0.006),
+        (0.226, 0.048, 0.066, -0.007),
+        (0.236, 0.031, 0.044, -0.008),
+    ]
+)
+_HEAD_SIZE = 1.14
+_CHIN = np.array([0.0, 0.088, 0.036])  # from the neck's joint
+
+
+def _linear(colour: tuple[int, int, int], factor: float = 1.0) -> tuple[float, float, float]:
+    """glTF's linear colour of an sRGB one of 0 to 255."""
+    share = np.clip(np.array(colour) * factor / 255, 0, 1)
+    red, green, blue = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4).round(4).tolist()
+    return red, green, blue
+
+
+# Red, green, blue, roughness of each material.
+COLOURS = {
+    "shirt": (*_linear(DEFAULT_LOOK.shirt), 0.85),
+    "skin": (*_linear(DEFAULT_LOOK.skin), 0.6),
+    "hair": (*_linear(DEFAULT_LOOK.hair), 0.7),
+    "lips": (*_linear((186, 112, 96)), 0.6),
+    "eye_white": (*_linear((246, 246, 244)), 0.3),
+    "iris": (*_linear((56, 40, 34)), 0.2),
+    "trousers": (*_linear((58, 62, 72)), 0.85),
+    "shoes": (*_linear((40, 36, 36)), 0.5),
+}
+
+
+def body_mesh(armature: Armature) -> dict[str, Surface]:
+    """The surfaces of each material of `COLOURS` that is used, in metres from the root, in the armature's rest pose."""
+    _, positions = rigs.rest_positions(armature)
+    places = {name: positions[index] for name, index in rigs.places(armature).items()}
+    scale = float(np.linalg.norm(places["left_shoulder"] - places["right_shoulder"])) / _SHOULDERS
+    joints = Joints(places, rigs.carriers(armature), len(armature.joints), scale)
+    parts: dict[str, list[Surface]] = {colour: [] for colour in COLOURS}
+    parts["shirt"].append(_torso(joints))
+    for side in ("left", "right"):
+        sleeve, skin = arm(joints, side)
+        parts["shirt"].append(sleeve)
+        parts["skin"] += skin
+        if f"{side}_hip" in joints:
+            for colour, surface in _leg(joints, side).items():
+                parts[colour].append(surface)
+    if "pelvis" in joints:
+        parts["trousers"].append(_hips(joints))
+    for colour, surfaces in _head(joints).items():
+        parts[colour] += surfaces
+    return {colour: join(surfaces) for colour, surfaces in parts.items() if surfaces}
+
+
+def _torso(joints: Joints) -> Surface:
+    size, spine = joints.scale, joints["spine"]
+    shoulder, neck = (joints[name][1] - spine[1] for name in ("left_shoulder", "neck"))
+    # The table's shoulders are 0.196 m and its neck 0.26 m above the spine; between them it stretches.
+    known = [-1.0, 0.0, 0.196, 0.26, 0.36]
+    heights = np.interp(_TORSO[:, 0], known, [-size, 0, min(shoulder, neck - 0.03 * size), neck, neck + 0.1 * size])
+    centres = spine + heights[:, None] * _Y + size * _TORSO[:, 3:] * _Z
+    radii, sides = size * _TORSO[:, 1:3], 28
+    x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
+    shrugged = smooth(np.abs(x) / size, 0.07, 0.19) * smooth(_TORSO[:, 0], 0.02, 0.17)[:, None]
+    left, right = (joints.moved_by(f"{side}_clavicle") for side in ("left", "right"))
+    clavicles = np.where((x > 0)[..., None], left, right)
+    trunk = joints.moved_by("spine")
+    if "pelvis" in joints:
+        trunk = mix(joints.moved_by("pelvis"), trunk, smooth(heights / size, -0.33, -0.02))[:, None]
+    influence = (1 - shrugged)[..., None] * trunk + shrugged[..., None] * clavicles
+    return loft(centres, _X, _Z, radii, influence, sides=sides, squareness=2.35, caps=(0.25, 0.1))
+
+
+def _hips(joints: Joints) -> Surface:
+    size, pelvis = joints.scale, joints["pelvis"]
+    shape = np.array([(-0.14, 0.125, 0.092), (-0.10, 0.158, 0.109), (-0.06, 0.161, 0.109), (0.0, 0.145, 0.095)])
+    centres = pelvis + size * shape[:, :1] * _Y
+    still = np.tile(joints.moved_by("pelvis"), (len(shape), 1))
+    return loft(centres, _X, _Z, size * shape[:, 1:], still, sides=28, squareness=2.35, caps=(0.3, 0.1))
+
+
+def _leg(joints: Joints, side: str) -> dict[str, Surface]:
+    size = joints.scale
+    hip, knee, ankle, ball = (joints[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot"))
+    share = np.linspace(0, 2, 21)
+    path = np.stack([np.interp(share, [0, 1, 2], [a, b, c]) for a, b, c in zip(hip, knee, ankle)], axis=-1)
+    radii = size * np.interp(share, [0, 0.5, 1, 1.4, 2], [0.092, 0.080, 0.062, 0.062, 0.048])
+    influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smooth(share, 0.85, 1.15))
+    trousers = tube(path, radii, influence, _Z, caps=(0.8, 0.1))
+    heel = np.array([ankle[0], ball[1], ankle[2]]) - 0.02 * size * _Z
+    toe = ball + 0.055 * size * _Z
+    along = np.linspace(0, 1, 9)
+    sole = heel + along[:, None] * (toe - heel) + size * np.interp(along, [0, 1], [0.022, 0.004])[:, None] * _Y
+    wide = size * np.interp(along, [0, 0.4, 0.75, 1], [0.034, 0.040, 0.046, 0.034])
+    tall = size * np.interp(along, [0, 0.3, 0.7, 1], [0.052, 0.052, 0.036, 0.026])
+    foot = np.tile(joints.moved_by(f"{side}_ankle"), (len(along), 1))
+    shoes = loft(sole, _X, -_Y, np.stack([wide, tall], axis=-1), foot, squareness=2.5, caps=(0.8, 0.8))
+    return {"trousers": trousers, "shoes": shoes}
+
+
+def _head(joints: Joints) -> dict[str, list[Surface]]:
+    """Neck, face, ears and hair."""
+    size, neck = joints.scale, joints["neck"]
+    head = joints.moved_by("head")
+    turned = smooth(np.linspace(0, 1, 8), 0.1, 0.9)
+    path = neck + size * np.linspace(0, 1, 8)[:, None] * np.array([0, 0.165, 0.022]) - size * np.array([0, 0.03, 0])
+    radii = size * np.stack([np.interp(turned, [0, 1], [0.053, 0.052]), np.interp(turned, [0, 1], [0.052, 0.056])], -1)
+    throat = loft(path, _X, _Z, radii, mix(joints.moved_by("spine"), head, turned))
+    scale = size * _HEAD_SIZE
+    chin = neck + size * _CHIN
+
+    def place(x: float, y: float, z: float) -> np.ndarray:
+        return chin + scale * np.array([x, y, z])
+
+    def ball(
+        x: float, y: float, z: float, radii: tuple[float, float, float], axes: np.ndarray | None = None
+    ) -> Surface:
+        axes = np.eye(3) if axes is None else axes
+        return ellipsoid(place(x, y, z), axes, [scale * radius for radius in radii], head)
+
+    centres = chin + scale * (_HEAD[:, :1] * _Y + _HEAD[:, 3:] * _Z)
+    still = np.tile(head, (len(centres), 1))
+    options = {"sides": 28, "squareness": 2.15, "caps": (0.4, 0.28)}
+    face = loft(centres, _X, _Z, scale * _HEAD[:, 1:3], still, **options)  # type: ignore[arg-type]
+    parts: dict[str, list[Surface]] = {"skin": [throat, face], "hair": [], "eye_white": [], "iris": [], "lips": []}
+    parts["hair"].append(_hair(chin, scale, head))
+    nose = np.array([place(0, 0.122, 0.090), place(0, 0.108, 0.097), place(0, 0.093, 0.104), place(0, 0.084, 0.103)])
+    parts["skin"].append(
+        tube(nose, scale * np.array([0.007, 0.009, 0.012, 0.0125]), still[:4], _Z, sides=12, caps=(1.0, 0.7))
+    )
+    smile = np.array([place(x, 0.052 + 9 * x * x, 0.0875 - 12 * x * x) for x in np.linspace(-0.022, 0.022, 9)])
+    thin = scale * np.interp(np.abs(np.linspace(-1, 1, 9)), [0, 1], [0.0048, 0.0022])
+    parts["lips"].append(tube(smile, thin, still[:1].repeat(9, axis=0), _Z, sides=10))
+    for sign in (1, -1):
+        parts["skin"].append(ball(sign * 0.073, 0.108, -0.008, (0.010, 0.028, 0.017)))
+        parts["eye_white"].append(ball(sign * 0.031, 0.121, 0.0775, (0.0150, 0.0088, 0.0085)))
+        parts["iris"].append(ball(sign * 0.0305, 0.121, 0.0830, (0.0072, 0.0080, 0.0048)))
+        brow = np.array([place(sign * x, y, z) for x, y, z in _BROW])
+        parts["hair"].append(tube(brow, scale * _BROW_THICK, still[: len(brow)], _Z, sides=8))
+    return parts
+
+
+_BROW = ((0.016, 0.139, 0.0905), (0.026, 0.1425, 0.0885), (0.037, 0.1425, 0.0835), (0.048, 0.138, 0.0755))
+_BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
+
+
+def _hair(chin: np.ndarray, scale: float, head: np.ndarray) -> Surface:
+    """A shell about the head that goes under the skin at the hairline."""
+    shape, sides = _HEAD[3:], 36
+    centres = chin + scale * (shape[:, :1] * _Y + shape[:, 3:] * _Z)
+    shell = loft(centres, _X, _Z, scale * shape[:, 1:3], np.tile(head, (len(shape), 1)), sides=sides, caps=(0.2, 0.30))
+    inner = shell.points - chin - scale * np.array([0, 0.13, -0.004])
+    height, ahead = (shell.points - chin)[:, 1] / scale, inner[:, 2] / scale
+    # The hairline: over the forehead, down before the ears, low at the back.
+    line = np.interp(ahead, [-0.09, -0.03, 0.005, 0.03, 0.06, 0.09], [0.062, 0.075, 0.110, 0.150, 0.176, 0.186])
+    thick = 0.90 + 0.185 * smooth(height - line, -0.012, 0.012)
+    points = chin + scale * np.array([0, 0.13, -0.004]) + inner * thick[:, None]
+    return Surface(points, shell.normals, shell.faces, shell.influence)

@@ -1,0 +1,93 @@
+"""BVH: centimetres, y up, facing +z; all rotations zero is the rest pose of the rig."""
+
+import pathlib
+from collections.abc import Iterator
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.motion import rotations
+from ha2g_jax.motion.armature import Animation, Armature, world
+from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.whole_file import whole_file
+
+_CENTIMETRES = 100.0
+_TIP = 2.0  # centimetres from a last joint to its end site
+_ORDER = "ZXY"
+_CHANNELS = "Zrotation Xrotation Yrotation"
+_BLOCK = 2000  # frames turned to text at a time
+
+
+def write(path: str | pathlib.Path, animation: Animation) -> None:
+    """Writes a `.bvh`.
+
+    Every joint has three rotations in the order Z, X, Y, in degrees, unwrapped over time; the root has its position
+    too, and an offset of zero, so that programs agree whether or not they add the two. A BVH has no axes of joints: at
+    rest all are those of the world, whatever the rig's are.
+
+    Raises:
+        UserError: the place cannot be written.
+    """
+    armature = animation.armature
+    _, places = rest_positions(armature)
+    order = _depth_first(armature)
+    angles = _angles(animation)[:, order]
+    root = _CENTIMETRES * animation.translation
+    with whole_file(path) as temporary, temporary.open("w", newline="\n") as file:
+        file.write("HIERARCHY\n" + "\n".join(_hierarchy(armature, _CENTIMETRES * places, 0, 0)) + "\n")
+        frame_time = np.format_float_positional(1 / animation.fps, precision=10)
+        file.write(f"MOTION\nFrames: {animation.num_frames}\nFrame Time: {frame_time}\n")
+        line = " ".join(["%.6f"] * 3 + ["%.5f"] * (3 * len(order))) + "\n"
+        blocks = range(0, animation.num_frames, _BLOCK)
+        for start in tqdm(blocks, desc="bvh", unit="block", disable=None if len(blocks) > 1 else True, leave=False):
+            frames = slice(start, start + _BLOCK)
+            values = np.concatenate([root[frames], angles[frames].reshape(-1, 3 * len(order))], axis=1)
+            # Adding zero turns -0.0 to 0.0.
+            file.writelines(line % tuple(row) for row in (np.round(values, 6) + 0.0).tolist())
+
+
+def _angles(animation: Animation) -> np.ndarray:
+    """(T, J, 3) degrees, of joints whose axes at rest are those of the world."""
+    turned, _ = world(animation)
+    at_rest, _ = rest_positions(animation.armature)
+    turned = rotations.multiply(turned, rotations.conjugate(at_rest))
+    local = turned.copy()
+    for joint, parent in enumerate(animation.armature.parents):
+        if parent >= 0:
+            local[:, joint] = rotations.multiply(rotations.conjugate(turned[:, parent]), turned[:, joint])
+    return np.unwrap(rotations.to_euler(local, _ORDER), period=360, axis=0)
+
+
+def _depth_first(armature: Armature) -> list[int]:
+    """Joints in the order in which the hierarchy names them, which is that of the channels."""
+
+    def below(joint: int) -> list[int]:
+        return [joint, *(index for child in _children(armature, joint) for index in below(child))]
+
+    return below(0)
+
+
+def _children(armature: Armature, joint: int) -> list[int]:
+    return [index for index, parent in enumerate(armature.parents) if parent == joint]
+
+
+def _hierarchy(armature: Armature, places: np.ndarray, joint: int, depth: int) -> Iterator[str]:
+    """Lines of a joint and all below it; places (J, 3) in centimetres."""
+    indent, parent = "\t" * depth, armature.parents[joint]
+    bone = places[joint] - places[parent] if parent >= 0 else np.zeros(3)
+    yield f"{indent}{'JOINT' if parent >= 0 else 'ROOT'} {armature.joints[joint]}"
+    yield f"{indent}{{"
+    yield f"{indent}\tOFFSET {_numbers(bone)}"
+    channels = f"3 {_CHANNELS}" if parent >= 0 else f"6 Xposition Yposition Zposition {_CHANNELS}"
+    yield f"{indent}\tCHANNELS {channels}"
+    children = _children(armature, joint)
+    for child in children:
+        yield from _hierarchy(armature, places, child, depth + 1)
+    if not children:
+        tip = _TIP * rotations.unit(bone) if np.linalg.norm(bone) > 0 else np.array([0.0, _TIP, 0.0])
+        yield from (f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {_numbers(tip)}", f"{indent}\t}}")
+    yield f"{indent}}}"
+
+
+def _numbers(values: np.ndarray) -> str:
+    return " ".join(f"{value:.6f}" for value in np.round(values, 6) + 0.0)

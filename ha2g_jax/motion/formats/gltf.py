@@ -1,0 +1,111 @@
+"""What `.glb` and `.vrma` share: the nodes of an armature, one animation, and a binary chunk."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pygltflib
+
+from ha2g_jax.motion.armature import Animation
+
+# Below this a joint counts as still, and needs no channel: the animation would write its rest rotation.
+_STILL = 1e-9
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_COMPONENTS = {
+    np.dtype(np.float32): pygltflib.FLOAT,
+    np.dtype(np.uint32): pygltflib.UNSIGNED_INT,
+    np.dtype(np.uint16): pygltflib.UNSIGNED_SHORT,
+    np.dtype(np.uint8): pygltflib.UNSIGNED_BYTE,
+}
+
+
+class Document:
+    """A glTF document that grows.
+
+    Attributes:
+        gltf: pygltflib's tree.
+        roots: nodes that the scene shows, with all below them.
+    """
+
+    def __init__(self) -> None:
+        self.gltf = pygltflib.GLTF2(asset=pygltflib.Asset(version="2.0", generator="ha2g-jax"))
+        self.roots: list[int] = []
+        self.gltf.scene, self.gltf.scenes = 0, [pygltflib.Scene(nodes=self.roots)]
+        self._chunks: list[bytes] = []
+        self._length = 0
+
+    def add_array(self, values: np.ndarray, *, target: int | None = None, bounds: bool = False) -> int:
+        """Stores an array (n,), (n, 3), (n, 4) or (n, 16) and returns the index of its accessor."""
+        data = np.ascontiguousarray(values).tobytes()
+        view = pygltflib.BufferView(buffer=0, byteOffset=self._length, byteLength=len(data), target=target)
+        padded = data + bytes(-len(data) % 4)
+        self._chunks.append(padded)
+        self._length += len(padded)
+        self.gltf.bufferViews.append(view)
+        flat = values.reshape(len(values), -1)
+        accessor = pygltflib.Accessor(
+            bufferView=len(self.gltf.bufferViews) - 1,
+            componentType=_COMPONENTS[values.dtype],
+            count=len(values),
+            type=_TYPES[flat.shape[1]],
+            min=flat.min(axis=0).tolist() if bounds else None,
+            max=flat.max(axis=0).tolist() if bounds else None,
+        )
+        self.gltf.accessors.append(accessor)
+        return len(self.gltf.accessors) - 1
+
+    def add_armature(self, animation: Animation) -> list[int]:
+        """Adds a node for each joint under one named after the rig, and the animation; returns the joints' nodes."""
+        armature, gltf = animation.armature, self.gltf
+        top = len(gltf.nodes)
+        nodes = [top + 1 + index for index in range(len(armature.joints))]
+        gltf.nodes.append(pygltflib.Node(name=armature.name, children=[nodes[0]]))
+        self.roots.append(top)
+        for index, name in enumerate(armature.joints):
+            place = animation.translation[0] if index == 0 else armature.offsets[index]
+            children = [nodes[child] for child, parent in enumerate(armature.parents) if parent == index]
+            gltf.nodes.append(
+                pygltflib.Node(
+                    name=name, translation=_plain(place), rotation=_plain(armature.rest[index]), children=children
+                )
+            )
+        self._animate(animation, nodes)
+        return nodes
+
+    def _animate(self, animation: Animation, nodes: list[int]) -> None:
+        """One linear animation. A joint that never leaves its rest rotation has no channel, but the root always has."""
+        time = self.add_array((np.arange(animation.num_frames) / animation.fps).astype(np.float32), bounds=True)
+        clip = pygltflib.Animation(name="motion", channels=[], samplers=[])
+
+        def add(node: int, path: str, values: np.ndarray) -> None:
+            output = self.add_array(values.astype(np.float32))
+            clip.samplers.append(pygltflib.AnimationSampler(input=time, output=output, interpolation="LINEAR"))
+            target = pygltflib.AnimationChannelTarget(node=node, path=path)
+            clip.channels.append(pygltflib.AnimationChannel(sampler=len(clip.samplers) - 1, target=target))
+
+        if np.ptp(animation.translation, axis=0).max() > _STILL:
+            add(nodes[0], "translation", animation.translation)
+        for index, node in enumerate(nodes):
+            turns = animation.rotations[:, index]
+            if index == 0 or np.abs(turns - animation.armature.rest[index]).max() > _STILL:
+                add(node, "rotation", turns)
+        self.gltf.animations.append(clip)
+
+    def to_bytes(self) -> bytes:
+        """The binary container; the same document gives the same bytes."""
+        blob = b"".join(self._chunks)
+        self.gltf.buffers = [pygltflib.Buffer(byteLength=len(blob))]
+        self.gltf.set_binary_blob(blob)
+        return b"".join(self.gltf.save_to_bytes())
+
+
+def describe(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
+    """What `extras` say of a motion: `fps`, `frames`, the speech's `audio_seconds` and `audio`, and `meta`."""
+    facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
+    known = {key: value for key, value in facts.items() if value is not None}
+    return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))
+
+
+def _plain(values: np.ndarray) -> list[float]:
+    # Rounded, because 1 and the last bit of a unit quaternion is out of glTF's range.
+    return [round(float(value), 9) + 0.0 for value in values]

@@ -1,0 +1,150 @@
+"""Closed smooth surfaces made of rings, with the weights by which joints move them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.motion.rotations import unit
+
+_CAP_ANGLES = np.deg2rad([25.0, 50.0, 70.0])
+_MAX_JOINTS = 4  # that may move a point in glTF's first set
+_MIN_WEIGHT = 1e-4
+
+
+class Surface(NamedTuple):
+    """Triangles.
+
+    Attributes:
+        points: (n, 3) metres.
+        normals: (n, 3) unit vectors.
+        faces: (m, 3) indices, anticlockwise from outside.
+        influence: (n, J) how much each joint moves a point; a row sums to 1.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+    influence: np.ndarray
+
+    @property
+    def bindings(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 4) indices of the joints that move a point most, and (n, 4) float32 shares of theirs, which sum to 1."""
+        joints = np.argsort(-self.influence, axis=1, kind="stable")[:, :_MAX_JOINTS]
+        weights = np.take_along_axis(self.influence, joints, axis=1)
+        weights = np.where(weights < _MIN_WEIGHT, 0, weights)
+        weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+        # glTF wants joint 0 where the weight is none.
+        return np.where(weights > 0, joints, 0), weights
+
+
+def loft(
+    centres: np.ndarray,
+    across: np.ndarray,
+    ahead: np.ndarray,
+    radii: np.ndarray,
+    influence: np.ndarray,
+    *,
+    sides: int = 20,
+    squareness: float = 2.0,
+    caps: tuple[float, float] = (1.0, 1.0),
+) -> Surface:
+    """A skin over rings, closed at both ends.
+
+    Args:
+        centres: (R, 3) middles of the rings.
+        across, ahead: (R, 3) or (3,) unit axes of the rings; the rings go along `ahead` x `across`.
+        radii: (R, 2) half-widths along the axes.
+        influence: (R, J) of the joints on each ring, or (R, sides, J).
+        sides: points of a ring.
+        squareness: 2 for ellipses; more for rounder boxes.
+        caps: how far the ends bulge, in radii; 1 for half spheres.
+    """
+    across, ahead = np.broadcast_to(across, centres.shape), np.broadcast_to(ahead, centres.shape)
+    influence = influence if influence.ndim == 3 else np.repeat(influence[:, None], sides, axis=1)
+    first, last = _cap(centres, across, ahead, radii, 0, caps[0]), _cap(centres, across, ahead, radii, -1, caps[1])
+    counts = [len(first[0]), len(last[0])]
+    centres = np.concatenate([first[0][::-1], centres, last[0]])
+    radii = np.concatenate([first[1][::-1], radii, last[1]])
+    across, ahead, influence = (_extend(values, counts) for values in (across, ahead, influence))
+    angles = 2 * np.pi * np.arange(sides) / sides
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    rim = np.sign(rim) * np.abs(rim) ** (2 / squareness)
+    wide = radii[:, None] * rim
+    rings = centres[:, None] + wide[..., :1] * across[:, None] + wide[..., 1:] * ahead[:, None]
+    poles = np.stack([first[2], last[2]])
+    points = np.concatenate([rings.reshape(-1, 3), poles])
+    influence = np.concatenate([influence.reshape(-1, influence.shape[-1]), influence[[0, -1]].mean(axis=1)])
+    return finish(points, _faces(len(rings), sides), influence)
+
+
+def tube(
+    path: np.ndarray,
+    radii: np.ndarray,
+    influence: np.ndarray,
+    reference: np.ndarray,
+    **options: int | float | tuple[float, float],
+) -> Surface:
+    """A loft of round rings (R,) or (R, 2) radii along a path (R, 3); `reference` (3,) is across the path."""
+    along = unit(np.gradient(path, axis=0))
+    across = unit(np.cross(along, reference))
+    ahead = np.cross(across, along)
+    radii = radii if radii.ndim == 2 else np.stack([radii, radii], axis=-1)
+    return loft(path, across, ahead, radii, influence, **options)  # type: ignore[arg-type]
+
+
+def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], influence: np.ndarray) -> Surface:
+    """An ellipsoid about a point (3,) with axes (3, 3), right-handed rows, moved by joints (J,)."""
+    height = np.linspace(-0.8, 0.8, 9)
+    width = np.sqrt(1 - height**2)
+    centres = centre + radii[1] * height[:, None] * axes[1]
+    rings = np.stack([radii[0] * width, radii[2] * width], axis=-1)
+    tall = float(radii[1] * 0.2 / rings[0, 0])
+    return loft(centres, axes[0], axes[2], rings, np.tile(influence, (len(centres), 1)), sides=14, caps=(tall, tall))
+
+
+def finish(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
+    """A surface with the normals of its faces, weighted by their areas."""
+    corners = points[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(points)
+    np.add.at(normals, faces, areas[:, None])
+    return Surface(points, unit(normals), faces, influence)
+
+
+def join(surfaces: Sequence[Surface]) -> Surface:
+    """All surfaces as one."""
+    starts = np.cumsum([0, *(len(surface.points) for surface in surfaces[:-1])])
+    faces = [surface.faces + start for surface, start in zip(surfaces, starts)]
+    points, normals, _, influence = (np.concatenate(parts) for parts in zip(*surfaces))
+    return Surface(points, normals, np.concatenate(faces), influence)
+
+
+def _cap(
+    centres: np.ndarray, across: np.ndarray, ahead: np.ndarray, radii: np.ndarray, end: int, bulge: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rings that close an end: centres, radii and the pole."""
+    out = np.cross(ahead[end], across[end]) * (1 if end else -1)
+    height = bulge * radii[end].mean()
+    rings = centres[end] + height * np.sin(_CAP_ANGLES)[:, None] * out
+    return rings, radii[end] * np.cos(_CAP_ANGLES)[:, None], centres[end] + height * out
+
+
+def _extend(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """The first and last entries repeated before and after."""
+    return np.concatenate([np.repeat(values[:1], counts[0], axis=0), values, np.repeat(values[-1:], counts[1], axis=0)])
+
+
+def _faces(rings: int, sides: int) -> np.ndarray:
+    ring, side = (grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij"))
+    after = (side + 1) % sides
+    a, b, c, d = ring * sides + side, ring * sides + after, (ring + 1) * sides + side, (ring + 1) * sides + after
+    side = np.arange(sides)
+    after = (side + 1) % sides
+    last = (rings - 1) * sides
+    first_pole = np.full(sides, rings * sides)
+    ends = [
+        np.stack([first_pole, side, after], axis=-1),
+        np.stack([first_pole + 1, last + after, last + side], axis=-1),
+    ]
+    return np.concatenate([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1), *ends])

@@ -1,0 +1,172 @@
+"""The telling frames of a motion, and several motions at these moments one below the other, as HA2G, Figure 2."""
+
+import itertools
+import pathlib
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy import signal
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.figure import DEFAULT_LOOK, Look
+from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.solver import check
+from ha2g_jax.text import Word
+from ha2g_jax.whole_file import whole_file
+
+MAX_COUNT = 100
+MIN_SIZE, MAX_SIZE = 64, 2048
+
+_SMOOTHING = 0.2  # seconds: tracked and generated hands tremble
+_LEAST_PROMINENCE = 0.03  # metres a second by which a stroke is faster than what is around it
+_MARGIN = 0.1  # of a span at both its ends, so that two frames do not lie side by side
+_GAP = 6  # pixels between pictures
+_MOST_LINES = 3  # of words under a picture
+_HEARD = 1.0  # seconds from a frame within which its words are shown
+_INK, _GREY = (30, 34, 42), (140, 146, 156)
+
+
+def choose(motion: Motion, count: int) -> list[int]:
+    """Frames in which something happens: the hands are at the peak of a stroke, or have come to a hold.
+
+    These are the maxima and minima of the speed of the wrists, smoothed over a fifth of a second. The motion is cut
+    into `count` equal spans, and of each the frame is taken in which the wrists are farthest from where they rest,
+    which is where they are in the slowest tenth of all frames; of a span in which nothing happens, the middle.
+
+    Args:
+        motion: any motion.
+        count: how many frames to choose.
+
+    Returns:
+        `count` different frames in order of time, or all frames where there are fewer.
+    """
+    if motion.num_frames <= count:
+        return list(range(motion.num_frames))
+    wrists = _wrists(motion)
+    speed = _speed(wrists, motion.fps)
+    rest = np.median(wrists[speed <= np.quantile(speed, 0.1)], axis=0)
+    reach = np.linalg.norm(wrists - rest, axis=-1).sum(axis=-1)
+    peaks, _ = signal.find_peaks(speed, prominence=_LEAST_PROMINENCE)
+    holds, _ = signal.find_peaks(-speed, prominence=_LEAST_PROMINENCE)
+    moments = np.union1d(peaks, holds)
+    borders = [motion.num_frames * part // count for part in range(count + 1)]
+    return [_of_span(moments, reach, start, end) for start, end in itertools.pairwise(borders)]
+
+
+def write(
+    path: str | pathlib.Path,
+    motion: Motion | Mapping[str, Motion],
+    *,
+    count: int = 8,
+    words: Sequence[Word] = (),
+    look: Look = DEFAULT_LOOK,
+    size: int = 240,
+) -> None:
+    """Writes a strip of key frames as `.png` or `.svg`: a row a motion, a column a moment, with its time and words.
+
+    The moments are those that `choose` finds in the first motion; the others are shown at the same times. The word that
+    is spoken at the moment is dark, those up to a second around it are grey. The same input gives the same bytes.
+
+    Args:
+        path: where to; the suffix says in which format.
+        motion: one motion, or several by name, which stands above each row.
+        count: of the columns.
+        words: of the speech, in order of time.
+        look: how the figure is dressed.
+        size: width and height of a picture in pixels.
+
+    Raises:
+        UserError: the format is another, the count or size cannot be had, a motion has values that are none, or the
+            place cannot be written.
+    """
+    path = pathlib.Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".svg"):
+        raise UserError(
+            f"key frames are written as .png or .svg, not {suffix or 'without a suffix'}; rename {path.name}"
+        )
+    if not 1 <= count <= MAX_COUNT:
+        raise UserError(f"{count} key frames; expected 1 to {MAX_COUNT}")
+    if not MIN_SIZE <= size <= MAX_SIZE:
+        raise UserError(f"pictures of {size} pixels; expected {MIN_SIZE} to {MAX_SIZE}")
+    motions = motion if isinstance(motion, Mapping) else {"": motion}
+    for each in motions.values():
+        check(each)
+    first = next(iter(motions.values()))
+    times = [frame / first.fps for frame in choose(first, count)]
+    page = _page(motions, times, words, look, size)
+    content = as_png(page) if suffix == ".png" else as_svg(page).encode()
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _wrists(motion: Motion) -> np.ndarray:
+    """(T, 2, 3) where the wrists are, in metres."""
+    joints = [motion.joint_names.index(f"{side}_wrist") for side in ("left", "right")]
+    return motion.positions[:, joints].astype(np.float64)
+
+
+def _speed(wrists: np.ndarray, fps: float) -> np.ndarray:
+    """(T,) sum of the speeds of both wrists in metres a second, smoothed."""
+    speed = np.linalg.norm(np.gradient(wrists, axis=0) * fps, axis=-1).sum(axis=-1)
+    window = np.hanning(2 * round(_SMOOTHING * fps / 2) + 3)
+    padded = np.pad(speed, len(window) // 2, mode="edge")
+    return np.convolve(padded, window / window.sum(), mode="valid")
+
+
+def _of_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int) -> int:
+    """Of the moments in a span of frames, away from its ends, the one of the farthest reach; else its middle."""
+    margin = _MARGIN * (end - start)
+    inside = moments[(moments >= start + margin) & (moments < end - margin)]
+    return int(inside[np.argmax(reach[inside])]) if len(inside) else (start + end) // 2
+
+
+def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> Page:
+    letter = size / 14
+    line, step = round(1.4 * letter), size + _GAP
+    pictures, texts, y = [], [], _GAP
+    for name, motion in motions.items():
+        if name:
+            texts.append(Text(_GAP, y + letter, ((name, _INK),), letter))
+            y += line
+        for column, time in enumerate(times):
+            frame = min(round(time * motion.fps), motion.num_frames - 1)
+            place = _GAP + column * step, y, size
+            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look))
+        y += step
+    y += round(letter)
+    lines = 0
+    for column, time in enumerate(times):
+        left = _GAP + column * step
+        texts.append(Text(left + size / 2, y, ((f"{time:.2f} s", _GREY),), 0.85 * letter, "middle"))
+        spoken = list(_lines(_words_near(words, times, column), size, letter))
+        lines = max(lines, len(spoken))
+        for number, row in enumerate(spoken, start=1):
+            spoken_now = tuple((word.text, _INK if word.start <= time < word.end else _GREY) for word in row)
+            texts.append(Text(left + size / 2, y + number * line, spoken_now, letter, "middle"))
+    return Page(_GAP + len(times) * step, y + lines * line + line // 2, tuple(pictures), tuple(texts))
+
+
+def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> list[Word]:
+    """The words nearer to this column's moment than to another's, as far as they are heard within a second of it."""
+    time = times[column]
+    start = max(time - _HEARD, (times[column - 1] + time) / 2 if column else 0)
+    end = min(time + _HEARD, (time + times[column + 1]) / 2 if column + 1 < len(times) else np.inf)
+    middles = ((word, (word.start + word.end) / 2) for word in words)
+    return [word for word, middle in middles if start <= middle < end or word.start <= time < word.end]
+
+
+def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[Word]]:
+    """The words broken into lines of a width in pixels, as many as there is room for."""
+    row: list[Word] = []
+    rows = 0
+    for word in words:
+        if row and text_width(" ".join(each.text for each in [*row, word]), letter) > width:
+            yield row
+            row, rows = [], rows + 1
+            if rows == _MOST_LINES:
+                return
+        row.append(word)
+    if row:
+        yield row

@@ -1,0 +1,139 @@
+"""The page: motions, sound, words, the drawing's JavaScript and three.js in one HTML text."""
+
+import base64
+import dataclasses
+import html
+import importlib.resources
+import json
+import pathlib
+import string
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.solver import check
+from ha2g_jax.text import Word
+from ha2g_jax.viewer import sound
+from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
+from ha2g_jax.whole_file import whole_file
+
+MAX_FRAMES = 1_000_000  # of all motions of a page: four hours at 60 frames a second, some 100 MB
+MAX_MOTIONS = 12
+_SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
+
+
+@dataclasses.dataclass(frozen=True)
+class Page:
+    """A page as text; a notebook shows it.
+
+    Attributes:
+        text: the HTML document.
+        height: of its frame in a notebook, in pixels.
+    """
+
+    text: str
+    height: int = 620
+
+    def _repr_html_(self) -> str:
+        style = f"width: 100%; height: {self.height}px; border: 0; border-radius: 10px"
+        return f'<iframe style="{style}" allow="autoplay; fullscreen" srcdoc="{html.escape(self.text)}"></iframe>'
+
+    def save(self, path: str | pathlib.Path) -> pathlib.Path:
+        """Writes the page, whole or not at all.
+
+        Raises:
+            UserError: the name does not end in `.html`, or the place cannot be written.
+        """
+        path = pathlib.Path(path)
+        if path.suffix.lower() not in (".html", ".htm"):
+            raise UserError(f"the viewer is an HTML page, not {path.name!r}; name it {path.stem}.html")
+        with whole_file(path) as temporary:
+            temporary.write_text(self.text, encoding="utf-8")
+        return path
+
+
+def view(
+    motions: Motion | Mapping[str, Motion],
+    audio: np.ndarray | None = None,
+    sample_rate: int = SAMPLE_RATE,
+    words: Sequence[Word] = (),
+    *,
+    title: str = "",
+    height: int = 620,
+) -> Page:
+    """A page that plays motions side by side, with their sound; it loads nothing from anywhere.
+
+    Args:
+        motions: one motion, or several by name, in the order in which they stand.
+        audio: (samples,) float32 mono sound; None for silence.
+        sample_rate: samples per second.
+        words: what is said, with times in seconds.
+        title: of the page; by default the motions' names.
+        height: of the frame in a notebook, in pixels.
+
+    Returns:
+        The page; `save` writes it, a notebook shows it.
+
+    Raises:
+        UserError: no motion, too many of them, a motion that is too long or that cannot be drawn.
+    """
+    motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
+    _check(motions)
+    duration = max(motion.num_frames / motion.fps for motion in motions.values())
+    content = {
+        "motions": [{"name": name, **pack_motion(motion)} for name, motion in motions.items()],
+        "levels": LEVELS,
+        "words": [[word.text, round(word.start, 3), round(word.end, 3)] for word in words],
+        "sound": None,
+    }
+    if audio is not None and len(audio):
+        # The sound is the clock, so it lasts at least as long as the longest motion.
+        padded = np.pad(audio, (0, max(0, round(duration * sample_rate) - len(audio))))
+        duration = len(padded) / sample_rate
+        content["sound"] = base64.b64encode(sound.encode(padded, sample_rate)).decode()
+        content["peaks"], content["peakRate"] = peaks(padded, sample_rate), PEAK_RATE
+    content["duration"] = duration
+    return Page(_document(title or ", ".join(filter(None, motions)) or "Motion", content), height)
+
+
+def write_page(
+    path: str | pathlib.Path,
+    motions: Motion | Mapping[str, Motion],
+    audio: np.ndarray | None = None,
+    sample_rate: int = SAMPLE_RATE,
+    words: Sequence[Word] = (),
+    *,
+    title: str = "",
+) -> pathlib.Path:
+    """Writes the page of `view` to an `.html` file and returns its path. The same input gives the same bytes.
+
+    Raises:
+        UserError: as `view`; the name does not end in `.html`, or the place cannot be written.
+    """
+    return view(motions, audio, sample_rate, words, title=title).save(path)
+
+
+def _check(motions: Mapping[str, Motion]) -> None:
+    if not 1 <= len(motions) <= MAX_MOTIONS:
+        raise UserError(f"{len(motions)} motions for one page; expected 1 to {MAX_MOTIONS}, make several pages")
+    for motion in motions.values():
+        check(motion)
+    frames = sum(motion.num_frames for motion in motions.values())
+    if frames > MAX_FRAMES:
+        raise UserError(f"{frames} frames for one page; expected at most {MAX_FRAMES}, cut the motion into parts")
+
+
+def _document(title: str, content: dict) -> str:
+    assets = importlib.resources.files("ha2g_jax") / "assets" / "viewer"
+    library = importlib.resources.files("jupyter_threejs_sage") / "static" / "r130" / "three.min.js"
+    return string.Template((assets / "page.html").read_text("utf-8")).substitute(
+        title=html.escape(title),
+        style=(assets / "style.css").read_text("utf-8"),
+        three=deflated(library.read_bytes()),
+        # "<" must not stand in a script element, where it could end it.
+        content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
+        scripts="\n".join(f"<script>\n{(assets / name).read_text('utf-8')}</script>" for name in _SCRIPTS),
+    )

@@ -1,0 +1,90 @@
+"""Loads a motion in Blender without its window, onto an armature or as a figure of its own, and writes the result.
+
+    blender --background --python ha2g_blender.py -- motion.glb -o scene.blend
+    blender --background --python ha2g_blender.py -- motion.glb --open character.fbx --rig Armature -o moving.fbx
+    blender --background --python ha2g_blender.py -- motion.glb --audio speech.wav -o film.mp4
+
+Also with the Python of the bpy wheel: python ha2g_blender.py -- motion.glb -o scene.blend
+"""
+
+import argparse
+import pathlib
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+
+from ha2g_motion import bone_names, keys, reading, scene
+from ha2g_motion.motion import MotionError
+
+
+def main(argv: list[str]) -> int:
+    """Does what the flags say; returns 0, or 2 for a user's mistake."""
+    arguments = _parser().parse_args(argv)
+    try:
+        _run(arguments)
+    except MotionError as error:
+        print(f"ha2g_blender: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    import bpy
+
+    suffix = arguments.out.suffix.lower()
+    if suffix not in scene.OUTPUTS:
+        raise MotionError(f"cannot write {arguments.out.name}; expected one of {', '.join(scene.OUTPUTS)}")
+    motion = reading.read_motion(arguments.motion)
+    if arguments.open is not None:
+        scene.open_file(arguments.open)
+    elif arguments.rig is None:
+        scene.clear()
+    stage = bpy.context.scene
+    scene.set_time(stage, motion, start=arguments.start, keep_rate=arguments.keep_rate)
+    place = {"start": arguments.start, "rate": scene.rate(stage)}
+    if arguments.rig is None:
+        armature = keys.make_figure(motion, **place)
+    else:
+        armature = scene.find_armature(arguments.rig)
+        names = None if arguments.names is None else bone_names.read_names(arguments.names)
+        used = keys.apply_motion(motion, armature, names=names, **place)
+        print(f"{len(used)} bones of {armature.name} move")
+    if arguments.audio is not None:
+        scene.add_sound(stage, arguments.audio, arguments.start)
+    scene.write(
+        arguments.out,
+        armature,
+        size=arguments.size,
+        samples=arguments.samples,
+        engine=arguments.engine,
+        seconds=arguments.time,
+        start=arguments.start,
+    )
+    print(arguments.out)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="ha2g_blender", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("motion", type=pathlib.Path, help=f"{', '.join(reading.SUFFIXES)}, as ha2g export writes them")
+    parser.add_argument("-o", "--out", type=pathlib.Path, required=True, help=f"where to; {', '.join(scene.OUTPUTS)}")
+    parser.add_argument("--open", type=pathlib.Path, help="a character: .blend, .fbx, .glb or .gltf")
+    parser.add_argument("--rig", help="name of the armature that shall move (default: a new one)")
+    parser.add_argument("--names", type=pathlib.Path, help='JSON of one\'s own bone names: {"BONE": "JOINT"}')
+    parser.add_argument("--audio", type=pathlib.Path, help="the speech, for the scene and an .mp4")
+    parser.add_argument("--start", type=int, default=0, help="frame of the first pose (default: 0)")
+    parser.add_argument("--keep-rate", action="store_true", help="keep the scene's frame rate, not the motion's")
+    parser.add_argument("--size", type=_size, default=(640, 640), metavar="WxH", help="of pictures (default: 640x640)")
+    parser.add_argument("--samples", type=int, default=8, help="rays per pixel of Cycles (default: 8)")
+    parser.add_argument("--engine", default="CYCLES", help="CYCLES (default) or another of Blender's")
+    parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="moment of a .png (default: 0)")
+    return parser
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, height = (int(part) for part in text.lower().split("x"))
+    return width, height
+
+
+if __name__ == "__main__":
+    own = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    sys.exit(main(own))

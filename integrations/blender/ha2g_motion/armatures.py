@@ -1,0 +1,116 @@
+"""Armatures in Blender: one made from a motion, with its body, or the rest pose of one that is there."""
+
+import bpy
+import numpy as np
+
+from . import rotations
+from .fitting import Target
+from .motion import Body, Motion
+
+# Blender has z up, and its figures face -y: (x, y, z) of a file is (x, -z, y) there, a quarter turn about x.
+TO_BLENDER = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+_TIP = 0.02  # metres; what a last joint's bone is long
+
+
+def make_armature(motion: Motion) -> bpy.types.Object:
+    """Adds an armature in the motion's rest pose, a bone for each joint with its name, and the body if there is one."""
+    data = bpy.data.armatures.new(motion.name)
+    armature = bpy.data.objects.new(motion.name, data)
+    bpy.context.collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    heads = rotations.rotate(TO_BLENDER, motion.places)
+    bpy.ops.object.mode_set(mode="EDIT")
+    for joint, (name, parent) in enumerate(zip(motion.joints, motion.parents)):
+        bone = data.edit_bones.new(name)
+        bone.head, bone.tail = heads[joint], heads[joint] + _along(motion, heads, joint)
+        if parent >= 0:
+            bone.parent = data.edit_bones[motion.joints[parent]]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    data.display_type = "STICK"
+    if motion.body is not None:
+        _add_body(motion, motion.body, armature)
+    return armature
+
+
+def pose_of(motion: Motion) -> dict[int, np.ndarray]:
+    """How the bones of `make_armature` shall turn in its axes, (T, 4) by index of the joint."""
+    back = rotations.conjugate(TO_BLENDER)
+    return {
+        joint: rotations.multiply(rotations.multiply(TO_BLENDER, motion.turns[:, joint]), back)
+        for joint in range(len(motion.joints))
+    }
+
+
+def root_location(motion: Motion, target: Target) -> np.ndarray:
+    """(T, 3) location of the root bone of `make_armature`, in its own axes."""
+    moved = rotations.rotate(TO_BLENDER, motion.root - motion.places[0])
+    return rotations.rotate(rotations.conjugate(target.rest[0]), moved)
+
+
+def target_of(armature: bpy.types.Object) -> Target:
+    """The rest pose of an armature's bones."""
+    bones = _parents_first(armature.data.bones)
+    names = [bone.name for bone in bones]
+    return Target(
+        tuple(names),
+        tuple(names.index(bone.parent.name) if bone.parent else -1 for bone in bones),
+        np.array([bone.head_local for bone in bones]),
+        np.array([rotations.from_matrix(np.array(bone.matrix_local.to_3x3().normalized())) for bone in bones]),
+        tuple(bone.use_inherit_rotation for bone in bones),
+    )
+
+
+def _parents_first(bones: bpy.types.ArmatureBones) -> list[bpy.types.Bone]:
+    found = [bone for bone in bones if bone.parent is None]
+    for bone in found:
+        found.extend(bone.children)
+    return found
+
+
+def _along(motion: Motion, heads: np.ndarray, joint: int) -> np.ndarray:
+    """From a bone's head to its tail: to the joints that hang on it, or on from its parent."""
+    ends: list[np.ndarray] = []
+    pending = [joint]
+    for place in pending:
+        for child in (index for index, parent in enumerate(motion.parents) if parent == place):
+            bone = heads[child] - heads[joint]
+            if np.linalg.norm(bone) > 1e-6:
+                ends.append(bone)
+            else:
+                pending.append(child)
+    mean = np.mean(ends, axis=0) if ends else np.zeros(3)
+    if np.linalg.norm(mean) > 1e-3:
+        return mean
+    parent = motion.parents[joint]
+    while parent >= 0:
+        bone = heads[joint] - heads[parent]
+        if np.linalg.norm(bone) > 1e-6:
+            return _TIP * rotations.unit(bone)
+        parent = motion.parents[parent]
+    return np.array([0.0, 0.0, _TIP])
+
+
+def _add_body(motion: Motion, body: Body, armature: bpy.types.Object) -> None:
+    """The mesh, carried by the bones."""
+    mesh = bpy.data.meshes.new("body")
+    mesh.from_pydata(rotations.rotate(TO_BLENDER, body.points).tolist(), [], body.faces.tolist())
+    for name, colour, roughness in body.colours:
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        surface = material.node_tree.nodes["Principled BSDF"]
+        surface.inputs["Base Color"].default_value = colour
+        surface.inputs["Roughness"].default_value = roughness
+        material.diffuse_color = colour
+        mesh.materials.append(material)
+    mesh.polygons.foreach_set("material_index", body.materials.astype(np.int32))
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(body.faces), bool))
+    mesh.update()
+    figure = bpy.data.objects.new("body", mesh)
+    bpy.context.collection.objects.link(figure)
+    figure.parent = armature
+    groups = [figure.vertex_groups.new(name=name) for name in motion.joints]
+    for joint, group in enumerate(groups):
+        shares = np.where(body.joints == joint, body.weights, 0).sum(axis=1)
+        for share in np.unique(shares[shares > 0]):
+            group.add(np.flatnonzero(shares == share).tolist(), float(share), "REPLACE")
+    figure.modifiers.new("armature", "ARMATURE").object = armature

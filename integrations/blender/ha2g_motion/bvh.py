@@ -1,0 +1,75 @@
+"""BVH with any order of channels; centimetres, all rotations zero at rest."""
+
+import pathlib
+
+import numpy as np
+
+from . import rotations
+from .motion import Motion, from_local
+
+_METRES = 0.01
+_AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
+
+
+def read(path: pathlib.Path) -> Motion:
+    """Reads a `.bvh` in centimetres whose figure stands as ours does: y up, facing +z.
+
+    Raises:
+        ValueError: the text is no BVH.
+    """
+    head, found, body = path.read_text(encoding="utf-8").partition("MOTION")
+    if not found:
+        raise ValueError("no MOTION section")
+    names, parents, offsets, channels = _hierarchy(head)
+    _, count, _, _, frame_time, *values = body.replace("Frames:", "Frames: ").replace("Time:", "Time: ").split()
+    columns = [(joint, channel) for joint, own in enumerate(channels) for channel in own]
+    table = np.array(values, float)
+    if table.size != int(count) * len(columns):
+        raise ValueError(f"{table.size} numbers, expected {count} frames of {len(columns)}")
+    table = table.reshape(int(count), len(columns))
+    rotated = np.tile(rotations.IDENTITY, (int(count), len(names), 1))
+    root = np.tile(offsets[0], (int(count), 1))
+    for column, (joint, channel) in enumerate(columns):
+        axis, kind = channel[0].upper(), channel[1:].lower()
+        if kind == "rotation":
+            turn = rotations.about(_AXES[axis], table[:, column])
+            rotated[:, joint] = rotations.multiply(rotated[:, joint], turn)
+        elif joint == 0:
+            root[:, "XYZ".index(axis)] += table[:, column]
+    rest = np.tile(rotations.IDENTITY, (len(names), 1))
+    fps = _whole(1 / float(frame_time))
+    return from_local(path.stem, tuple(names), tuple(parents), offsets * _METRES, rest, rotated, root * _METRES, fps)
+
+
+def _hierarchy(head: str) -> tuple[list[str], list[int], np.ndarray, list[list[str]]]:
+    """Names, parents, offsets (J, 3) and channels of the joints; end sites are left out."""
+    names: list[str] = []
+    parents: list[int] = []
+    channels: list[list[str]] = []
+    offsets: list[list[float]] = []
+    open_joints = [-1]
+    is_end = False
+    for line in head.splitlines():
+        word, *rest = line.split() or [""]
+        if word in ("ROOT", "JOINT"):
+            names.append(" ".join(rest))
+            parents.append(open_joints[-1])
+            channels.append([])
+            offsets.append([0.0, 0.0, 0.0])
+        elif word == "End":
+            is_end = True
+        elif word == "{":
+            open_joints.append(open_joints[-1] if is_end else len(names) - 1)
+        elif word == "}":
+            open_joints.pop()
+            is_end = False
+        elif word == "OFFSET" and not is_end:
+            offsets[-1] = [float(value) for value in rest[:3]]
+        elif word == "CHANNELS":
+            channels[-1] = rest[1:]
+    return names, parents, np.array(offsets), channels
+
+
+def _whole(fps: float) -> float:
+    """A frame rate that was meant to be whole: the frame time has ten digits only."""
+    return float(round(fps)) if abs(fps - round(fps)) < 1e-4 else fps

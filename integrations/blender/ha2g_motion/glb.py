@@ -1,0 +1,120 @@
+"""GLB and VRMA as `ha2g export` writes them: one animation of the joints of one skin, without scale."""
+
+import json
+import pathlib
+import struct
+from typing import Any
+
+import numpy as np
+
+from .motion import Body, Motion, from_local
+
+_MAGIC = 0x46546C67
+_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class _File:
+    """The tree of a GLB, and its arrays."""
+
+    def __init__(self, data: bytes) -> None:
+        magic, version, _, length, _ = struct.unpack_from("<5I", data)
+        if magic != _MAGIC or version != 2:
+            raise ValueError("no glTF 2.0 binary")
+        self.tree: dict[str, Any] = json.loads(data[20 : 20 + length])
+        self._blob = data[20 + length + 8 :]
+
+    def array(self, index: int) -> np.ndarray:
+        """An accessor, (n, width) or (n,) for scalars."""
+        accessor = self.tree["accessors"][index]
+        view = self.tree["bufferViews"][accessor["bufferView"]]
+        width = _WIDTHS[accessor["type"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        dtype = np.dtype(_TYPES[accessor["componentType"]])
+        if view.get("byteStride", width * dtype.itemsize) != width * dtype.itemsize:
+            raise ValueError("interleaved arrays")
+        values = np.frombuffer(self._blob, dtype, accessor["count"] * width, start)
+        return values.reshape(-1, width) if width > 1 else values
+
+
+def read(path: pathlib.Path) -> Motion:
+    """Reads the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
+
+    Raises:
+        ValueError: there is no animation, or one that is not ours.
+    """
+    file = _File(path.read_bytes())
+    nodes = file.tree["nodes"]
+    if not file.tree.get("animations"):
+        raise ValueError("no animation")
+    clip = file.tree["animations"][0]
+    above = {child: index for index, node in enumerate(nodes) for child in node.get("children", ())}
+    joints = _joints(file.tree, clip, above)
+    order = {node: index for index, node in enumerate(joints)}
+    offsets = np.array([nodes[node].get("translation", (0, 0, 0)) for node in joints], float)
+    rest = np.array([nodes[node].get("rotation", (0, 0, 0, 1)) for node in joints], float)
+    time = np.unique(np.concatenate([file.array(sampler["input"]) for sampler in clip["samplers"]])).astype(float)
+    rotated, root = np.tile(rest, (len(time), 1, 1)), np.tile(offsets[0], (len(time), 1))
+    for channel in clip["channels"]:
+        sampler, target = clip["samplers"][channel["sampler"]], channel["target"]
+        values = file.array(sampler["output"])
+        if len(values) != len(time):
+            raise ValueError("channels of different lengths")
+        if target["path"] == "rotation":
+            rotated[:, order[target["node"]]] = values
+        elif target["path"] == "translation" and order[target["node"]] == 0:
+            root = values.astype(float)
+    extras = file.tree["scenes"][file.tree.get("scene", 0)].get("extras", {})
+    fps = extras.get("fps") or ((len(time) - 1) / (time[-1] - time[0]) if len(time) > 1 else 1.0)
+    top = above.get(joints[0])
+    name = path.stem if top is None else nodes[top].get("name", path.stem)
+    parents = tuple(order.get(above.get(node, -1), -1) for node in joints)
+    names = tuple(nodes[node]["name"] for node in joints)
+    return from_local(name, names, parents, offsets, rest, rotated, root, float(fps), _body(file, order))
+
+
+def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -> list[int]:
+    """Nodes of the joints, each after its parent; joint 0 is the root."""
+    if tree.get("skins"):
+        joints = set(tree["skins"][0]["joints"])
+    else:
+        bones = tree.get("extensions", {}).get("VRMC_vrm_animation", {}).get("humanoid", {}).get("humanBones", {})
+        joints = {bone["node"] for bone in bones.values()} | {channel["target"]["node"] for channel in clip["channels"]}
+
+    def depth(node: int) -> int:
+        return 1 + depth(above[node]) if node in above else 0
+
+    return sorted(joints, key=lambda node: (depth(node), node))
+
+
+def _body(file: _File, order: dict[int, int]) -> Body | None:
+    """The skinned mesh; its points lie where the bind pose, which is the rest pose, has them."""
+    skinned = [node for node in file.tree["nodes"] if "mesh" in node and "skin" in node]
+    if not skinned:
+        return None
+    joints = np.array([order[node] for node in file.tree["skins"][skinned[0]["skin"]]["joints"]])
+    points, faces, carriers, weights, materials, colours = [], [], [], [], [], []
+    for index, primitive in enumerate(file.tree["meshes"][skinned[0]["mesh"]]["primitives"]):
+        arrays = {name: file.array(accessor) for name, accessor in primitive["attributes"].items()}
+        corners = file.array(primitive["indices"]).reshape(-1, 3).astype(int)
+        faces.append(corners + sum(len(part) for part in points))
+        points.append(arrays["POSITION"])
+        carriers.append(joints[arrays["JOINTS_0"]])
+        weights.append(arrays["WEIGHTS_0"])
+        materials.append(np.full(len(corners), index))
+        colours.append(_colour(file.tree, primitive))
+    return Body(
+        points=np.concatenate(points),
+        faces=np.concatenate(faces),
+        joints=np.concatenate(carriers),
+        weights=np.concatenate(weights),
+        materials=np.concatenate(materials),
+        colours=tuple(colours),
+    )
+
+
+def _colour(tree: dict[str, Any], primitive: dict[str, Any]) -> tuple[str, tuple[float, ...], float]:
+    material = tree["materials"][primitive["material"]] if "material" in primitive else {}
+    surface = material.get("pbrMetallicRoughness", {})
+    colour = tuple(surface.get("baseColorFactor", (0.8, 0.8, 0.8, 1.0)))
+    return material.get("name", "body"), colour, surface.get("roughnessFactor", 1.0)

@@ -1,0 +1,96 @@
+"""Motion as key frames of an armature."""
+
+import bpy
+import numpy as np
+
+from . import armatures, bone_names, fitting
+from .motion import Motion
+
+_LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
+
+
+def make_figure(motion: Motion, *, start: float = 0, rate: float | None = None) -> bpy.types.Object:
+    """Adds an armature that performs the motion, with its body if the file has one.
+
+    Args:
+        start: the frame of the motion's first pose.
+        rate: frames per second of the scene; None for the motion's.
+    """
+    armature = armatures.make_armature(motion)
+    target = armatures.target_of(armature)
+    wanted = {target.bones.index(motion.joints[joint]): turn for joint, turn in armatures.pose_of(motion).items()}
+    turns = fitting.local(target, wanted, motion.num_frames)
+    curves = _Curves(armature, motion, start, rate)
+    _write_turns(armature, turns, curves)
+    if np.ptp(motion.root, axis=0).max() > 1e-6:
+        root = target.bones[0]
+        curves.write(f'pose.bones["{root}"].location', armatures.root_location(motion, target), root)
+    return armature
+
+
+def apply_motion(
+    motion: Motion,
+    armature: bpy.types.Object,
+    *,
+    names: bone_names.Names | None = None,
+    start: float = 0,
+    rate: float | None = None,
+) -> bone_names.Names:
+    """Gives an armature the motion as a new action; bones that the motion does not name stay as they are.
+
+    The bones that it names turn by quaternions from then on. The action that was there before is kept.
+
+    Args:
+        names: joint and share by bone; None finds them, see `bone_names.match`.
+        start, rate: see `make_figure`.
+
+    Returns:
+        The names that were used.
+
+    Raises:
+        MotionError: the names do not fit.
+    """
+    target = armatures.target_of(armature)
+    names = bone_names.match(motion, target.bones, names)
+    turns = fitting.fit(motion, target, names)
+    _write_turns(armature, turns, _Curves(armature, motion, start, rate))
+    return names
+
+
+class _Curves:
+    """A new action of an armature, to which whole curves are written: many times faster than key by key."""
+
+    def __init__(self, armature: bpy.types.Object, motion: Motion, start: float, rate: float | None) -> None:
+        motions = armature.animation_data or armature.animation_data_create()
+        if motions.action is not None:
+            motions.action.use_fake_user = True
+        self._armature = armature
+        self._action = bpy.data.actions.new(f"{armature.name} motion")
+        motions.action = self._action
+        self._frames = start + np.arange(motion.num_frames) * ((rate or motion.fps) / motion.fps)
+
+    def write(self, path: str, values: np.ndarray, group: str) -> None:
+        """One curve for each column of values (T, n)."""
+        for index, column in enumerate(values.T):
+            curve = self._curve(path, index, group)
+            curve.keyframe_points.add(len(column))
+            points = np.stack([self._frames, column], axis=1)
+            curve.keyframe_points.foreach_set("co", points.ravel().astype(np.float32))
+            curve.keyframe_points.foreach_set("interpolation", np.full(len(column), _LINEAR, np.int32))
+            curve.update()
+
+    def _curve(self, path: str, index: int, group: str) -> bpy.types.FCurve:
+        if not hasattr(self._action, "fcurves"):  # since Blender 5
+            return self._action.fcurve_ensure_for_datablock(self._armature, path, index=index, group_name=group)
+        curve = self._action.fcurves.new(path, index=index, action_group=group)
+        if hasattr(self._action, "slots"):  # since Blender 4.4; the first curve makes the slot
+            self._armature.animation_data.action_slot = self._action.slots[0]
+        return curve
+
+
+def _write_turns(armature: bpy.types.Object, turns: dict[str, np.ndarray], curves: _Curves) -> None:
+    for bone, turn in turns.items():
+        armature.pose.bones[bone].rotation_mode = "QUATERNION"
+        # Blender's quaternions begin with w.
+        path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"].rotation_quaternion'
+        curves.write(path, turn[:, [3, 0, 1, 2]], bone)

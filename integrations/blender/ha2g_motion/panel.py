@@ -1,0 +1,119 @@
+"""The add-on's panel: in the sidebar of the 3D view (N), tab HA2G."""
+
+import pathlib
+
+import bpy
+
+from . import bone_names, keys, reading, scene
+from .motion import Motion, MotionError
+
+
+class Ha2gSettings(bpy.types.PropertyGroup):
+    """What the panel asks for; kept in the scene."""
+
+    motion: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+        name="Motion", description="A .glb, .vrma, .bvh, .json or .npz of ha2g-jax", subtype="FILE_PATH"
+    )
+    sound: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+        name="Sound", description="The speech, or nothing", subtype="FILE_PATH"
+    )
+    names: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
+        name="Bone names",
+        description='A JSON file {"BONE": "JOINT"}; without it the tables of common rigs are tried',
+        subtype="FILE_PATH",
+    )
+    start: bpy.props.IntProperty(  # pyright: ignore[reportInvalidTypeForm]
+        name="Start", description="Frame of the first pose", default=0
+    )
+    keep_rate: bpy.props.BoolProperty(  # pyright: ignore[reportInvalidTypeForm]
+        name="Keep scene's frame rate", description="Else the scene takes that of the motion", default=False
+    )
+
+
+class HA2G_OT_make_figure(bpy.types.Operator):
+    """Add an armature that performs the motion, with a simple body if the file has one"""
+
+    bl_idname = "ha2g.make_figure"
+    bl_label = "Add Figure"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        return _perform(self, context, None)
+
+
+class HA2G_OT_apply_motion(bpy.types.Operator):
+    """Give the motion to the active armature, as a new action"""
+
+    bl_idname = "ha2g.apply_motion"
+    bl_label = "Apply to Armature"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.object is not None and context.object.type == "ARMATURE"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        return _perform(self, context, context.object)
+
+
+class HA2G_PT_motion(bpy.types.Panel):
+    """The panel."""
+
+    bl_label = "HA2G Motion"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "HA2G"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        settings = context.scene.ha2g
+        self.layout.use_property_split = True
+        for field in ("motion", "sound", "names", "start", "keep_rate"):
+            self.layout.prop(settings, field)
+        self.layout.operator("ha2g.make_figure", icon="OUTLINER_OB_ARMATURE")
+        self.layout.operator("ha2g.apply_motion", icon="POSE_HLT")
+
+
+_CLASSES = (Ha2gSettings, HA2G_OT_make_figure, HA2G_OT_apply_motion, HA2G_PT_motion)
+
+
+def register() -> None:
+    """Adds the panel and its settings."""
+    for kind in _CLASSES:
+        bpy.utils.register_class(kind)
+    bpy.types.Scene.ha2g = bpy.props.PointerProperty(type=Ha2gSettings)
+
+
+def unregister() -> None:
+    """Removes them."""
+    del bpy.types.Scene.ha2g
+    for kind in reversed(_CLASSES):
+        bpy.utils.unregister_class(kind)
+
+
+def _perform(operator: bpy.types.Operator, context: bpy.types.Context, armature: bpy.types.Object | None) -> set[str]:
+    """Does what a button says; a mistake is shown in Blender's way."""
+    settings = context.scene.ha2g
+    try:
+        motion = reading.read_motion(bpy.path.abspath(settings.motion))
+        text = _load(motion, armature, context.scene)
+    except MotionError as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    operator.report({"INFO"}, text)
+    return {"FINISHED"}
+
+
+def _load(motion: Motion, armature: bpy.types.Object | None, stage: bpy.types.Scene) -> str:
+    settings = stage.ha2g
+    names = bone_names.read_names(bpy.path.abspath(settings.names)) if settings.names else None
+    # The armature first: if its names do not fit, nothing has changed.
+    rate = scene.rate(stage) if settings.keep_rate else motion.fps
+    if armature is None:
+        text = f"{keys.make_figure(motion, start=settings.start, rate=rate).name}: {len(motion.joints)} bones"
+    else:
+        used = keys.apply_motion(motion, armature, names=names, start=settings.start, rate=rate)
+        text = f"{armature.name}: {len(used)} bones move"
+    scene.set_time(stage, motion, start=settings.start, keep_rate=settings.keep_rate)
+    if settings.sound:
+        scene.add_sound(stage, pathlib.Path(bpy.path.abspath(settings.sound)), settings.start)
+    return f"{text}, {motion.num_frames} frames"

@@ -1,0 +1,217 @@
+"""What is around a figure: the scene's time, its sound, files in and out, pictures."""
+
+import contextlib
+import math
+import os
+import pathlib
+from collections.abc import Iterator
+
+import bpy
+import mathutils
+
+from .motion import Motion, MotionError
+
+OUTPUTS = (".blend", ".fbx", ".glb", ".mp4", ".png")
+
+
+def open_file(path: pathlib.Path) -> None:
+    """Opens a `.blend`, or puts a `.fbx`, `.glb` or `.gltf` into an empty scene.
+
+    Raises:
+        MotionError: there is no such file, or Blender cannot read it.
+    """
+    if not path.is_file():
+        raise MotionError(f"no character at {path}; give a .blend, .fbx, .glb or .gltf file")
+    try:
+        if path.suffix.lower() == ".blend":
+            bpy.ops.wm.open_mainfile(filepath=str(path))
+            return
+        clear()
+        if path.suffix.lower() == ".fbx":
+            bpy.ops.import_scene.fbx(filepath=str(path))
+        else:
+            bpy.ops.import_scene.gltf(filepath=str(path))
+    except RuntimeError as error:
+        raise MotionError(f"Blender cannot read {path} ({str(error).strip().splitlines()[-1]})") from error
+
+
+def clear() -> None:
+    """An empty scene, without the cube, lamp and camera of Blender's start file."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+def find_armature(name: str) -> bpy.types.Object:
+    """The armature of that name.
+
+    Raises:
+        MotionError: there is none.
+    """
+    armatures = [thing.name for thing in bpy.data.objects if thing.type == "ARMATURE"]
+    if name not in armatures:
+        found = f"this file has {', '.join(armatures)}" if armatures else "this file has no armature"
+        raise MotionError(f"no armature {name}; {found}")
+    return bpy.data.objects[name]
+
+
+def rate(scene: bpy.types.Scene) -> float:
+    """Frames per second."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rate: bool = False) -> None:
+    """Gives the scene the motion's length and, unless it keeps its own, its frames per second."""
+    if not keep_rate:
+        scene.render.fps = math.ceil(motion.fps)
+        scene.render.fps_base = math.ceil(motion.fps) / motion.fps
+    scene.frame_start = start
+    scene.frame_end = max(start, start + round(motion.num_frames / motion.fps * rate(scene)) - 1)
+
+
+def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
+    """Adds the speech to the scene's sequencer, and lets playback follow it.
+
+    Raises:
+        MotionError: there is no such file.
+    """
+    if not path.is_file():
+        raise MotionError(f"no sound at {path}")
+    strips = _strips(scene)
+    channel = 1 + max((strip.channel for strip in strips), default=0)
+    strips.new_sound(path.stem, str(path.resolve()), channel, start)
+    scene.sync_mode = "AUDIO_SYNC"
+
+
+def _strips(scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
+    editor = scene.sequence_editor_create()
+    return editor.strips if hasattr(editor, "strips") else editor.sequences  # before Blender 4.4
+
+
+def write(
+    path: pathlib.Path,
+    armature: bpy.types.Object,
+    *,
+    size: tuple[int, int] = (640, 640),
+    samples: int = 8,
+    engine: str = "CYCLES",
+    seconds: float = 0.0,
+    start: int = 0,
+) -> None:
+    """Writes the scene; the suffix says as what.
+
+    Args:
+        path: `.blend`; `.fbx` or `.glb` of the armature, its meshes and its motion; `.mp4`, or a `.png` of one moment.
+        size: width and height of pictures in pixels.
+        samples: rays per pixel of Cycles.
+        engine: what draws: CYCLES, which needs no graphics card, or another of Blender's.
+        seconds: moment of a `.png`.
+        start: frame of the motion's first pose.
+
+    Raises:
+        MotionError: the suffix is another, or the place cannot be written.
+    """
+    scene = bpy.context.scene
+    suffix = path.suffix.lower()
+    if suffix not in OUTPUTS:
+        raise MotionError(f"cannot write {path.name}; expected one of {', '.join(OUTPUTS)}")
+    with _whole(path) as temporary:
+        if suffix == ".blend":
+            bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, check_existing=False)
+        elif suffix in (".fbx", ".glb"):
+            _export(temporary, armature)
+        else:
+            _prepare_picture(scene, armature, size, samples, engine)
+            if suffix == ".png":
+                moment = start + seconds * rate(scene)
+                scene.frame_set(math.floor(moment), subframe=moment - math.floor(moment))
+            _render(scene, temporary, is_video=suffix == ".mp4")
+
+
+def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
+    for thing in bpy.context.scene.objects:
+        thing.select_set(thing is armature or armature in (thing.parent, thing.find_armature()))
+    bpy.context.view_layer.objects.active = armature
+    if path.suffix == ".glb":
+        bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True, export_animation_mode="ACTIVE_ACTIONS")
+        return
+    bpy.ops.export_scene.fbx(
+        filepath=str(path),
+        use_selection=True,
+        object_types={"ARMATURE", "MESH"},
+        add_leaf_bones=False,
+        bake_anim_use_all_actions=False,
+        bake_anim_use_nla_strips=False,
+        bake_anim_simplify_factor=0.0,
+    )
+
+
+def _prepare_picture(
+    scene: bpy.types.Scene, armature: bpy.types.Object, size: tuple[int, int], samples: int, engine: str
+) -> None:
+    """Engine and size, and where they are missing a camera in front of the figure, a lamp and a grey backdrop."""
+    render = scene.render
+    try:
+        render.engine = engine
+    except TypeError as error:
+        raise MotionError(f"this Blender has no engine {engine}; CYCLES draws anywhere") from error
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+    if engine == "CYCLES":
+        scene.cycles.samples, scene.cycles.use_denoising = samples, False
+    if scene.world is None:
+        scene.world = bpy.data.worlds.new("World")
+        scene.world.use_nodes = True
+        scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.5, 0.52, 0.55, 1)
+    if not any(thing.type == "LIGHT" for thing in scene.objects):
+        sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+        sun.data.energy, sun.data.angle = 2.5, 0.4
+        sun.rotation_euler = (math.radians(50), math.radians(-15), math.radians(-30))
+        scene.collection.objects.link(sun)
+    if scene.camera is None:
+        scene.camera = _camera(scene, armature)
+
+
+def _camera(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
+    """A camera that sees all of the motion from the front, which is -y in Blender."""
+    data = bpy.data.cameras.new("Camera")
+    camera = bpy.data.objects.new("Camera", data)
+    scene.collection.objects.link(camera)
+    points = []
+    for frame in range(scene.frame_start, scene.frame_end + 1, max(1, (scene.frame_end - scene.frame_start) // 20)):
+        scene.frame_set(frame)
+        points += [armature.matrix_world @ bone.head for bone in armature.pose.bones]
+    low, high = (mathutils.Vector([pick(values) for values in zip(*points)]) for pick in (min, max))
+    # Joints lie inside of the body. A camera's angle is that of the longer side of its picture.
+    size = scene.render.resolution_x, scene.render.resolution_y
+    extent = 1.35 * max((high.x - low.x) * max(size) / size[0], (high.z - low.z) * max(size) / size[1])
+    distance = extent / (2 * math.tan(data.angle / 2)) + (high.y - low.y) / 2
+    camera.location = (low + high) / 2 - mathutils.Vector((0, distance, 0))
+    camera.rotation_euler = (math.radians(90), 0, 0)
+    return camera
+
+
+def _render(scene: bpy.types.Scene, path: pathlib.Path, *, is_video: bool) -> None:
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):  # since Blender 5
+        settings.media_type = "VIDEO" if is_video else "IMAGE"
+    settings.file_format = "FFMPEG" if is_video else "PNG"
+    if is_video:
+        video = scene.render.ffmpeg
+        video.format, video.codec, video.constant_rate_factor = "MPEG4", "H264", "HIGH"
+        video.audio_codec = "AAC" if any(strip.type == "SOUND" for strip in _strips(scene)) else "NONE"
+    scene.render.use_file_extension = False
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(animation=is_video, write_still=not is_video)
+
+
+@contextlib.contextmanager
+def _whole(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """A name beside `path` that becomes `path` when all is written."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}").resolve()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        temporary.replace(path)
+    except (OSError, RuntimeError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise MotionError(f"cannot write {path} ({reason}); choose another place") from error
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,96 @@
+"""Run by a Python that has bpy, for test_blender: FOLDER with motion files in it; writes results.json there."""
+
+import json
+import math
+import pathlib
+import sys
+
+import bpy  # type: ignore[import-not-found]
+import mathutils  # type: ignore[import-not-found]
+
+ROOT = pathlib.Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "integrations" / "blender"))
+
+import ha2g_blender  # noqa: E402
+import ha2g_motion  # noqa: E402
+from ha2g_motion import armatures, reading, scene  # noqa: E402
+
+folder = pathlib.Path(sys.argv[1])
+results: dict = {}
+
+
+def perform(*arguments: str) -> int:
+    return ha2g_blender.main([str(folder / word) if "." in word else word for word in arguments])
+
+
+def positions(frames: range, first: float = 0) -> dict[str, list[list[float]]]:
+    """Where the bones begin, in the axes of the files: x, z and -y of Blender's."""
+    stage = bpy.context.scene
+    found: dict[str, list[list[float]]] = {}
+    for frame in frames:
+        moment = first + frame * scene.rate(stage) / 15
+        stage.frame_set(math.floor(moment + 1e-4), subframe=max(0.0, moment - math.floor(moment + 1e-4)))
+        for thing in (thing for thing in bpy.data.objects if thing.type == "ARMATURE"):
+            for bone in thing.pose.bones:
+                x, y, z = thing.matrix_world @ bone.head
+                found.setdefault(bone.name, []).append([x, z, -y])
+    return found
+
+
+def a_character() -> None:
+    """An A-posed armature that faces +x, with y up and centimetres inside, and with rolled bones: bob, in bob.blend."""
+    scene.clear()
+    bob = armatures.make_armature(reading.read_motion(folder / "unreal.json"))
+    bob.name = "bob"
+    bob.rotation_euler, bob.scale = (math.radians(90), 0, 0), (0.01,) * 3
+    turn = mathutils.Matrix.Rotation(math.radians(-90), 4, "X") @ mathutils.Matrix.Rotation(math.radians(90), 4, "Z")
+    bpy.ops.object.mode_set(mode="EDIT")
+    for index, bone in enumerate(bob.data.edit_bones):
+        bone.transform(turn @ mathutils.Matrix.Scale(100, 4))
+        bone.roll += 0.3 * index
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bob.pose.bones["thigh_l"].rotation_quaternion = (0.8, 0.6, 0, 0)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "bob.blend"), copy=True)
+
+
+perform("motion.glb", "-o", "scene.blend")
+scene.open_file(folder / "scene.blend")
+stage = bpy.context.scene
+results["scene"] = positions(range(12))
+results["scene_time"] = [scene.rate(stage), stage.frame_start, stage.frame_end]
+figure = next(thing for thing in bpy.data.objects if thing.type == "MESH")
+stage.frame_set(0)
+seen = figure.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+results["body_moved"] = max((a.co - b.co).length for a, b in zip(seen.vertices, figure.data.vertices))
+
+perform("motion.bvh", "-o", "figure.fbx")
+scene.open_file(folder / "figure.fbx")
+results["fbx"] = positions(range(12), bpy.data.actions[0].frame_range[0])
+
+a_character()
+perform("motion.json", "--open", "bob.blend", "--rig", "bob", "-o", "bob_moves.blend")
+scene.open_file(folder / "bob_moves.blend")
+results["bob"] = positions(range(12))
+results["bob_thigh"] = list(bpy.data.objects["bob"].pose.bones["thigh_l"].rotation_quaternion)
+
+scene.clear()
+results["film"] = perform(
+    "motion.glb", "--audio", "tone.wav", "--start", "5", "--size", "48x32", "--samples", "1", "-o", "film.mp4"
+)
+
+scene.clear()
+ha2g_motion.register()
+settings = bpy.context.scene.ha2g
+settings.motion, settings.sound, settings.start = str(folder / "motion.glb"), str(folder / "tone.wav"), 3
+results["panel"] = list(bpy.ops.ha2g.make_figure())
+results["panel_scene"] = positions(range(12), 3)
+results["panel_sounds"] = [sound.name for sound in bpy.data.sounds]
+settings.motion = str(folder / "missing.glb")
+try:
+    bpy.ops.ha2g.apply_motion()
+except RuntimeError as error:
+    results["panel_error"] = str(error)
+ha2g_motion.unregister()
+results["is_unregistered"] = not hasattr(bpy.types.Scene, "ha2g")
+
+(folder / "results.json").write_text(json.dumps(results))

@@ -1,0 +1,79 @@
+"""A hand-made animation, and readers of files that this project did not write, where they are installed."""
+
+import importlib.util
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ha2g_jax.motion import rigs
+from ha2g_jax.motion.armature import Animation, ha2g_armature
+from ha2g_jax.skeleton import load_skeleton
+
+FPS = 15.0
+
+
+def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str = "ha2g") -> Animation:
+    """Arms that hang and swing, and every joint that carries a bone turned a little, differently in every frame."""
+    armature = ha2g_armature(load_skeleton(skeleton))
+    random = np.random.default_rng(0)
+    swing = random.normal(0, 0.15, (1, len(armature.joints), 3))
+    phase = np.linspace(0, 4, frames)[:, None, None] + random.uniform(0, 6, (1, len(armature.joints), 1))
+    vectors = swing * np.sin(phase)
+    for side, sign in (("left", -1), ("right", 1)):
+        vectors[:, armature.joint(f"{side}_shoulder")] += [0, 0, 1.2 * sign]
+        vectors[:, armature.joint(f"{side}_elbow")] += [0, 1.4 * sign, 0]
+    ends = [index for index in range(len(armature.joints)) if index not in armature.parents]
+    crossings = [armature.joint(name) for name in ("neck", "nose") if name in armature.joints]
+    vectors[:, [*ends, *crossings]] = 0
+    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
+    animation = Animation(armature, turns, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
+    return rigs.retarget(animation, rigs.load_rig(rig))
+
+
+@pytest.fixture(scope="session")
+def animate() -> Callable[..., Animation]:
+    """`make_animation`."""
+    return make_animation
+
+
+@pytest.fixture(scope="session")
+def blender() -> Callable[[pathlib.Path, Sequence[int]], dict[str, np.ndarray]]:
+    """Reads joints' positions (frames, 3), metres, y up, of a `.bvh` or `.glb` in Blender, in a process of its own."""
+    python = os.environ.get("HA2G_BLENDER_PYTHON") or (importlib.util.find_spec("bpy") and sys.executable)
+    if not python:
+        pytest.skip("no Blender here (set HA2G_BLENDER_PYTHON to a Python that has bpy)")
+    script = pathlib.Path(__file__).parent / "blender_positions.py"
+
+    def read(path: pathlib.Path, frames: Sequence[int]) -> dict[str, np.ndarray]:
+        out = path.with_suffix(".positions.json")
+        command = [python, str(script), str(path), str(out), str(FPS), *map(str, frames)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert out.is_file(), done.stdout + done.stderr
+        return {name: np.array(values) for name, values in json.loads(out.read_text()).items()}
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def validator() -> Callable[[pathlib.Path], dict]:
+    """The Khronos glTF validator's report on a file."""
+    node = shutil.which("node")
+    script = "const v = require('gltf-validator'); const fs = require('fs');"
+    if not node or subprocess.run([node, "-e", script], capture_output=True, check=False).returncode:
+        pytest.skip("no Khronos validator here (npm install gltf-validator, and set NODE_PATH)")
+    script += "v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1])))"
+    script += ".then(report => console.log(JSON.stringify(report)));"
+
+    def validate(path: pathlib.Path) -> dict:
+        done = subprocess.run([node, "-e", script, str(path)], capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)
+
+    return validate

@@ -1,0 +1,170 @@
+"""The GLB opens elsewhere without an error, moves as we say, and shows a person who faces +z."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ha2g_jax.motion.armature import world
+from ha2g_jax.motion.formats import glb
+from ha2g_jax.motion.rigs import RIGS
+
+MILLIMETRE = 1e-3
+_TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
+_WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class Reader:
+    """Reads a GLB by the letter of the standard, with none of the code under test."""
+
+    def __init__(self, path) -> None:
+        data = path.read_bytes()
+        magic, version, length, size = struct.unpack("<IIII", data[:16])
+        assert (magic, version, length) == (0x46546C67, 2, len(data))
+        self.tree = json.loads(data[20 : 20 + size])
+        self.blob = data[28 + size :]
+
+    def array(self, index: int) -> np.ndarray:
+        accessor = self.tree["accessors"][index]
+        view = self.tree["bufferViews"][accessor["bufferView"]]
+        width = _WIDTHS[accessor["type"]]
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        values = np.frombuffer(self.blob, _TYPES[accessor["componentType"]], accessor["count"] * width, start)
+        return values.reshape(-1, width)
+
+    def matrices(self, frame: int | None) -> list[np.ndarray]:
+        """The world matrix of every node, at rest or in a frame of the animation."""
+        nodes = [dict(node) for node in self.tree["nodes"]]
+        clip = self.tree["animations"][0]
+        for channel in clip["channels"] if frame is not None else []:
+            sampler = clip["samplers"][channel["sampler"]]
+            nodes[channel["target"]["node"]][channel["target"]["path"]] = self.array(sampler["output"])[frame]
+        found = [np.eye(4)] * len(nodes)
+
+        def place(index: int, above: np.ndarray) -> None:
+            own = np.eye(4)
+            own[:3, :3] = Rotation.from_quat(nodes[index].get("rotation", [0, 0, 0, 1])).as_matrix()
+            own[:3, 3] = nodes[index].get("translation", [0, 0, 0])
+            found[index] = above @ own
+            for child in nodes[index].get("children", []):
+                place(child, found[index])
+
+        for index in self.tree["scenes"][0]["nodes"]:
+            place(index, np.eye(4))
+        return found
+
+    def skinned(self, frame: int | None) -> dict[str, np.ndarray]:
+        """Points of the mesh by material, as a viewer shows them."""
+        world_matrices, skin = self.matrices(frame), self.tree["skins"][0]
+        inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
+        joints = np.array([world_matrices[node] for node in skin["joints"]]) @ inverse
+        found = {}
+        for part in self.tree["meshes"][0]["primitives"]:
+            names = part["attributes"]
+            points = np.c_[self.array(names["POSITION"]), np.ones(self.tree["accessors"][names["POSITION"]]["count"])]
+            moved = np.einsum("nkab,nb->nka", joints[self.array(names["JOINTS_0"])], points)
+            weights = self.array(names["WEIGHTS_0"])
+            found[self.tree["materials"][part["material"]]["name"]] = np.einsum("nk,nka->na", weights, moved)[:, :3]
+        return found
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
+    animation = animate(rig=rig)
+    glb.write(tmp_path / "m.glb", animation)
+    reader = Reader(tmp_path / "m.glb")
+    _, positions = world(animation)
+    names = [node.get("name") for node in reader.tree["nodes"]]
+    for frame in range(10):
+        matrices = reader.matrices(frame)
+        found = np.array([matrices[names.index(name)][:3, 3] for name in animation.armature.joints])
+        np.testing.assert_allclose(found, positions[frame], atol=MILLIMETRE / 10)
+    times = reader.array(reader.tree["animations"][0]["samplers"][0]["input"])
+    np.testing.assert_allclose(times[:, 0], np.arange(12) / 15, atol=1e-6)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
+def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skeleton, rig):
+    glb.write(tmp_path / "m.glb", animate(skeleton, rig=rig), duration=0.8, audio_name="a.wav")
+    issues = validator(tmp_path / "m.glb")["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
+
+
+@pytest.mark.parametrize(("skeleton", "rig"), [("ted_expressive", "ha2g"), ("ted_expressive", "unreal")])
+def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, skeleton, rig):
+    animation = animate(skeleton, rig=rig)
+    glb.write(tmp_path / "m.glb", animation)
+    frames = list(range(10))
+    found = blender(tmp_path / "m.glb", frames)
+    _, positions = world(animation)
+    for index, name in enumerate(animation.armature.joints):
+        np.testing.assert_allclose(found[name], positions[frames, index], atol=MILLIMETRE)
+
+
+def test_trimesh_loads_it(animate, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    animation = animate()
+    glb.write(tmp_path / "m.glb", animation)
+    scene = trimesh.load(tmp_path / "m.glb")
+    assert set(animation.armature.joints) <= set(scene.graph.nodes)
+    low, high = scene.bounds
+    assert high[0] - low[0] > 2  # the arms of the T
+    assert -0.6 < low[1] < -0.3
+    assert 0.5 < high[1] < 0.8
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
+    """At rest the skin is the mesh itself; in motion fingers stay on their bones, and nothing is torn off."""
+    animation = animate(rig=rig)
+    glb.write(tmp_path / "m.glb", animation)
+    reader = Reader(tmp_path / "m.glb")
+    still = reader.skinned(None)
+    for part in reader.tree["meshes"][0]["primitives"]:
+        name = reader.tree["materials"][part["material"]]["name"]
+        np.testing.assert_allclose(still[name], reader.array(part["attributes"]["POSITION"]), atol=1e-5)
+    _, positions = world(animation)
+    from ha2g_jax.motion.rigs import places
+
+    where = places(animation.armature)
+    moved = reader.skinned(7)
+    for side in ("left", "right"):
+        for finger in ("thumb_2", "index_2", "pinky_2"):
+            joint = positions[7, where[f"{side}_{finger}"]]
+            assert 0.002 < np.linalg.norm(moved["skin"] - joint, axis=1).min() < 0.02
+        elbow = positions[7, where[f"{side}_elbow"]]
+        assert 0.01 < np.linalg.norm(moved["shirt"] - elbow, axis=1).min() < 0.06
+
+
+def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
+    """The eyes and lips are ahead of the hair, in the middle, and above the shirt."""
+    glb.write(tmp_path / "m.glb", animate())
+    skin = Reader(tmp_path / "m.glb").skinned(None)
+    assert skin["iris"][:, 2].min() > skin["hair"][:, 2].mean() + 0.05
+    assert skin["lips"][:, 1].min() > skin["shirt"][:, 1].max()
+    assert abs(skin["lips"][:, 0].mean()) < 1e-3
+    names = Reader(tmp_path / "m.glb").tree["nodes"]
+    place = next(node for node in names if node.get("name") == "left_shoulder")["translation"]
+    assert place[0] > 0.1
+
+
+def test_extras_say_how_long_the_speech_is(animate, tmp_path):
+    glb.write(tmp_path / "m.glb", animate(), duration=0.83, audio_name="a.wav")
+    extras = Reader(tmp_path / "m.glb").tree["scenes"][0]["extras"]
+    assert extras["audio_seconds"] == 0.83
+    assert extras["audio"] == "a.wav"
+    assert (extras["fps"], extras["frames"], extras["meta"]["seed"]) == (15.0, 12, 3)
+
+
+def test_the_same_animation_gives_the_same_bytes(animate, tmp_path):
+    for name in ("a.glb", "b.glb"):
+        glb.write(tmp_path / name, animate())
+    assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
+
+
+def test_one_frame_is_a_whole_file(animate, tmp_path, validator):
+    glb.write(tmp_path / "m.glb", animate(frames=1))
+    assert validator(tmp_path / "m.glb")["issues"]["numErrors"] == 0

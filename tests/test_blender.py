@@ -1,0 +1,347 @@
+"""The add-on reads what we write, finds any armature's bones, and moves them as we do."""
+
+import importlib
+import importlib.util
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tomllib
+import types
+import wave
+import zipfile
+
+import numpy as np
+import pytest
+
+from ha2g_jax.motion import rigs, rotations, solver
+from ha2g_jax.motion.armature import Animation, world
+from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import load_skeleton, normalize
+
+ROOT = pathlib.Path(__file__).parent.parent
+MILLIMETRE = 1e-3
+BONES = {  # of Unreal's mannequin: those whose direction is that of ours
+    ("upperarm_l", "lowerarm_l"): ("left_shoulder", "left_elbow"),
+    ("lowerarm_l", "hand_l"): ("left_elbow", "left_wrist"),
+    ("upperarm_r", "lowerarm_r"): ("right_shoulder", "right_elbow"),
+    ("lowerarm_r", "hand_r"): ("right_elbow", "right_wrist"),
+    ("index_01_l", "index_02_l"): ("left_index_1", "left_index_2"),
+    ("pinky_02_r", "pinky_03_r"): ("right_pinky_2", "right_pinky_3"),
+    ("thumb_01_r", "thumb_02_r"): ("right_thumb_1", "right_thumb_2"),
+    ("hand_l", "index_01_l"): ("left_wrist", "left_index_1"),
+    ("hand_l", "pinky_01_l"): ("left_wrist", "left_pinky_1"),
+}
+
+
+def make_motion(skeleton_name: str = "ted_expressive", frames: int = 12) -> Motion:
+    """The mean pose with every bone swinging, each in its own way, within what joints allow."""
+    skeleton = load_skeleton(skeleton_name)
+    random = np.random.default_rng(0)
+    sway = random.normal(0, 0.12, (2, skeleton.num_bones, 3))
+    time = np.arange(frames)[:, None, None] / 15
+    directions = normalize(skeleton.mean_directions) + sway[0] * np.sin(3 * time) + sway[1] * np.sin(5 * time + 1)
+    return Motion.from_directions(skeleton, directions, 15)
+
+
+@pytest.fixture(scope="module")
+def addon() -> types.SimpleNamespace:
+    """The modules of the add-on that need no Blender, and build.py."""
+    folder = ROOT / "integrations" / "blender"
+    sys.path.insert(0, str(folder))
+    try:
+        names = ("motion", "reading", "bone_names", "fitting", "rotations")
+        modules = {name: importlib.import_module(f"ha2g_motion.{name}") for name in names}
+        modules["build"] = importlib.import_module("build")
+        return types.SimpleNamespace(**modules)
+    finally:
+        sys.path.remove(str(folder))
+
+
+@pytest.fixture(scope="module")
+def animation() -> Animation:
+    return solver.animate(make_motion())
+
+
+def positions_of(read) -> np.ndarray:
+    """(T, J, 3) forward kinematics of what the add-on has read."""
+    places = np.zeros((read.num_frames, len(read.joints), 3))
+    for joint, parent in enumerate(read.parents):
+        bone = read.places[joint] - read.places[parent]
+        places[:, joint] = (
+            read.root if parent < 0 else places[:, parent] + rotations.rotate(read.turns[:, parent], bone)
+        )
+    return places
+
+
+FORMATS = [*((rig, suffix) for rig in ("ha2g", "mixamo", "unreal") for suffix in (".glb", ".bvh", ".json"))]
+
+
+@pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
+@pytest.mark.parametrize(("rig", "suffix"), [*FORMATS, ("vrm", ".vrma")])
+def test_what_is_read_is_what_was_written(addon, tmp_path, skeleton, rig, suffix):
+    motion = make_motion(skeleton)
+    export(motion, tmp_path / f"m{suffix}", rig=rig)
+    read = addon.reading.read_motion(tmp_path / f"m{suffix}")
+    animation = rigs.retarget(solver.animate(motion), rigs.load_rig(rig))
+    assert read.fps == 15
+    _, positions = world(animation)
+    order = [read.joints.index(name) for name in animation.armature.joints]
+    np.testing.assert_allclose(positions_of(read)[:, order], positions, atol=1e-4)
+    assert np.ptp(positions, axis=0).max() > 0.05
+
+
+def test_the_body_of_a_glb_is_read_whole(addon, tmp_path):
+    export(make_motion(), tmp_path / "m.glb")
+    body = addon.reading.read_motion(tmp_path / "m.glb").body
+    assert len(body.points) > 500
+    assert np.unique(body.faces).tolist() == list(range(len(body.points)))
+    np.testing.assert_allclose(body.weights.sum(axis=1), 1, atol=1e-5)
+    assert set(np.unique(body.materials)) == set(range(len(body.colours)))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("m.glb", b"glTF"),
+        ("m.glb", b"no file of that kind, but long enough for its head"),
+        ("m.bvh", b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\n"),
+        (
+            "m.bvh",
+            b"HIERARCHY\nROOT a\n{\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\nFrames: 2\nFrame Time: 1\n1 2",
+        ),
+        ("m.json", b'{"rig": "ha2g", "fps": 15, "joints": [], "frames": []}'),
+        ("m.json", b"[1, 2"),
+        ("m.fbx", b""),
+        ("m.npz", b""),
+    ],
+)
+def test_what_is_no_motion_is_refused_in_one_line(addon, tmp_path, monkeypatch, name, content):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(addon.motion.MotionError) as error:
+        addon.reading.read_motion(tmp_path / name)
+    assert name in str(error.value)
+    assert "ha2g export" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_table_of_bone_names_is_that_of_the_rigs(addon):
+    """If this fails: python integrations/blender/build.py"""
+    written = {rig: dict(rows) for rig, rows in addon.bone_names.tables().items()}
+    assert written == {rig: dict(rows) for rig, rows in addon.build.bone_names().items()}
+    arms = {f"{side}_{joint}" for side in ("left", "right") for joint in ("clavicle", "shoulder", "elbow", "wrist")}
+    for rows in written.values():
+        assert arms | {"spine", "head"} <= {joint for joint, share in rows.values() if share == 1}
+
+
+@pytest.fixture(scope="module")
+def moving(addon, tmp_path_factory):
+    """Reads a motion that was exported with a rig."""
+
+    def read(rig: str = "ha2g", skeleton: str = "ted_expressive"):
+        path = tmp_path_factory.mktemp("moving") / "m.json"
+        export(make_motion(skeleton), path, rig=rig)
+        return addon.reading.read_motion(path)
+
+    return read
+
+
+@pytest.mark.parametrize("prefix", ["mixamorig:", "mixamorig7:", ""])
+def test_bones_are_known_whatever_their_prefix(addon, moving, prefix):
+    bones = [f"{prefix}{name}" for name in ("Hips", "Spine", "Spine2", "Head", "LeftArm", "RightArm", "LeftHandThumb1")]
+    found = addon.bone_names.match(moving(), bones)
+    assert found[f"{prefix}LeftArm"] == ("left_shoulder", 1.0)
+    assert found[f"{prefix}LeftHandThumb1"] == ("left_thumb_1", 1.0)
+    assert found[f"{prefix}Spine"] == ("spine", 0.3333)
+    assert f"{prefix}Hips" not in found
+
+
+def test_a_file_of_the_same_rig_leaves_the_legs_alone(addon, moving):
+    motion = moving("mixamo")
+    found = addon.bone_names.match(motion, motion.joints)
+    assert found["mixamorig:LeftArm"] == ("mixamorig:LeftArm", 1.0)
+    assert not {"mixamorig:Hips", "mixamorig:LeftUpLeg", "mixamorig:RightFoot"} & set(found)
+
+
+def test_the_head_of_ted_gesture_is_turned_by_its_nose(addon, moving):
+    found = addon.bone_names.match(moving("ha2g", "ted_gesture"), ["head", "upperarm_l", "upperarm_r", "spine_05"])
+    assert found["head"] == ("nose_0", 1.0)
+
+
+def test_names_that_fit_nothing_are_refused(addon, moving, tmp_path):
+    with pytest.raises(addon.motion.MotionError, match=r"no table of names fits.*Bip01.*--names"):
+        addon.bone_names.match(moving(), ["Bip01 L UpperArm", "Bip01 R UpperArm"])
+    (tmp_path / "names.json").write_text('{"Bip01 L UpperArm": "left_arm"}')
+    own = addon.bone_names.read_names(tmp_path / "names.json")
+    with pytest.raises(addon.motion.MotionError, match="no joint left_arm"):
+        addon.bone_names.match(moving(), ["Bip01 L UpperArm"], own)
+    (tmp_path / "names.json").write_text('["left_arm"]')
+    with pytest.raises(addon.motion.MotionError, match="is no table of names"):
+        addon.bone_names.read_names(tmp_path / "names.json")
+
+
+def pose_target(addon, target, turns: dict[str, np.ndarray]) -> np.ndarray:
+    """(T, B, 3) where the bones of an armature lie, as Blender poses them."""
+    frames = len(next(iter(turns.values())))
+    posed = np.zeros((frames, len(target.bones), 4))
+    heads = np.zeros((frames, len(target.bones), 3))
+    for index, (bone, parent) in enumerate(zip(target.bones, target.parents, strict=True)):
+        own = turns.get(bone, np.tile(rotations.IDENTITY, (frames, 1)))
+        above = posed[:, parent] if parent >= 0 else rotations.IDENTITY
+        rest = rotations.conjugate(target.rest[parent]) if parent >= 0 else rotations.IDENTITY
+        relative = rotations.multiply(rest, target.rest[index])
+        posed[:, index] = rotations.multiply(above, rotations.multiply(relative, own))
+        offset = target.heads[index] - (target.heads[parent] if parent >= 0 else 0)
+        start = heads[:, parent] if parent >= 0 else 0
+        heads[:, index] = start + rotations.rotate(above, rotations.rotate(rest, offset))
+    return heads
+
+
+@pytest.mark.parametrize("way", ["upright", "lying", "aside"])
+def test_arms_and_fingers_point_where_ours_do_on_any_armature(addon, moving, way):
+    """An A-posed armature whose bones have axes of their own, which faces elsewhere."""
+    turn = rotations.from_euler(np.array({"upright": (0, 0, 0), "lying": (90, 90, 0), "aside": (0, 45, 0)}[way]), "XYZ")
+    theirs = moving("unreal")
+    random = np.random.default_rng(1)
+    target = addon.fitting.Target(
+        theirs.joints,
+        theirs.parents,
+        rotations.rotate(turn, theirs.places) * 100,
+        rotations.unit(random.normal(size=(len(theirs.joints), 4))),
+        (True,) * len(theirs.joints),
+    )
+    motion = moving()
+    turns = addon.fitting.fit(motion, target, addon.bone_names.match(motion, target.bones))
+    heads = rotations.rotate(rotations.conjugate(turn), pose_target(addon, target, turns))
+    ours = positions_of(motion)
+    for (start, end), (our_start, our_end) in BONES.items():
+        bone = heads[:, target.bones.index(end)] - heads[:, target.bones.index(start)]
+        our_bone = ours[:, motion.joints.index(our_end)] - ours[:, motion.joints.index(our_start)]
+        cosine = np.sum(rotations.unit(bone) * rotations.unit(our_bone), axis=-1)
+        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.1, (start, end)
+
+
+def test_our_own_armature_gets_the_solvers_rotations(addon, moving, animation):
+    motion = moving()
+    rest = np.tile(rotations.IDENTITY, (len(motion.joints), 1))
+    target = addon.fitting.Target(motion.joints, motion.parents, motion.places, rest, (True,) * len(rest))
+    turns = addon.fitting.fit(motion, target, addon.bone_names.match(motion, motion.joints))
+    assert {"spine", "left_elbow", "right_wrist", "left_thumb_0", "head"} <= set(turns)
+    for name, turn in turns.items():
+        ours = animation.rotations[:, animation.armature.joint(name)]
+        assert np.degrees(rotations.angle_between(turn, ours)).max() < 0.01, name
+        assert (np.sum(turn[1:] * turn[:-1], axis=-1) > 0.7).all(), "signs must not jump"
+
+
+def test_the_extension_is_what_blender_installs(addon, tmp_path):
+    for name in ("a.zip", "b.zip"):
+        addon.build.write_zip(tmp_path / name)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        assert {"__init__.py", "blender_manifest.toml", "bone_names.json", "panel.py"} <= set(archive.namelist())
+        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+    # docs.blender.org/manual/en/latest/advanced/extensions/getting_started.html, "Required values"
+    required = (
+        "schema_version",
+        "id",
+        "version",
+        "name",
+        "tagline",
+        "maintainer",
+        "type",
+        "blender_version_min",
+        "license",
+    )
+    assert all(manifest.get(key) for key in required)
+    assert len(manifest["tagline"]) <= 64
+    assert not manifest["tagline"].endswith(".")
+
+
+def blender_python() -> str:
+    python = os.environ.get("HA2G_BLENDER_PYTHON") or (importlib.util.find_spec("bpy") and sys.executable)
+    if not python:
+        pytest.skip("no Blender here (set HA2G_BLENDER_PYTHON to a Python that has bpy)")
+    return str(python)
+
+
+@pytest.fixture(scope="module")
+def in_blender(tmp_path_factory) -> tuple[pathlib.Path, dict]:
+    """What `in_blender.py` did there: the folder of its files, and what it found in them."""
+    python = blender_python()
+    folder = tmp_path_factory.mktemp("blender")
+    for name in ("motion.glb", "motion.bvh", "motion.json"):
+        export(make_motion(), folder / name)
+    export(make_motion(), folder / "unreal.json", rig="unreal")
+    with wave.open(str(folder / "tone.wav"), "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(16000)
+        sound.writeframes((8000 * np.sin(np.arange(12800) / 8)).astype("<i2").tobytes())
+    command = [python, str(ROOT / "tests" / "in_blender.py"), str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (folder / "results.json").is_file(), done.stdout + done.stderr
+    return folder, json.loads((folder / "results.json").read_text())
+
+
+@pytest.mark.parametrize("where", ["scene", "fbx", "panel_scene"])
+def test_joints_in_blender_are_where_ours_are(in_blender, animation, where):
+    """In a .blend from the script, in an .fbx read back, and by the panel's button with another first frame."""
+    found = in_blender[1][where]
+    _, positions = world(animation)
+    assert set(found) == set(animation.armature.joints)
+    for index, name in enumerate(animation.armature.joints):
+        np.testing.assert_allclose(np.array(found[name]), positions[:, index], atol=MILLIMETRE, err_msg=name)
+
+
+def test_the_scene_has_the_motions_time_and_a_body_that_moves(in_blender):
+    _, results = in_blender
+    assert results["scene_time"] == [15, 0, 11]
+    assert 0.2 < results["body_moved"] < 1.5
+
+
+def test_another_character_does_what_our_figure_does(in_blender, animation):
+    _, results = in_blender
+    _, positions = world(animation)
+    for (start, end), (our_start, our_end) in BONES.items():
+        bone = np.array(results["bob"][end]) - np.array(results["bob"][start])
+        joints = animation.armature.joint(our_end), animation.armature.joint(our_start)
+        ours = positions[:, joints[0]] - positions[:, joints[1]]
+        ours = ours[:, [2, 1, 0]] * [1, 1, -1]  # bob faces +x
+        cosine = np.sum(rotations.unit(bone) * rotations.unit(ours), axis=-1)
+        assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.2, (start, end)
+    assert results["bob_thigh"] == pytest.approx([0.8, 0.6, 0, 0], abs=1e-6)
+
+
+def test_a_film_lasts_as_long_as_the_motion_and_has_its_sound(in_blender):
+    import av
+
+    folder, results = in_blender
+    assert results["film"] == 0
+    with av.open(str(folder / "film.mp4")) as container:
+        assert {stream.type for stream in container.streams} == {"video", "audio"}
+        pictures = [frame.to_ndarray(format="rgb24").astype(int) for frame in container.decode(video=0)]
+    assert len(pictures) == 12
+    assert np.abs(pictures[0] - pictures[6]).max() > 20
+    with av.open(str(folder / "film.mp4")) as container:
+        heard = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
+    assert np.abs(heard).max() > 0.1
+
+
+def test_the_panel_says_what_is_wrong_and_goes_without_a_trace(in_blender):
+    _, results = in_blender
+    assert results["panel"] == ["FINISHED"]
+    assert results["panel_sounds"] == ["tone.wav"]
+    assert "no motion at" in results["panel_error"]
+    assert results["is_unregistered"]
+
+
+def test_a_mistake_is_one_line_and_leaves_no_file(tmp_path):
+    script = ROOT / "integrations" / "blender" / "ha2g_blender.py"
+    command = [blender_python(), str(script), "--", str(tmp_path / "no.glb"), "-o", str(tmp_path / "x.blend")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.strip() == f"ha2g_blender: no motion at {tmp_path / 'no.glb'}; ha2g export writes one"
+    assert list(tmp_path.iterdir()) == []

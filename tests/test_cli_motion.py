@@ -1,0 +1,137 @@
+"""`ha2g export`, `ha2g video` and `ha2g keyframes`: a file for each, and one line for every mistake."""
+
+import argparse
+
+import av
+import numpy as np
+import pytest
+import soundfile
+from PIL import Image
+
+from ha2g_jax.cli import export
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import load_skeleton
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Two motions of a second, one of them twice, a sound, and words, in a folder."""
+    folder = tmp_path / "in"
+    (folder / "more").mkdir(parents=True)
+    for name, skeleton in (("a", "ted_expressive"), ("b", "ted_gesture"), ("more/a", "ted_expressive")):
+        mean = load_skeleton(skeleton).mean_directions
+        Motion.from_directions(load_skeleton(skeleton), np.repeat(mean[None], 15, axis=0), 15).save(
+            folder / f"{name}.npz"
+        )
+    soundfile.write(folder / "speech.wav", np.random.default_rng(0).normal(0, 0.1, 16000), 16000)
+    (folder / "words.tsv").write_text("start\tend\tword\n0.1\t0.4\thello\n0.5\t0.9\tthere\n")
+    (folder / "text.npz").write_text("not a motion")
+    return folder
+
+
+def run(*arguments) -> None:
+    parser = argparse.ArgumentParser()
+    export.add_commands(parser.add_subparsers(required=True))
+    parsed = parser.parse_args([str(argument) for argument in arguments])
+    parsed.run(parsed)
+
+
+def test_export_writes_the_format_of_the_suffix(files, tmp_path, capsys):
+    out = tmp_path / "new" / "a.bvh"
+    run("export", files / "a.npz", "-o", out)
+    assert out.read_text().startswith("HIERARCHY")
+    assert capsys.readouterr().out.split() == [str(out)]
+
+
+def test_export_hands_rig_and_length_of_the_sound_on(files, tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr("ha2g_jax.motion.formats.export", lambda *args, **options: calls.append((args, options)))
+    run("export", files / "a.npz", "-o", tmp_path / "x.glb", "--rig", "mixamo", "--audio", files / "speech.wav")
+    ((motion, path), options) = calls[0]
+    assert motion.num_frames == 15
+    assert path == tmp_path / "x.glb"
+    assert options == {"rig": "mixamo", "audio_seconds": 1.0}
+
+
+def test_video_of_several_motions_with_sound(files, tmp_path, capfd):
+    out = tmp_path / "x.mp4"
+    run("video", files / "a.npz", files / "b.npz", "--audio", files / "speech.wav", "-o", out, "--size", "160x96")
+    with av.open(str(out)) as container:
+        video = container.streams.video[0]
+        assert (video.width, video.height, video.frames) == (160, 96, 30)
+        assert container.streams.audio
+    message = capfd.readouterr()
+    assert message.out.split() == [str(out)]
+    assert message.err == ""
+
+
+def test_video_says_when_motion_and_sound_differ_in_length(files, tmp_path, capsys):
+    soundfile.write(files / "long.wav", np.random.default_rng(0).normal(0, 0.1, 32000), 16000)
+    out = tmp_path / "x.mp4"
+    run("video", files / "a.npz", "--audio", files / "long.wav", "-o", out, "--size", "64x64")
+    assert capsys.readouterr().err == "ha2g: a lasts 1.0 s, the sound 2.0 s\n"
+    with av.open(str(out)) as container:
+        assert container.streams.video[0].frames == 60
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_keyframes_of_several_motions_with_words(files, tmp_path, suffix):
+    out = tmp_path / f"strip{suffix}"
+    options = ["--words", files / "words.tsv", "--count", 2, "--size", 64, "--names", "ground truth", "HA2G"]
+    run("keyframes", files / "a.npz", files / "b.npz", "-o", out, *options)
+    if suffix == ".png":
+        with Image.open(out) as image:
+            assert image.width == 2 * 70 + 6
+    else:
+        assert all(text in out.read_text() for text in ("ground truth", "HA2G", "hello", "there"))
+
+
+def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
+    def names(*paths, names=None):
+        arguments = argparse.Namespace(motions=[files / path for path in paths], names=names)
+        return list(export._load(arguments))
+
+    assert names("a.npz", "b.npz") == ["a", "b"]
+    assert names("a.npz", "more/a.npz") == ["in/a", "more/a"]
+    assert names("a.npz", "b.npz", names=["x", "y"]) == ["x", "y"]
+
+
+MISTAKES = {
+    "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no motion at"),
+    "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a motion"),
+    "format": (["export", "{}/a.npz", "-o", "{out}/x.fbx"], ".fbx"),
+    "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),
+    "overwrites": (["export", "{}/a.npz", "-o", "{}/a.npz"], "overwrite"),
+    "video suffix": (["video", "{}/a.npz", "-o", "{out}/x.avi"], "written as .mp4"),
+    "size": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "big"], "WIDTHxHEIGHT"),
+    "odd size": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "101x100"], "even sides"),
+    "workers": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--workers", "0"], "1 or more"),
+    "no sound": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
+    "names": (["video", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.mp4", "--names", "x"], "1 names for 2"),
+    "same names": (["video", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "same name"),
+    "figure suffix": (["keyframes", "{}/a.npz", "-o", "{out}/x.pdf"], ".png or .svg"),
+    "count": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
+    "words": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "no transcript"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_leaves_nothing(files, tmp_path, name):
+    arguments, what = MISTAKES[name]
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    with pytest.raises(UserError) as error:
+        run(*(argument.format(files, out=tmp_path / "out") for argument in arguments))
+    assert what in str(error.value)
+    assert "\n" not in str(error.value)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+
+
+def test_the_real_speech_makes_a_strip_with_its_words(private_data, tmp_path):
+    """A transcript and a length as people have them."""
+    folder = private_data / "zeroeggs_067"
+    skeleton = load_skeleton("ted_expressive")
+    turning = skeleton.mean_directions + np.random.default_rng(0).normal(0, 0.1, (1032, 42, 3)).cumsum(axis=0) / 30
+    Motion.from_directions(skeleton, turning, 15).save(tmp_path / "m.npz")
+    run("keyframes", tmp_path / "m.npz", "--words", folder / "words.tsv", "-o", tmp_path / "s.svg", "--count", 4)
+    assert (tmp_path / "s.svg").read_text().count("<tspan") > 8

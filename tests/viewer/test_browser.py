@@ -1,0 +1,140 @@
+"""The page in a real Chromium: what is drawn at a time of the sound is the motion at that time, and nothing is loaded.
+
+It needs node, chromium and playwright-core, which node finds in NODE_PATH or node_modules; it is skipped without them.
+The pictures that it takes, light.png and dark.png, stay in the test's temporary folder.
+"""
+
+import json
+import pathlib
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ha2g_jax.motion.resample import resample
+from ha2g_jax.skeleton import directions_to_positions
+from ha2g_jax.text import Word
+from ha2g_jax.viewer import view, write_page
+
+CLICK = 1.2  # seconds
+TO_PAGE = np.array([1, -1, -1])
+
+
+@pytest.fixture(scope="module")
+def tools():
+    node = shutil.which("node")
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if not node or not chromium:
+        pytest.skip("needs node and chromium")
+    found = subprocess.run([node, "-e", "require('playwright-core')"], capture_output=True, check=False)
+    if found.returncode:
+        pytest.skip("needs playwright-core (set NODE_PATH)")
+    return node, chromium
+
+
+@pytest.fixture(scope="module")
+def motions(make_motion):
+    return {"first": make_motion(frames=30, fps=15.0), "second": make_motion(frames=60, fps=30.0, seed=1)}
+
+
+@pytest.fixture(scope="module")
+def seen(tools, motions, tmp_path_factory):
+    """What the script saw; `folder` is where its pictures are."""
+    node, chromium = tools
+    folder = tmp_path_factory.mktemp("viewer")
+    audio = np.zeros(32000, np.float32)
+    audio[int(CLICK * 16000) :][:800] = 0.8 * np.sin(np.arange(800) * 0.4)
+    write_page(folder / "two.html", motions, audio, words=[Word("hello", 0.2, 0.7), Word("there", 0.8, 1.3)])
+    write_page(folder / "silent.html", motions["first"])
+    frame = view(motions["second"], audio)._repr_html_()
+    (folder / "notebook.html").write_text(f'<!doctype html><link rel="icon" href="data:,">{frame}')
+    script = pathlib.Path(__file__).with_name("drive.cjs")
+    done = subprocess.run([node, script, chromium, folder], capture_output=True, text=True, check=False, timeout=900)
+    assert done.returncode == 0, done.stderr
+    return {**json.loads(done.stdout), "folder": folder}
+
+
+def positions(motion, time):
+    """(joints, 3) of a motion at a time in the axes of the page, by the interpolation that videos use."""
+    place = min(time * motion.fps, motion.num_frames - 1)
+    frame = int(place + 1e-4)
+    pair = motion.directions[[frame, min(frame + 1, motion.num_frames - 1)]]
+    poses = resample(pair, 1.0, 64.0, 65)
+    return directions_to_positions(motion.skeleton, poses[round(64 * max(place - frame, 0))]) * TO_PAGE
+
+
+def check_shown(shown, motions):
+    for figure, motion in zip(shown["figures"], motions, strict=True):
+        assert figure["frame"] == min(int(shown["time"] * motion.fps + 1e-4), motion.num_frames - 1)
+        found = np.array([figure["joints"][name] for name in motion.joint_names])
+        np.testing.assert_allclose(found, positions(motion, shown["time"]), atol=0.003)
+
+
+def test_the_frame_shown_is_that_of_the_time(seen, motions):
+    assert [round(shown["time"], 2) for shown in seen["shown"]] == [0, 0.5, 1.01, 1.5, 1.96]
+    for shown in seen["shown"]:
+        check_shown(shown, motions.values())
+    first, last = (np.array(list(shown["figures"][0]["joints"].values())) for shown in seen["shown"][::4])
+    assert np.abs(first - last).max() > 0.05  # or else the check above shows nothing
+
+
+def test_joints_of_a_frame_are_kept_to_a_millimetre(seen, motions):
+    shown = seen["shown"][3]  # 1.5 s lies on a frame of both motions but for half a frame of the first
+    joints = shown["figures"][1]["joints"]
+    exact = motions["second"].positions[45] * TO_PAGE
+    assert np.abs(np.array(list(joints.values())) - exact).max() < 0.001
+
+
+def test_pictures_go_with_the_sound_to_the_end(seen):
+    drawn = np.array(seen["drawn"])
+    assert seen["wasPlaying"]
+    assert len(drawn) > 2
+    assert (np.diff(drawn[:, 0]) >= 0).all()
+    assert np.abs(drawn[:, 0] - drawn[:, 1]).max() < 1 / 30
+    assert drawn[-1, 0] == pytest.approx(2, abs=1e-3)
+
+
+def test_the_sound_is_in_its_place(seen):
+    assert seen["click"] == pytest.approx(CLICK, abs=0.003)
+
+
+def test_nothing_is_loaded_from_anywhere(seen):
+    assert seen["errors"] == []
+    assert len(seen["requests"]) >= 3
+    inside = ("blob:", "data:", f"file://{seen['folder']}/", "about:srcdoc")
+    assert [request for request in seen["requests"] if not request.startswith(inside)] == []
+
+
+def test_keys_and_pointer(seen):
+    assert seen["hovered"] == "left_wrist"
+    keys = seen["keys"]  # from half a second, frame 7
+    assert keys["."][1] == 8
+    assert keys[","][1] == 7
+    assert keys["ArrowRight"][0] == pytest.approx(keys[","][0] + 1, abs=1e-3)
+    assert keys["End"] == [pytest.approx(2, abs=1e-3), 29]
+    assert keys["Home"] == [0, 0]
+    assert keys["faster"] == 1.5
+
+
+def test_a_motion_without_sound_plays_to_its_end(seen, motions):
+    assert seen["silentEnd"]["time"] == pytest.approx(2)
+    check_shown(seen["silentEnd"], [motions["first"]])
+
+
+def test_it_stands_in_a_notebook(seen, motions):
+    check_shown(seen["inNotebook"], [motions["second"]])
+
+
+def test_two_dressed_figures_are_in_the_picture(seen):
+    light, dark = (
+        np.asarray(Image.open(seen["folder"] / f"{name}.png").convert("RGB"), int) for name in ("light", "dark")
+    )
+    figures = light[:450]
+    blue, red = figures[..., 2] - figures[..., 0] > 40, figures[..., 0] - figures[..., 2] > 60
+    assert blue[:, :450].mean() > 0.05
+    assert blue[:, 450:].mean() < 0.01
+    assert red[:, 450:].mean() > 0.05
+    assert light[5, 440].min() > 200  # between the figures
+    assert dark[5, 440].max() < 60
