@@ -99,7 +99,7 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
 
 MISTAKES = {
     "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no motion at"),
-    "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a motion"),
+    "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a whole .npz"),
     "format": (["export", "{}/a.npz", "-o", "{out}/x.fbx"], ".fbx"),
     "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),
     "overwrites": (["export", "{}/a.npz", "-o", "{}/a.npz"], "overwrite"),

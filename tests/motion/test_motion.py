@@ -1,6 +1,8 @@
 """The motion file has the promised arrays, no pickle, the same bytes, and is whole or not there."""
 
+import io
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -65,6 +67,17 @@ def test_other_suffixes_and_other_files_are_refused(tmp_path):
     for name in ("missing.npz", "text.npz", "other.npz"):
         with pytest.raises(UserError, match=name):
             Motion.load(tmp_path / name)
+
+
+def test_a_file_of_ten_million_frames_is_refused_before_it_is_read(tmp_path):
+    """The file says that it holds 5 GB of directions and has none."""
+    header = io.BytesIO()
+    facts = {"descr": "<f4", "fortran_order": False, "shape": (10_000_000, 42, 3)}
+    np.lib.format.write_array_header_1_0(header, facts)
+    with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive:
+        archive.writestr("directions.npy", header.getvalue())
+    with pytest.raises(UserError, match="needs 5040000000 bytes"):
+        Motion.load(tmp_path / "m.npz")
 
 
 def test_a_file_is_whole_or_not_there(tmp_path):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SUFFIXES", "export"]
 
-# Rigs of one format only, with the suffix that they go to.
+# Suffix -> what writes (path, animation, facts about the speech).
 _WRITERS: dict[str, Callable[..., None]] = {
     ".bvh": lambda path, animation, **_: bvh.write(path, animation),
     ".glb": lambda path, animation, **facts: glb.write(path, animation, **facts),

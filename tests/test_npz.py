@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.data.npz import read_npz
 from ha2g_jax.errors import UserError
+from ha2g_jax.npz import read_npz
 
 ARRAYS = {
     "poses": np.arange(12, dtype=np.float32).reshape(3, 4),
