@@ -1,6 +1,8 @@
 # make demo       a figure that gestures to examples/hello.wav, in out/demo.mp4
 # make test       the tests
 # make test-torch the numerics against PyTorch
+# make test-blender exports and the add-on in Blender (its wheel wants Python 3.11)
+# make test-web  the viewer in Chromium and exports by Khronos' validator (need node and chromium)
 # make pose       the environment of the pose estimator, in the user's cache
 # make lint       style, types and the direction of imports
 # make notebooks  run the notebooks and store their output
@@ -9,7 +11,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 2
 
-.PHONY: demo test test-torch pose lint notebooks clean
+.PHONY: demo test test-torch test-blender test-web pose lint notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -20,6 +22,12 @@ test: $(VENV)/test
 
 test-torch: $(VENV)-torch/torch
 	$(VENV)-torch/bin/python -m pytest -m torch
+
+test-blender: $(VENV)/test $(VENV)-blender/bpy
+	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats
+
+test-web: $(VENV)/test $(VENV)-web/node_modules
+	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats
 
 pose: $(VENV)/demo
 	$(VENV)/bin/ha2g data install-pose
@@ -57,5 +65,13 @@ $(VENV)-torch/torch: pyproject.toml
 	$(VENV)-torch/bin/python -m pip install --quiet --editable '.[test,torch]'
 	touch $@
 
+$(VENV)-blender/bpy:
+	$(PYTHON) -m venv $(VENV)-blender
+	$(VENV)-blender/bin/python -m pip install --quiet bpy numpy
+	touch $@
+
+$(VENV)-web/node_modules:
+	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core
+
 clean:
-	rm -rf $(VENV) $(VENV)-torch out .cache build dist
+	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web out .cache build dist
