@@ -18,7 +18,7 @@ demo: $(VENV)/demo
 	$(VENV)/bin/ha2g generate examples/hello.wav --out out/demo
 
 test: $(VENV)/test
-	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS)
+	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS) --dist worksteal
 
 test-torch: $(VENV)-torch/torch
 	$(VENV)-torch/bin/python -m pytest -m torch
