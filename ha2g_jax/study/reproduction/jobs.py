@@ -160,10 +160,10 @@ class _Watch:
         self._bar.close()
 
     def _left(self) -> float:
-        """Seconds, as if all steps of all runs took the same time; by runs, where only scores are missing."""
+        """Seconds, as if all steps of all runs took the same time; by runs, where only scores were missing so far."""
         passed, done = time.monotonic() - self._start, sum(self._done.values())
-        if remaining := sum(self._steps.values()) - done:
-            return passed * remaining / max(done - self._before, 1)
+        if (new := done - self._before) and (remaining := sum(self._steps.values()) - done):
+            return passed * remaining / new
         return passed * (len(self._steps) - self._count) / self._count
 
 
