@@ -7,7 +7,7 @@ from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver.checks import MAX_FRAMES, check
 from ha2g_jax.motion.solver.frames import solve
-from ha2g_jax.motion.solver.limits import clamp
+from ha2g_jax.motion.solver.limits import clamp, without_jumps
 from ha2g_jax.skeleton import Skeleton
 
 __all__ = ["MAX_FRAMES", "animate", "check", "directions_of"]
@@ -36,7 +36,7 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     directions = rotations.unit(motion.directions) * armatures.export_axes(skeleton)
     local = solve(skeleton, armature, directions, motion.fps)
     if limits:
-        local = clamp(armature, local)
+        local = without_jumps(local, clamp(armature, local))
     local = rotations.continuous(rotations.unit(local))
     return armatures.Animation(armature, local, np.zeros((len(local), 3)), motion.fps, motion.meta)
 

@@ -19,6 +19,7 @@ _HEAD = {"bow": (1.0, 0.0, 0.0), "tip": (0.0, 0.0, -1.0), "turn": (0.0, 1.0, 0.0
 # the thumb, about which it goes up and down, stays nearly at right angles to the forearm, see `arms`.
 _WRIST = "XYZ"
 _TURNING = np.deg2rad(150)
+_FASTEST = np.deg2rad(80)  # from one frame to the next, between the ends of a range
 _MIRROR = np.array([1.0, -1.0, -1.0, 1.0])  # a rotation seen in the mirror that exchanges left and right
 
 
@@ -64,6 +65,24 @@ def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
         else:
             clamped[is_out, joint] = from_angles(name, kept[is_out])
     return clamped
+
+
+def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
+    """Clamped rotations (T, J, 4) that go from one end of a range to the other no faster than 80 degrees a frame.
+
+    A joint out of its range may be near to both ends, and be held now at one, now at the other. On the way it may be
+    out of its range; where the joint itself turns faster, by `local`, so may the clamped one.
+    """
+    most = np.maximum(rotations.angle_between(local[1:], local[:-1]), _FASTEST)
+    slowed = clamped.copy()
+    for first, joint in np.argwhere(rotations.angle_between(clamped[1:], clamped[:-1]) > most):
+        for frame in range(first, len(most)):
+            step = float(rotations.angle_between(slowed[frame + 1, joint], slowed[frame, joint]))
+            if step <= most[frame, joint]:
+                break
+            share = most[frame, joint] / step
+            slowed[frame + 1, joint] = rotations.slerp(slowed[frame, joint], slowed[frame + 1, joint], share)
+    return slowed
 
 
 def _turn_back(found: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -74,8 +74,10 @@ def test_the_head_turns_as_it_did(recording):
     assert np.rad2deg(np.median(rotations.angle_between(difference, difference[:1]))) < 4
 
 
-def test_quaternions_do_not_flip_where_the_capture_does_not(recording):
-    animation, captured, _ = recording
+@pytest.mark.parametrize("limits", [False, True])
+def test_quaternions_do_not_flip_where_the_capture_does_not(recording, limits):
+    _, captured, motion = recording
+    animation = solver.animate(motion, limits=limits)
     assert (np.sum(animation.rotations[1:] * animation.rotations[:-1], axis=-1) >= 0).all()
     steps = np.rad2deg(rotations.angle_between(animation.rotations[1:], animation.rotations[:-1]))
     wild = {animation.armature.joints[joint] for joint in np.flatnonzero(steps.max(axis=0) > 90)}

@@ -8,10 +8,11 @@ import pytest
 
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import ha2g_armature
-from ha2g_jax.motion.solver.limits import clamp, from_angles, joint_angles, joint_limits, limits_of
+from ha2g_jax.motion.solver.limits import clamp, from_angles, joint_angles, joint_limits, limits_of, without_jumps
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 EXPRESSIVE = ha2g_armature(load_skeleton("ted_expressive"))
+EXPRESSIVE_JOINTS = len(EXPRESSIVE.joints)
 
 
 def turned(name: str, **degrees: float) -> np.ndarray:
@@ -94,3 +95,21 @@ def test_a_joint_that_turns_all_the_way_round_does_not_jump_from_end_to_end(join
     local[:, index] = rotations.about(along, np.linspace(0, 2 * np.pi, 360))
     clamped = clamp(EXPRESSIVE, local)[:, index]
     assert np.rad2deg(rotations.angle_between(clamped[1:], clamped[:-1])).max() < 8
+
+
+def test_from_one_end_of_a_range_to_the_other_takes_several_frames():
+    joint = EXPRESSIVE.joint("left_wrist")
+    free, ends = np.broadcast_to(rotations.IDENTITY, (2, 9, EXPRESSIVE_JOINTS, 4)).copy()
+    ends[:4, joint], ends[4:, joint] = turned("left_wrist", up=60)[0], turned("left_wrist", up=-60)[0]
+    ends[6, joint] = turned("left_wrist", up=60)[0]
+    slowed = without_jumps(free, ends)
+    steps = np.rad2deg(rotations.angle_between(slowed[1:], slowed[:-1]))[:, joint]
+    np.testing.assert_allclose(steps, [0, 0, 0, 80, 40, 80, 80, 0], atol=1e-6)
+    np.testing.assert_array_equal(np.delete(slowed, joint, axis=1), np.delete(ends, joint, axis=1))
+
+
+def test_what_turns_fast_itself_may_do_so_clamped():
+    joint = EXPRESSIVE.joint("left_wrist")
+    free = np.broadcast_to(rotations.IDENTITY, (2, EXPRESSIVE_JOINTS, 4)).copy()
+    free[:, joint] = np.concatenate([turned("left_wrist", up=60), turned("left_wrist", up=-60)])
+    np.testing.assert_array_equal(without_jumps(free, free), free)
