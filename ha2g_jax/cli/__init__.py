@@ -82,7 +82,7 @@ def _add_evaluate(commands: Any) -> None:
     )
     evaluate.add_argument("--skeleton", choices=SKELETONS, help="of the two folders (default: found out)")
     evaluate.add_argument(
-        "--joint-map", default="auto", help="of .bvh files: auto, mixamo, zeroeggs, beat or a YAML file"
+        "--joint-map", default="auto", help="of .bvh files: auto, mixamo, zeroeggs, beat, ha2g or a YAML file"
     )
     evaluate.add_argument("--autoencoder", type=pathlib.Path, help="a trained pose auto-encoder, for FGD and diversity")
     evaluate.add_argument("--legacy", action="store_true", help="add the scores by the field's old rules")

@@ -50,7 +50,7 @@ def _add_import_bvh(data: Any) -> None:
     command = data.add_parser("import-bvh", help="motion capture in BVH, with its audio and words")
     _add_motion_arguments(command, "a .bvh, or a folder of them; audio and transcript lie beside each, with its name")
     command.add_argument(
-        "--joint-map", default="auto", help="auto, mixamo, zeroeggs, beat, or a YAML file (docs/data.md)"
+        "--joint-map", default="auto", help="auto, mixamo, zeroeggs, beat, ha2g, or a YAML file (docs/data.md)"
     )
     command.add_argument("--unit", default="auto", help="metres in one unit of the file (default: by the arms' length)")
     command.set_defaults(run=_import_bvh)

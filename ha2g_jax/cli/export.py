@@ -113,12 +113,11 @@ def read_size(text: str) -> int | tuple[int, int]:
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     """The motions by name; files of the same name go by their folder, too."""
     from ha2g_jax.motion.motion import Motion
+    from ha2g_jax.viewer.files import names_of
 
     paths, names = arguments.motions, arguments.names
     if names is None:
-        names = [path.stem for path in paths]
-        if len(set(names)) < len(names):
-            names = [f"{path.resolve().parent.name}/{path.stem}" for path in paths]
+        names = names_of(paths)
     if len(names) != len(paths):
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):

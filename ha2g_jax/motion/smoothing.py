@@ -43,6 +43,11 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     return _to_unit(means, poses).astype(np.float32)
 
 
+def minimum_jerk(share: np.ndarray) -> np.ndarray:
+    """A course from 0 at a share 0 to 1 at 1, that begins and ends at rest (Flash and Hogan 1985)."""
+    return share**3 * (10 - 15 * share + 6 * share**2)
+
+
 def check_width(seconds: float) -> None:
     """Raises UserError for a width that `smooth` does not take."""
     if not (math.isfinite(seconds) and 0 <= seconds <= MAX_SMOOTHING):

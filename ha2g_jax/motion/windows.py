@@ -4,6 +4,7 @@ import numpy as np
 
 from ha2g_jax.motion.resample import exp_map, log_map, slerp
 from ha2g_jax.motion.rotations import between, from_vector, rotate, to_vector
+from ha2g_jax.motion.smoothing import minimum_jerk
 
 _EASE_FRAMES = 10
 
@@ -49,10 +50,8 @@ def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: b
     heading = exp_map(before, (onward - log_map(before, earlier)) / 2)
     turn = to_vector(between(first, heading))
     count = max(1, min(_EASE_FRAMES, stride - overlap))  # all before the next border
-    for step in range(count):
+    for step, share in enumerate(1 - minimum_jerk(np.arange(count) / count)):
         frames = own + step
         exists = frames < len(eased)
-        u = step / count
-        share = 1 - u**3 * (10 - 15 * u + 6 * u**2)
         eased[frames[exists]] = rotate(from_vector(share * turn[exists]), eased[frames[exists]].astype(np.float64))
     return eased

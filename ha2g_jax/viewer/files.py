@@ -38,7 +38,7 @@ def view_files(
     """
     if out in motions or out in (audio, words):
         raise UserError(f"the page would overwrite {out}; choose another name with -o")
-    named = dict(zip(_names(motions), map(_read, motions), strict=True))
+    named = dict(zip(names_of(motions), map(_read, motions), strict=True))
     samples = None if audio is None else read_audio(audio)
     spoken = ()
     if words is not None:
@@ -56,8 +56,12 @@ def _read(path: pathlib.Path) -> Motion:
     return Motion.from_directions(skeleton, positions_to_directions(skeleton, positions), _BVH_FPS)
 
 
-def _names(paths: Sequence[pathlib.Path]) -> list[str]:
-    """A name for each file: its stem, with its folder where two have the same, its path where that is not enough."""
+def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
+    """A name for each file: its stem, with its folder where two have the same, its path where that is not enough.
+
+    Raises:
+        UserError: a file is named twice.
+    """
     names = [path.stem for path in paths]
     for name in (lambda path: f"{path.resolve().parent.name}/{path.stem}", lambda path: str(path)):
         counts = collections.Counter(names)

@@ -19,7 +19,7 @@ from ha2g_jax.data.mocap.face import FACE
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
 
-MAPS = ("zeroeggs", "beat", "mixamo")  # the ones that ask for more first: "auto" takes the first that fits
+MAPS = ("zeroeggs", "beat", "mixamo", "ha2g")  # the ones that ask for more first: "auto" takes the first that fits
 AUTO = "auto"
 HEAD = "head"
 

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.motion.smoothing import minimum_jerk
+
 EASE = 0.5  # seconds in which a motion leaves its way for a pose, and in which it returns
 
 
@@ -35,9 +37,8 @@ class Span(NamedTuple):
 def own_share(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: float) -> np.ndarray:
     """Share (T,) that the motion keeps of its own: 0 within the span, 1 from `EASE` seconds away on.
 
-    Start and end are taken at the nearest frames. Between them the share is minimum-jerk (Flash and Hogan 1985), so the
-    motion leaves and returns without a jolt. Where another span is nearer than that, the gap between them is what the
-    motion has.
+    Start and end are taken at the nearest frames. Between them the share is minimum-jerk, so the motion leaves and
+    returns without a jolt. Where another span is nearer than that, the gap between them is what the motion has.
     """
     first, last = (round(moment * fps) for moment in (span.start, span.end))
     gaps_before = [first - round(other.end * fps) for other in others if other.end <= span.start]
@@ -45,5 +46,4 @@ def own_share(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: 
     eases = [max(1.0, min([EASE * fps, *gaps])) for gaps in (gaps_before, gaps_after)]
     frame = np.arange(frames)
     away = np.maximum(np.maximum((first - frame) / eases[0], (frame - last) / eases[1]), 0)
-    u = np.minimum(away, 1)
-    return u**3 * (10 - 15 * u + 6 * u**2)
+    return minimum_jerk(np.minimum(away, 1))
