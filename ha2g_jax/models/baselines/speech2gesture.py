@@ -45,19 +45,23 @@ def _conv(channels: int, kernel: tuple[int, ...], stride: int = 1, padding: str 
     return nn.Conv(channels, kernel, strides, padding, kernel_init=initializers.LINEAR, name=name)
 
 
-def lay_on_frames(x: jax.Array, num_frames: int) -> jax.Array:
+def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> jax.Array:
     """Resizes the axes of frequency and time to (1, N), bilinearly and with corners not aligned.
 
-    So it takes the mean of the two frequencies in the middle. The authors of HA2G resized to (N, 1), which lays
-    frequency on the frames; here time lies on them, as in the original work.
+    So time lies on the frames, as in the original work, and of the frequencies the mean of the two in the middle is
+    taken.
 
     Args:
         x: (B, frequencies, times, channels).
         num_frames: N.
+        swapped: whether to resize to (N, 1), as the authors of HA2G did: frequency lies on the frames, and all hear
+            the same moment, the one in the middle.
 
     Returns:
         (B, N, channels).
     """
+    if swapped:
+        x = jnp.swapaxes(x, 1, 2)
     shape = (len(x), 1, num_frames, x.shape[-1])
     return jax.image.resize(x, shape, "bilinear", antialias=False)[:, 0]
 
@@ -68,10 +72,12 @@ class SpectrogramEncoder(nn.Module):
     Attributes:
         channels: of the stages, each of which halves both axes.
         num_frames: N.
+        swapped_axes: see `lay_on_frames`.
     """
 
     channels: tuple[int, ...]
     num_frames: int
+    swapped_axes: bool
 
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> jax.Array:
@@ -82,7 +88,7 @@ class SpectrogramEncoder(nn.Module):
             x = Block(channels, (4, 4), stride=2, name=f"down_{index}")(x, train=train)
         x = Block(self.channels[-1], (3, 3), name="block_same")(x, train=train)
         x = Block(self.channels[-1], (3, 3), padding="VALID", name="block_valid")(x, train=train)
-        return lay_on_frames(x, self.num_frames)
+        return lay_on_frames(x, self.num_frames, swapped=self.swapped_axes)
 
 
 class UNet(nn.Module):
@@ -122,6 +128,7 @@ class Speech2Gesture(nn.Module):
         audio_channels: of the stages on the spectrogram.
         channels: of every block on frames.
         downs: how often the U-Net halves the frames.
+        swapped_axes: whether frequency lies on the frames, as in the published comparison; see `lay_on_frames`.
     """
 
     pose_dim: int
@@ -129,12 +136,13 @@ class Speech2Gesture(nn.Module):
     audio_channels: tuple[int, ...] = (64, 128, 256)
     channels: int = 256
     downs: int = 5
+    swapped_axes: bool = False
 
     inputs: ClassVar = ("mel",)
     style_dim: ClassVar = 0
 
     def setup(self) -> None:
-        self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames)
+        self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
         self.unet = UNet(self.channels, self.downs)
         self.seed_in = nn.Dense(_SEED_HIDDEN_DIM, kernel_init=initializers.LINEAR)
         self.seed_norm = BatchNorm()
@@ -174,19 +182,20 @@ class Speech2Gesture(nn.Module):
 class PatchDiscriminator(nn.Module):
     """Motion, as the differences between frames, to one score for each patch of frames.
 
-    34 poses become 33 differences, 17, 9, 9 and 9 scores. The authors of HA2G took the differences twice; this takes
-    them once.
+    34 poses become 33 differences, 17, 9, 9 and 9 scores.
 
     Attributes:
         channels: of the first convolution; the next two have twice and four times as many.
+        differences: how often they are taken; the authors of HA2G took them twice, which gives 8 scores.
     """
 
     channels: int = 64
+    differences: int = 1
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
         """Maps mean-subtracted poses (B, N, pose_dim) to scores (B, patches), for a least-squares loss."""
-        x = poses[:, 1:] - poses[:, :-1]
+        x = jnp.diff(poses, self.differences, axis=1)
         x = nn.leaky_relu(_conv(self.channels, (4,), stride=2, name="conv_in")(x), _SLOPE)
         x = Block(2 * self.channels, (4,), stride=2, name="down")(x, train=train)
         x = Block(4 * self.channels, (4,), name="block")(x, train=train)

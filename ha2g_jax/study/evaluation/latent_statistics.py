@@ -42,10 +42,12 @@ class Latents(NamedTuple):
     Attributes:
         latents: (n, d).
         members: (n,) index of each one's source.
+        inputs: (n,) index of the speech that each one is of: a place in a clip.
     """
 
     latents: np.ndarray
     members: np.ndarray
+    inputs: np.ndarray
 
 
 def choose_cut(lengths: Sequence[int]) -> Cut | None:
@@ -69,12 +71,13 @@ def encode(row: Row, members: np.ndarray, cut: Cut, features: Callable[[np.ndarr
         cut: where windows begin.
         features: (n, 34, bones, 3) -> (n, d).
     """
-    sources = [
-        members[number]
+    places = [
+        (number, start)
         for directions, number in zip(row.directions, row.numbers, strict=True)
-        for _ in cut.starts(len(directions))
+        for start in cut.starts(len(directions))
     ]
-    return Latents(features(cut_windows(row, cut)), np.array(sources))
+    _, inputs = np.unique(places, axis=0, return_inverse=True)
+    return Latents(features(cut_windows(row, cut)), members[[number for number, _ in places]], inputs)
 
 
 def cut_windows(row: Row, cut: Cut) -> np.ndarray:
@@ -148,3 +151,19 @@ def diversity_statistics(latents: Latents, seed: int) -> tuple[Statistic, Statis
         return np.asarray(counts, np.int64).tobytes()
 
     return lambda counts: both(drawn(counts))[0], lambda counts: both(drawn(counts))[1]
+
+
+def multimodality_statistic(latents: Latents) -> Statistic | None:
+    """Mean L1 distance between the performances of one and the same speech; None where no clip has several."""
+    groups = [np.flatnonzero(latents.inputs == place) for place in np.unique(latents.inputs)]
+    groups = [group for group in groups if len(group) > 1]
+    if not groups:
+        return None
+    distances = np.array([diversity.multimodality(latents.latents[group][None]) for group in groups])
+    sources = latents.members[[group[0] for group in groups]]
+
+    def mean(counts: np.ndarray) -> float:
+        weights = counts[sources]
+        return float(weights @ distances / weights.sum()) if weights.any() else np.nan
+
+    return mean

@@ -92,6 +92,8 @@ def score_latents(
         distance = latent_statistics.distance(moments, true_moments)
         first, second = latent_statistics.diversity_statistics(own, seed)
         statistics[name] = {cut.metric: distance, "diversity_l1": first, "diversity_l2": second}
+        if (answers := latent_statistics.multimodality_statistic(own)) is not None:
+            statistics[name]["multimodality"] = answers
         found = latent_statistics.diversity_draws(own, seed)
         draws[name] = {
             key: {"value": number(values.mean()), "sd": number(values.std(ddof=1))}

@@ -44,6 +44,7 @@ METRICS = {
     FGD_SEEDED: Metric("FGD (seeded)", LIKENESS, 3, LOWER),
     "diversity_l1": Metric("diversity L1", LIKENESS, 2, HIGHER),
     "diversity_l2": Metric("diversity L2", LIKENESS, 2, HIGHER),
+    "multimodality": Metric("multimodality L1", LIKENESS, 2, HIGHER),
     "l1_diversity": Metric("L1 diversity", LIKENESS, 2, HIGHER),
     "speed_hellinger": Metric("speed Hellinger", LIKENESS, 3, LOWER),
     "acceleration": Metric("acc. m/s²", MOVEMENT, 2, NEITHER),

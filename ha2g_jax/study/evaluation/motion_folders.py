@@ -30,7 +30,8 @@ class Folders(NamedTuple):
     """What two folders hold.
 
     Attributes:
-        motion, reference: performances of the same ids, in the same order.
+        motion: performances; several of one id are several motions for the same speech.
+        reference: performances of the same ids, one of each.
         skeleton: of both.
         notes: what was changed or left out, a sentence each.
     """
@@ -88,25 +89,35 @@ def from_folders(
     """
     found = {pathlib.Path(folder): _find(pathlib.Path(folder)) for folder in (motion, reference)}
     motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
-    names = sorted(motions.keys() & references.keys())
-    if not names:
+    clips = {name: clip for name in sorted(motions) if (clip := _clip_of(name, references)) is not None}
+    if not clips:
         raise UserError(
             f"no file in {motion} has the name of one in {reference}: found {_few(motions)} and {_few(references)}; "
             "give both the names of the clips"
         )
-    name = skeleton or find_skeleton(references[names[0]], joint_map)
+    name = skeleton or find_skeleton(references[min(clips.values())], joint_map)
     sounds = _find_sounds({path.parent for path in (*motions.values(), *references.values())})
     pairs = []
-    for clip in names:
-        audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[clip])) if key in sounds), None)
+    for file, clip in clips.items():
+        audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[file])) if key in sounds), None)
         source = clip.rpartition("/")[0] or clip
-        pairs.append(_Pair(clip, source, motions[clip], references[clip], audio, name, joint_map, with_audio))
+        pairs.append(_Pair(clip, source, motions[file], references[clip], audio, name, joint_map, with_audio))
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
-    left_out = {"motion": len(motions) - len(names), "reference": len(references) - len(names)}
-    notes = _notes(pairs, read, left_out)
-    return Folders([pair.motion for pair in read], [pair.reference for pair in read], load_skeleton(name), notes)
+    once = {pair.reference.id: pair for pair in read}
+    left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
+    notes = _notes(read, list(once.values()), left_out)
+    return Folders(
+        [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(name), notes
+    )
+
+
+def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
+    """The clip of the reference that a file of motion is of, perhaps as one of several, such as talk.2 of talk."""
+    clip, _, number = name.rpartition(".")
+    clip = name if name in references or not number.isdecimal() else clip.removesuffix(_GENERATED)
+    return clip if clip in references else None
 
 
 def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
@@ -164,16 +175,17 @@ def _performance(
     return Performance(pair.name, pair.source, motion.directions, FPS, onsets, audio, motion.borders)
 
 
-def _notes(pairs: list[_Pair], read: list[_Read], left_out: dict[str, int]) -> list[str]:
+def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
+    """What was done to all performances, and to their references, which `once` has once each."""
     notes = []
     for which, count in left_out.items():
         if count:
             notes.append(f"{count} files of {which} have no counterpart and are left out")
-    for which, index in (("motion", 0), ("reference", 1)):
-        rates = collections.Counter(pair.rates[index] for pair in read if pair.rates[index] != FPS)
+    for which, index, pairs in (("motion", 0, read), ("reference", 1, once)):
+        rates = collections.Counter(pair.rates[index] for pair in pairs if pair.rates[index] != FPS)
         for rate, count in sorted(rates.items()):
             notes.append(f"{which} of {count} clips resampled from {rate:.6g} to {FPS:g} frames per second")
-    if cut := sum(pair.is_cut_to_sound for pair in read):
+    if cut := sum(pair.is_cut_to_sound for pair in once):
         notes.append(f"reference of {cut} clips cut to the length of their sound")
     return notes
 

@@ -6,6 +6,7 @@ METHODS = {
     "ha2g": ha2g.METHOD,
     "seq2seq": seq2seq.METHOD,
     "speech2gesture": speech2gesture.METHOD,
+    "speech2gesture_legacy": speech2gesture.LEGACY,
     "joint_embedding": joint_embedding.METHOD,
     "trimodal": trimodal.METHOD,
     "autoencoder": autoencoder.METHOD,

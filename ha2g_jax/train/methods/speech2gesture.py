@@ -1,4 +1,10 @@
-"""Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion."""
+"""Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion.
+
+`LEGACY` is the method as the authors of HA2G compared with it: frequency lies where time belongs, and the
+discriminator sees differences of differences.
+"""
+
+import functools
 
 import jax
 
@@ -19,8 +25,10 @@ def inputs(config: Config) -> tuple[str, ...]:
     return Speech2Gesture.inputs
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The networks of `config.model`.
+def build(
+    config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, *, legacy: bool = False
+) -> Networks:
+    """The networks of `config.model`; `legacy` ones have as many parameters, but other inputs.
 
     Raises:
         UserError: an unknown choice.
@@ -33,8 +41,10 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         audio_channels=tuple(config.model.audio.channels),
         channels=config.model.inferer.hidden_dim,
         downs=config.model.inferer.layers,
+        swapped_axes=legacy,
     )
-    return Networks(generator, PatchDiscriminator(channels=config.model.discriminator.hidden_dim))
+    channels = config.model.discriminator.hidden_dim
+    return Networks(generator, PatchDiscriminator(channels, differences=2 if legacy else 1))
 
 
 def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
@@ -44,3 +54,4 @@ def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dic
 
 
 METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)
+LEGACY = METHOD._replace(build=functools.partial(build, legacy=True))

@@ -1,4 +1,4 @@
-"""Speech2Gesture has the layers of its table, hears in time what it moves to, and judges first differences."""
+"""Speech2Gesture has the layers of its table, hears in time what it moves to, and judges differences."""
 
 import functools
 
@@ -140,6 +140,15 @@ def test_time_is_laid_on_frames_without_aligned_corners():
     np.testing.assert_allclose(jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES))(x), expected, rtol=1e-5, atol=1e-6)
 
 
+def test_swapped_axes_lay_frequency_on_the_frames():
+    """As in the published comparison: of the 7 times only the one in the middle is heard, in every frame."""
+    x = np.random.default_rng(0).normal(size=(2, 14, 7, 3)).astype(np.float32)
+    swapped = jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES, swapped=True))
+    np.testing.assert_allclose(swapped(x), lay_on_frames(x.swapaxes(1, 2), NUM_FRAMES), rtol=1e-6)
+    elsewhere = x + (np.arange(7) != 3)[:, None].astype(np.float32)
+    np.testing.assert_array_equal(swapped(elsewhere), swapped(x))
+
+
 def _columns_of_frames():
     """The column of the mel at the middle of each frame."""
     return (np.arange(NUM_FRAMES) + 0.5) * NUM_COLUMNS / NUM_FRAMES - 0.5
@@ -194,14 +203,17 @@ def test_a_click_moves_the_poses_near_it_most(model, variables):
         assert of_click[distance < 8].mean() > 1.5 * of_click[distance > 24].mean()
 
 
-def test_scores_are_of_first_differences():
+@pytest.mark.parametrize(("differences", "num_scores"), [(1, 9), (2, 8)])
+def test_scores_are_of_differences(differences, num_scores):
+    """Of first ones; in the published comparison of second ones, to which steady drift is nothing."""
     poses = np.random.default_rng(0).normal(size=(2, NUM_FRAMES, 5)).astype(np.float32)
-    module = PatchDiscriminator(channels=4)
+    module = PatchDiscriminator(channels=4, differences=differences)
     variables = _variables(module, poses)
     score = jax.jit(lambda poses: module.apply(variables, poses, train=False))
+    assert score(poses).shape == (2, num_scores)
     np.testing.assert_allclose(score(poses + 0.7), score(poses), atol=1e-5)
-    drifting = poses + 0.5 * np.arange(NUM_FRAMES)[:, None].astype(np.float32)  # its second differences are the same
-    assert np.abs(score(drifting) - score(poses)).max() > 0.01
+    drifting = poses + 0.5 * np.arange(NUM_FRAMES)[:, None].astype(np.float32)
+    assert (np.abs(score(drifting) - score(poses)).max() > 0.01) == (differences == 1)
 
 
 @pytest.mark.parametrize("num_seed_frames", [1, 7])

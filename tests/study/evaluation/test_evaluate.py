@@ -65,6 +65,27 @@ def test_ground_truth_is_at_no_distance_from_itself(results):
     assert 0 < value(results, HALF, "fgd") < value(results, MEAN_POSE, "fgd")
 
 
+def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, reference, features):
+    """Nothing where all are alike; else between them alone, whatever separates one speech from another."""
+    others = perform(CLIPS, delay=0.25)
+    rows = {"one": reference, "same": [*reference, *reference], "two": [*reference, *others]}
+    results = evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS)
+    assert "multimodality" not in results["rows"]["one"]
+    assert value(results, "same", "multimodality") == 0
+    cut = choose_cut([clip.num_frames for clip in reference])
+    ours, theirs = (
+        features(
+            np.stack([clip.directions[start : start + 34] for clip in clips for start in cut.starts(clip.num_frames)])
+        )
+        for clips in (reference, others)
+    )
+    expected = np.abs(ours - theirs).sum(axis=1).mean()
+    assert value(results, "two", "multimodality") == pytest.approx(expected, rel=1e-4)
+    assert (
+        0 < results["rows"]["two"]["multimodality"]["low"] < expected < results["rows"]["two"]["multimodality"]["high"]
+    )
+
+
 def test_only_motion_that_meets_its_own_speech_gains(results):
     rows = results["rows"]
     assert rows[TRUTH]["beat_gain"]["low"] > 0.1
@@ -257,7 +278,7 @@ def test_moments_of_drawn_sources_are_those_of_their_latents():
     members = np.repeat(np.arange(5), [3, 1, 4, 2, 5])
     latents = random.standard_normal((len(members), 3)) * (1, 5, 0.1) + 100
     counts = np.array([2, 0, 1, 0, 3])
-    pooled = SourceMoments(Latents(latents, members), 5).pool(counts)
+    pooled = SourceMoments(Latents(latents, members, np.arange(len(members))), 5).pool(counts)
     direct = frechet.moments(np.repeat(latents, counts[members], axis=0))
     assert pooled.count == direct.count
     np.testing.assert_allclose(pooled.mean, direct.mean, rtol=1e-12)

@@ -35,6 +35,15 @@ def write(skeleton, perform, tmp_path):
     return write
 
 
+def test_a_number_behind_the_name_makes_one_of_several_motions(write):
+    motion = write("motion", ["a.1", "a_gestures.2", "b", "c.1", "b.x"])
+    reference = write("reference", ["a", "b", "c.1"])
+    folders = from_folders(motion, reference)
+    assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1"]
+    assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
+    assert folders.notes == ["1 files of motion have no counterpart and are left out"]
+
+
 def write_sound(path, seconds=SECONDS):
     audio = np.zeros(int(seconds * 16000), np.float32)
     for start in range(8000, len(audio) - 800, 9000):

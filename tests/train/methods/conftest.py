@@ -15,7 +15,7 @@ NUM_WORDS, NUM_SPEAKERS = 11, 5
 def make_task():
     """A function from a method's name and changes of its config, by dotted name, to a task."""
 
-    def make(method, **changes):
+    def make(method, /, **changes):
         config = presets.make(
             "ted_gesture", "debug", method, {name.replace("__", "."): changes[name] for name in changes}
         )

@@ -43,6 +43,18 @@ def test_an_identity_is_refused(make_task):
         make_task("speech2gesture", model__identity__kind="images")
 
 
+def test_legacy_trains_as_the_published_comparison_did(make_task, make_motion_batch):
+    """A step of the other method, with the same parameters; it hears and judges otherwise."""
+    methods = ("speech2gesture", "speech2gesture_legacy")
+    tasks = [make_task("speech2gesture", method=method, **SHALLOW) for method in methods]
+    assert [task.generator.swapped_axes for task in tasks] == [False, True]
+    assert [task.discriminator.differences for task in tasks] == [1, 2]
+    state, batch = init_state(tasks[0], jax.random.key(0)), make_motion_batch(tasks[0], 3)
+    new, legacy = (jax.jit(functools.partial(train_step, task))(state, batch, jax.random.key(1))[1] for task in tasks)
+    for name in ("loss/l1", "loss/discriminator"):
+        assert jnp.isfinite(legacy[name]) and legacy[name] != pytest.approx(float(new[name]), rel=1e-3)
+
+
 def test_one_batch_is_learnt_by_heart_against_the_adversary(make_task, make_motion_batch):
     changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     task = make_task("speech2gesture", train__steps=STEPS, **(SHALLOW | changes))
