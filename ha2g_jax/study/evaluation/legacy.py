@@ -77,7 +77,7 @@ def _latent_scores(own: np.ndarray, true: np.ndarray, batch_size: int, seed: int
         "legacy_fgd": frechet.legacy_distance(own[:whole], true[:whole_true]),
         "legacy_diversity": diversity.legacy_diversity(own, batch_size, seed),
     }
-    if whole == whole_true:
+    if len(own) == len(true):
         found["legacy_feature_distance"] = frechet.legacy_feature_distance(own[:whole], true[:whole])
     return found
 
