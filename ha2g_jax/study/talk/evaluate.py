@@ -54,12 +54,12 @@ def evaluate(
 def score(model: Model, corpus: Corpus, splits: Sequence[str] = SPLITS, seed: int = 0) -> dict[str, Any]:
     """All scores of a model.
 
-    Each split has the rows "model", "teacher" (the ceiling: the teacher performs again with other noise), "mean pose",
-    "mismatched speech" (the model's motion for up to `MISMATCHES` clips of other talks), "majority" and "shuffled" (of
-    the hand shapes). Beat recall is the share of the strokes caused by the sound that a motion beat meets within 0.1 s;
-    precision is the share of the motion beats that meet a beat of the true motion, whatever causes it. In the strict F1
-    a motion beat that answers to a word is wrong. "beat_f1_gain" is the model's F1 less that of mismatched speech, its
-    error that of the paired difference.
+    Each split has the rows "model", "model, no words" (of one that reads words: without the transcript), "teacher" (the
+    ceiling: the teacher performs again with other noise), "mean pose", "mismatched speech" (the model's motion for up
+    to `MISMATCHES` clips of other talks), "majority" and "shuffled" (of the hand shapes). Beat recall is the share of
+    the strokes caused by the sound that a motion beat meets within 0.1 s; precision is the share of the motion beats
+    that meet a beat of the true motion, whatever causes it. In the strict F1 a motion beat that answers to a word is
+    wrong. "beat_f1_gain" is the model's F1 less that of mismatched speech, its error that of the paired difference.
 
     A score is {"value", "error"}, the error a standard error by clip, for the style by speaker; None where it is
     undefined. The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
@@ -116,12 +116,13 @@ def _check(model: Model, corpus: Corpus, chosen: dict[str, list[Clip]]) -> None:
 def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, progress: tqdm) -> dict[str, Any]:
     skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.task.num_seed_frames
 
-    generated, taught, still = [], [], []
+    generated, wordless, taught, still = [], [], [], []
     truths = [scores.truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
-        directions = synthesis.generate_directions(
-            model, clip.audio, clip_identity(model, clip), seed + index, words=clip.words
-        )
+        speech = model, clip.audio, clip_identity(model, clip), seed + index
+        directions = synthesis.generate_directions(*speech, words=clip.words)
+        if model.reads_words:
+            wordless.append(Trial(truth, scores.look(skeleton, synthesis.generate_directions(*speech), fps)))
         again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
         taught.append(Trial(truth, scores.look(skeleton, positions_to_directions(skeleton, again.positions), fps)))
         generated.append(Trial(truth, scores.look(skeleton, directions, fps)))
@@ -131,7 +132,8 @@ def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int,
     partners = _partners(clips, seed)
     mismatched = [Trial(truth, generated[other].seen) for truth, row in zip(truths, partners) for other in row]
 
-    rows = {"model": generated, "teacher": taught, "mean pose": still, "mismatched speech": mismatched}
+    rows = {"model": generated, "model, no words": wordless, "teacher": taught, "mean pose": still}
+    rows["mismatched speech"] = mismatched
     words = scores.word_shapes(generated, fps, first_frame)
     counts, floor = (scores.beat_counts(trials, fps, first_frame) for trials in (generated, mismatched))
     ids = [clip.id for clip in clips]

@@ -7,11 +7,12 @@ import jax
 import numpy as np
 import pytest
 
+from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import beats
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.study import identity
 from ha2g_jax.study.talk.evaluate import SPLITS, as_table, evaluate, score
 from ha2g_jax.study.talk.probe import Heard, accuracy
@@ -26,6 +27,7 @@ from ha2g_jax.study.talk.scores import (
     semantic_floors,
     word_shapes,
 )
+from ha2g_jax.synthesis import Model
 from ha2g_jax.train import model_folder
 
 ROWS = ["model", "teacher", "mean pose", "mismatched speech", "majority", "shuffled"]
@@ -64,6 +66,25 @@ def test_scores_are_json_and_a_table(results):
 def test_scores_are_the_same_twice(results, debug_model, tiny_talk):
     again = score(debug_model, Corpus.open(tiny_talk), ["test"])
     assert again["splits"]["test"] == results["splits"]["test"]
+
+
+def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_talk, monkeypatch):
+    """Here it performs as the corpus does, and rests where it has no transcript."""
+    corpus = Corpus.open(tiny_talk)
+    clips = {clip.audio.tobytes(): clip for clip in corpus.clips("train")}
+
+    def perform(model, audio, f_id, seed, *, words=()):
+        positions = clips[audio.tobytes()].positions
+        true = positions_to_directions(corpus.skeleton, positions)
+        return true if words else np.broadcast_to(corpus.skeleton.mean_directions, true.shape)
+
+    monkeypatch.setattr(Model, "reads_words", True)
+    monkeypatch.setattr(Model, "has_audio_levels", False)
+    monkeypatch.setattr(synthesis, "generate_directions", perform)
+    rows = score(debug_model, corpus, ["train"])["splits"]["train"]["rows"]
+    assert list(rows) == [ROWS[0], "model, no words", *ROWS[1:]]
+    assert rows["model"]["semantic_recall"]["value"] > 0.9
+    assert rows["model, no words"] == rows["mean pose"]
 
 
 def test_a_saved_model_scores_as_in_memory(results, debug_model, tiny_talk, tmp_path):
