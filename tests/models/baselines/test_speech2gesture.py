@@ -144,7 +144,7 @@ def test_swapped_axes_lay_frequency_on_the_frames():
     """As in the published comparison: of the 7 times only the one in the middle is heard, in every frame."""
     x = np.random.default_rng(0).normal(size=(2, 14, 7, 3)).astype(np.float32)
     swapped = jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES, swapped=True))
-    np.testing.assert_allclose(swapped(x), lay_on_frames(x.swapaxes(1, 2), NUM_FRAMES), rtol=1e-6)
+    np.testing.assert_allclose(swapped(x), lay_on_frames(jnp.asarray(x.swapaxes(1, 2)), NUM_FRAMES), rtol=1e-6)
     elsewhere = x + (np.arange(7) != 3)[:, None].astype(np.float32)
     np.testing.assert_array_equal(swapped(elsewhere), swapped(x))
 

@@ -73,6 +73,7 @@ def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, r
     assert "multimodality" not in results["rows"]["one"]
     assert value(results, "same", "multimodality") == 0
     cut = choose_cut([clip.num_frames for clip in reference])
+    assert cut is not None
     ours, theirs = (
         features(
             np.stack([clip.directions[start : start + 34] for clip in clips for start in cut.starts(clip.num_frames)])
