@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
 

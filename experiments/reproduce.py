@@ -16,8 +16,8 @@ from collections.abc import Sequence
 
 from ha2g_jax import config as configs
 from ha2g_jax import presets
-from ha2g_jax.child_process import stop_signals
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import stop_signals
 from ha2g_jax.study.reproduction.jobs import Perform, Stopped, perform_in_process
 from ha2g_jax.study.reproduction.paper_tables import TABLES
 from ha2g_jax.study.reproduction.plan import Request, parse_changes, parse_seeds

@@ -20,9 +20,9 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.child_process import run_logged, stop_signals
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import run_logged, stop_signals
 from ha2g_jax.launch import load_config
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")

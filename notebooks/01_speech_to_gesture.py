@@ -30,7 +30,8 @@ import numpy as np
 from IPython.display import Video
 
 import ha2g_jax
-from ha2g_jax import audio, figure
+from ha2g_jax import figure
+from ha2g_jax.features import audio
 from ha2g_jax.motion import video
 from ha2g_jax.skeleton import load_skeleton
 

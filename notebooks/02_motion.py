@@ -22,7 +22,8 @@ import pathlib
 import tempfile
 
 import ha2g_jax
-from ha2g_jax import audio, viewer
+from ha2g_jax import viewer
+from ha2g_jax.features import audio
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import mirror_directions
 

@@ -11,6 +11,8 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 
+pytest_plugins = ["fixtures.methods", "fixtures.torch_layers", "fixtures.training"]
+
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".cache" / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
@@ -41,12 +43,12 @@ def debug_model():
     import numpy as np
 
     from ha2g_jax import config as configs
+    from ha2g_jax.checkpoint.assets import Assets
+    from ha2g_jax.features.text import Vocabulary
+    from ha2g_jax.methods.building import build_task
+    from ha2g_jax.methods.task import example_batch, speech_arguments
     from ha2g_jax.skeleton import load_skeleton, normalize
     from ha2g_jax.synthesis import Model
-    from ha2g_jax.text import Vocabulary
-    from ha2g_jax.train.assets import Assets
-    from ha2g_jax.train.building import build_task
-    from ha2g_jax.train.task import example_batch, speech_arguments
 
     skeleton = load_skeleton("ted_expressive")
     config = configs.debug(configs.paper("ted_expressive"))

@@ -12,11 +12,11 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.files import out_paths
-from ha2g_jax.train import model_folder
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax import launch, presets
+from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import example_batch
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import train_step
-from ha2g_jax.train.task import example_batch
 
 FILES = sorted((pathlib.Path(__file__).parent.parent / "experiments" / "configs").glob("*.py"))
 

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from ha2g_jax import synthesis
-from ha2g_jax.audio import log_mel, mel_window
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import log_mel, mel_window
 from ha2g_jax.metrics.seams import WIDTH, seam_score
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.synthesis.scan import bucket

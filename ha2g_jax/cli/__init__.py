@@ -149,6 +149,6 @@ def _evaluate_metrics(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export_model(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.train import model_folder
+    from ha2g_jax.checkpoint import model_folder
 
     print(model_folder.export(arguments.workdir, arguments.out))

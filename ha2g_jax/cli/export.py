@@ -131,13 +131,13 @@ def _check_out(out: pathlib.Path, sources: list[pathlib.Path | None]) -> None:
 
 
 def _read_audio(path: pathlib.Path) -> "np.ndarray":
-    from ha2g_jax.audio import read_audio
+    from ha2g_jax.features.audio import read_audio
 
     return read_audio(path)
 
 
 def _seconds(audio: "np.ndarray") -> float:
-    from ha2g_jax.audio import SAMPLE_RATE
+    from ha2g_jax.features.audio import SAMPLE_RATE
 
     return len(audio) / SAMPLE_RATE
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, WINDOW_COLUMNS, log_mel
-from ha2g_jax.librosa_once import librosa
+from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, WINDOW_COLUMNS, log_mel
+from ha2g_jax.features.librosa_once import librosa
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16

@@ -9,9 +9,9 @@ import numpy as np
 import soundfile
 from PIL import Image
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import records
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 _LENGTH_FACTOR = 4  # of a bone, around the published mean of its skeleton; a mistaken unit is a factor of 10 or more

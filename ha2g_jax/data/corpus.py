@@ -15,8 +15,8 @@ from array_record.python import array_record_data_source
 from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
-from ha2g_jax.text import Vocabulary
 
 TRAIN = "train"
 FILE = "dataset.json"

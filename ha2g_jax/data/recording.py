@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.window_filters import MOCAP, WindowFilters, choose_windows
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.text import Word
 
 MAX_SECONDS = 20.0  # of a clip: a reader decodes whole clips, and windows of many clips make a batch
 

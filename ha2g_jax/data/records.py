@@ -9,9 +9,9 @@ import numpy as np
 import soundfile
 from PIL import Image
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 
 WINDOW_FRAMES = 34  # N of the paper, at 15 fps
 WINDOW_STRIDE = 10

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.asr_mel import asr_log_mel, asr_window
-from ha2g_jax.audio import log_mel, mel_window, wave_window
-from ha2g_jax.text import Vocabulary, Word, plain_words, words_to_frames
+from ha2g_jax.features.asr_mel import asr_log_mel, asr_window
+from ha2g_jax.features.audio import log_mel, mel_window, wave_window
+from ha2g_jax.features.text import Vocabulary, Word, plain_words, words_to_frames
 
 
 class Speech(NamedTuple):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.text import Word
 
 KEPT = "kept"
 TOO_FEW_WORDS = "too_few_words"

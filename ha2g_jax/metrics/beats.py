@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.librosa_once import librosa
+from ha2g_jax.features.librosa_once import librosa
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is matched with

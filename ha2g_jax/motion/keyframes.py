@@ -8,12 +8,12 @@ import numpy as np
 from scipy import signal
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.figure import DEFAULT_LOOK, Look
 from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver import check
-from ha2g_jax.text import Word
-from ha2g_jax.whole_file import whole_file
 
 MAX_COUNT = 100
 MIN_SIZE, MAX_SIZE = 64, 2048

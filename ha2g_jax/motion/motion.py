@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.npz import read_npz
+from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
-from ha2g_jax.whole_file import whole_file
 
 _ARRAYS = ("directions", "positions", "fps", "joint_names", "meta")
 _MAX_BYTES = 1 << 31  # of all arrays: half an hour at 240 frames a second has the fifth part of it

@@ -22,11 +22,11 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, Look
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.motion.solver import check
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
-from ha2g_jax.whole_file import whole_file
 
 VIDEO_FPS = 30
 MIN_SIDE, MAX_SIDE = 32, 4096  # of a picture, in pixels: 4096 is the most that players of H.264 have to take

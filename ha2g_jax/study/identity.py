@@ -9,8 +9,8 @@ import numpy as np
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.windows import resize_frames
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.task import Task
 from ha2g_jax.synthesis import Model
-from ha2g_jax.train.task import Task
 
 
 def clip_identity(model: Model, clip: Clip) -> np.ndarray:

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.audio import read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.features.text import Word
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import control
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.synthesis.model import Model, load
 from ha2g_jax.synthesis.seed_pose import SeedPose
-from ha2g_jax.text import Word
-from ha2g_jax.whole_file import whole_file
 
 
 def generate_files(

@@ -10,10 +10,15 @@ import jax
 import numpy as np
 
 from ha2g_jax import __version__
-from ha2g_jax.audio import SAMPLE_RATE, check_samples, read_audio
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.data.speech import prepare
 from ha2g_jax.errors import UserError
-from ha2g_jax.models import HA2G, Features
+from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
+from ha2g_jax.features.text import Word
+from ha2g_jax.layers.resnet_se import Features
+from ha2g_jax.methods.ha2g.model import HA2G
+from ha2g_jax.methods.task import Task
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
@@ -22,10 +27,6 @@ from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
 from ha2g_jax.synthesis.scan import encode_windows, infer_windows
 from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
 from ha2g_jax.synthesis.style import choose_style
-from ha2g_jax.text import Word
-from ha2g_jax.train import model_folder
-from ha2g_jax.train.assets import Assets
-from ha2g_jax.train.task import Task
 
 MIN_FPS, MAX_FPS = 1, 240
 

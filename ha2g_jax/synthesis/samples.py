@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import tqdm
 
-from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.checkpoint.assets import Assets, encode_identity
 from ha2g_jax.config import Config
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.windows import resize_frames
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.methods.task import Task
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis.model import Model, choose_style, generate_directions
-from ha2g_jax.train.assets import Assets, encode_identity
-from ha2g_jax.train.task import Task
 
 _SECONDS = 10
 _SIZE = 360

@@ -13,8 +13,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data.speech import Speech, window
-from ha2g_jax.text import Vocabulary
-from ha2g_jax.train.task import Task, restore, subtract_mean
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.task import Task, restore, subtract_mean
 
 # Windows that the audio encoder hears in one call: one compiled program and bounded memory for any length of speech.
 _CHUNK = 16

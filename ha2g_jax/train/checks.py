@@ -8,12 +8,12 @@ import jax
 import numpy as np
 
 from ha2g_jax import config as configs
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import STATISTICS, Assets
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.train import model_folder
-from ha2g_jax.train.assets import STATISTICS, Assets
-from ha2g_jax.train.building import find_method
+from ha2g_jax.methods.building import find_method
 
 # Settings that may differ from those a workdir was made with: they leave the updates as they are. A corpus may have
 # moved; that it is the same one is seen by `check_corpus`.

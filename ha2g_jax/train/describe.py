@@ -8,14 +8,14 @@ import jax.numpy as jnp
 from flax import linen as nn
 from flax import traverse_util
 
-from ha2g_jax import models
 from ha2g_jax.config import Config
-from ha2g_jax.models.norm import BatchNorm
-from ha2g_jax.models.resnet import ResNet18
-from ha2g_jax.models.resnet_se import Head, Stage, Stem
+from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.resnet import ResNet18
+from ha2g_jax.layers.resnet_se import Head, Stage, Stem
+from ha2g_jax.methods.autoencoder import LATENT_DIMS, PoseAutoencoder
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import example_batch
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.task import example_batch
 
 Row = dict[str, Any]
 
@@ -40,7 +40,7 @@ def describe(config: Config) -> list[Row]:
     rows = _rows("generator", task.generator, *task.method.arguments(task, example_batch(task)))
     if task.discriminator is not None:
         rows += _rows("discriminator", task.discriminator, poses)
-    autoencoder = models.PoseAutoencoder(skeleton.pose_dim, models.LATENT_DIMS[skeleton.name])
+    autoencoder = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name])
     return rows + _rows("autoencoder", autoencoder, poses)
 
 

@@ -11,10 +11,10 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk.build import talk_path
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Vocabulary
-from ha2g_jax.train import whisper_weights
-from ha2g_jax.train.building import find_method, word_table
-from ha2g_jax.word_vectors import read_word_vectors
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.features.word_vectors import read_word_vectors
+from ha2g_jax.methods import whisper_weights
+from ha2g_jax.methods.building import find_method, word_table
 
 VALIDATION = "val"
 

@@ -15,19 +15,20 @@ import jax
 import numpy as np
 import tqdm
 
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets, calm_starts, speaker_identities
+from ha2g_jax.checkpoint.checkpoint import Checkpoints
+from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.config import Config
 from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.train import checks, hosts, inputs, model_folder, run_record, sharding
-from ha2g_jax.train.assets import Assets, calm_starts, speaker_identities
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.checkpoint import Checkpoints
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog
 from ha2g_jax.train.profiling import Profile
 from ha2g_jax.train.signals import Stop, stop_signals
-from ha2g_jax.train.state import init_state
 from ha2g_jax.train.validation import Validation
 from ha2g_jax.train.writers import open_writers
 

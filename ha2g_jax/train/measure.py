@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import Task, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import Task, example_batch
 
 # Of TED, about; where no data say how large the tables of words and speakers are.
 _NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000

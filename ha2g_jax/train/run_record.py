@@ -18,10 +18,10 @@ from typing import Any
 import jax
 import tqdm
 
+from ha2g_jax.checkpoint.model_folder import RUN, config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.model_folder import RUN, config_to_json
 
 # The packages whose version can change a number, and those that write what a run leaves behind.
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")

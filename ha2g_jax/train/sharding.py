@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
+from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.state import TrainState
+from ha2g_jax.methods.task import Task
 from ha2g_jax.train.step import Metrics, train_step, validation_step
-from ha2g_jax.train.task import Task
 
 AXIS = "data"
 

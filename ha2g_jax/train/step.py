@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from ha2g_jax import losses
-from ha2g_jax.train.forward import Batch, discriminate
-from ha2g_jax.train.state import Network, TrainState
-from ha2g_jax.train.task import Task, subtract_mean
+from ha2g_jax.checkpoint.state import Network, TrainState
+from ha2g_jax.methods import adversarial
+from ha2g_jax.methods.forward import Batch, discriminate
+from ha2g_jax.methods.task import Task, subtract_mean
 
 Metrics = dict[str, jax.Array]
 
@@ -127,7 +127,7 @@ def _terms(
     terms = task.method.loss_terms(task, outputs, aux, targets)
     if discriminator is not None:
         fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], key, train=train)
-        terms["gan"] = losses.gan_generator(fake_logits, kind=task.losses.gan)
+        terms["gan"] = adversarial.gan_generator(fake_logits, kind=task.losses.gan)
     return terms
 
 
@@ -148,7 +148,7 @@ def _update_discriminator(
         variables = network.variables | {"params": params}
         real_logits, batch_stats = discriminate(task, variables, real, real_key)
         fake_logits, batch_stats = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
-        return losses.gan_discriminator(real_logits, fake_logits, kind=task.losses.gan), batch_stats
+        return adversarial.gan_discriminator(real_logits, fake_logits, kind=task.losses.gan), batch_stats
 
     (loss, batch_stats), gradient = jax.value_and_grad(objective, has_aux=True)(network.params)
     updated = _update(network, gradient, task.discriminator_optimizer, step).replace(batch_stats=batch_stats)

@@ -4,11 +4,11 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
+from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.task import Task
 from ha2g_jax.train import sharding
-from ha2g_jax.train.state import TrainState
-from ha2g_jax.train.task import Task
 
 
 class Validation:

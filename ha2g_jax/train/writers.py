@@ -7,10 +7,10 @@ import time
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import run_record
-from ha2g_jax.train.model_folder import config_to_json
 
 METRICS, EVENTS = "metrics.jsonl", "tensorboard"
 

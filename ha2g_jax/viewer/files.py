@@ -4,10 +4,10 @@ import collections
 import pathlib
 from collections.abc import Sequence
 
-from ha2g_jax.audio import read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import read_audio
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.viewer.page import write_page

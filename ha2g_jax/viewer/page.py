@@ -11,14 +11,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver import check
-from ha2g_jax.text import Word
 from ha2g_jax.viewer import sound
 from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
-from ha2g_jax.whole_file import whole_file
 
 MAX_FRAMES = 1_000_000  # of all motions of a page: four hours at 60 frames a second, some 100 MB
 MAX_MOTIONS = 12

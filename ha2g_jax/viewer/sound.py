@@ -6,7 +6,7 @@ import io
 import av
 import numpy as np
 
-from ha2g_jax.librosa_once import librosa
+from ha2g_jax.features.librosa_once import librosa
 
 _RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # of MP3
 _BIT_RATE = 32000

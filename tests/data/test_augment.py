@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ha2g_jax.audio import FLOOR_DB, SAMPLE_RATE, log_mel
 from ha2g_jax.data.augment import Augmentation, add_noise, augment, make_quieter, mirror_example, sound_power
+from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel
 from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
 
 SKELETON = load_skeleton("ted_expressive")

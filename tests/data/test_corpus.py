@@ -14,7 +14,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Vocabulary, Word
+from ha2g_jax.features.text import Vocabulary, Word
 
 SKELETON = "ted_gesture"
 

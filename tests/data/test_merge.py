@@ -12,8 +12,8 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
-from ha2g_jax.text import Word
 
 
 def make_clip(name: str, speaker: str, word: str, skeleton: str = "ted_gesture") -> Clip:

@@ -6,8 +6,8 @@ import pytest
 from ha2g_jax.data.import_report import SplitReport, as_json, as_table
 from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.window_filters import MOCAP
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.text import Word
 
 SKELETON = load_skeleton("ted_gesture")
 FPS = 15

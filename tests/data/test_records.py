@@ -8,7 +8,7 @@ import pytest
 
 from ha2g_jax.data.records import Clip, Stroke, decode_clip, encode_clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 
 @pytest.fixture

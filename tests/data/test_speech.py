@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data import speech
-from ha2g_jax.text import Vocabulary, Word
+from ha2g_jax.features.text import Vocabulary, Word
 
 WORDS = (Word("one", 0.1, 0.4), Word("two", 2.3, 2.5), Word("six", 3.9, 4.3))
 VOCABULARY = Vocabulary(("one", "two"))

@@ -19,8 +19,8 @@ from ha2g_jax.data import clip_checks, records, validation
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
-from ha2g_jax.text import Word
 
 SKELETON = load_skeleton("ted_gesture")
 FRAMES = 45

@@ -5,8 +5,8 @@ import pytest
 
 from ha2g_jax.data import window_filters
 from ha2g_jax.data.window_filters import MOCAP, TED, choose_windows
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton, load_skeleton
-from ha2g_jax.text import Word
 
 FRAMES = 72  # four windows of the TED filters
 WORDS = tuple(Word("word", 0.5 * i, 0.5 * i + 0.3) for i in range(12))

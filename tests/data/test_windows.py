@@ -6,7 +6,6 @@ import pickle
 import numpy as np
 import pytest
 
-from ha2g_jax.audio import SAMPLE_RATE, window_column
 from ha2g_jax.data import records
 from ha2g_jax.data.clip_cache import ClipCache
 from ha2g_jax.data.corpus import Corpus
@@ -14,8 +13,9 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.data.windows import Windows, resize_frames
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, window_column
+from ha2g_jax.features.text import UNKNOWN, Word
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
-from ha2g_jax.text import UNKNOWN, Word
 
 SKELETON = load_skeleton("ted_gesture")
 NUM_FRAMES, EVENT = 60, 40

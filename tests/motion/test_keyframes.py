@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.text import Word
 
 STROKES = (0.9, 3.1, 5.2, 6.8)  # seconds, one in each quarter of the motion
 SVG = "{http://www.w3.org/2000/svg}"

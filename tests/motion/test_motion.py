@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
-from ha2g_jax.whole_file import whole_file
 
 
 def make(name: str = "ted_expressive", frames: int = 5) -> Motion:

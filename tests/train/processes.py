@@ -20,11 +20,11 @@ import numpy as np
 import optax
 
 from ha2g_jax import config as configs
+from ha2g_jax.checkpoint.state import TrainState, init_state
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import Task
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import hosts, sharding
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.state import TrainState, init_state
-from ha2g_jax.train.task import Task
 
 STOP_AT = 2  # the step at which the last process asks to end
 

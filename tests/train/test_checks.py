@@ -3,11 +3,12 @@
 import pytest
 
 from ha2g_jax import config as configs
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.text import Vocabulary
-from ha2g_jax.train import checks, model_folder
-from ha2g_jax.train.assets import Assets
+from ha2g_jax.train import checks
 
 
 @pytest.fixture

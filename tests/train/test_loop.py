@@ -10,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax import launch, losses
+from ha2g_jax import launch
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
-from ha2g_jax.train import loop, model_folder
+from ha2g_jax.methods.ha2g import losses
+from ha2g_jax.train import loop
 from ha2g_jax.train.log import StepLog
 from ha2g_jax.train.writers import read_metrics
 

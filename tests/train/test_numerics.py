@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.train.forward import discriminate
-from ha2g_jax.train.methods import ha2g
-from ha2g_jax.train.state import init_state
+from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.methods.forward import discriminate
+from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.train.step import step_keys, train_step
 
 PRODUCTS = ("dot_general", "conv_general_dilated")

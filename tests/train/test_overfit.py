@@ -6,10 +6,10 @@ import jax
 import numpy as np
 
 from ha2g_jax import config as configs
+from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.data.corpus import TRAIN
+from ha2g_jax.methods.building import build_task
 from ha2g_jax.train import inputs
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.state import init_state
 from ha2g_jax.train.step import train_step
 
 

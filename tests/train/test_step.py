@@ -8,12 +8,12 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax import losses
+from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.methods import adversarial
+from ha2g_jax.methods.forward import discriminate
+from ha2g_jax.methods.ha2g.method import TERMS
+from ha2g_jax.methods.task import subtract_mean
 from ha2g_jax.train import step as steps
-from ha2g_jax.train.forward import discriminate
-from ha2g_jax.train.methods.ha2g import TERMS
-from ha2g_jax.train.state import init_state
-from ha2g_jax.train.task import subtract_mean
 
 NETWORKS = ("generator", "discriminator")
 
@@ -37,7 +37,7 @@ def two_pass_step(task, state, batch, key):
         variables = state.discriminator.variables | {"params": params}
         real_logits, batch_stats = discriminate(task, variables, targets, real_key)
         fake_logits, _ = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
-        return losses.gan_discriminator(real_logits, fake_logits)
+        return adversarial.gan_discriminator(real_logits, fake_logits)
 
     updates, _ = task.discriminator_optimizer.update(
         jax.grad(discriminator_loss)(state.discriminator.params), state.discriminator.opt_state
@@ -49,7 +49,7 @@ def two_pass_step(task, state, batch, key):
         outputs, (_, contrast) = task.method.run(task, variables, batch, keys)
         fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
         terms = task.method.loss_terms(task, outputs, contrast, targets)
-        terms["gan"] = losses.gan_generator(fake_logits)
+        terms["gan"] = adversarial.gan_generator(fake_logits)
         return sum(weight * terms[name] for name, weight in task.losses.weights)
 
     updates, _ = task.generator_optimizer.update(

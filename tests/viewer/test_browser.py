@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ha2g_jax.features.text import Word
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.skeleton import directions_to_positions
-from ha2g_jax.text import Word
 from ha2g_jax.viewer import view, write_page
 
 CLICK = 1.2  # seconds

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.text import Word
 from ha2g_jax.viewer import view, write_page
 
 

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import MAX_SECONDS
 from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.bvh import read_bvh
 from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.joint_maps import AUTO, HEAD, choose_map
 from ha2g_jax.data.mocap.kinematics import world_motion
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import MAX_SECONDS
 from ha2g_jax.skeleton import Skeleton
 
 MAX_MINUTES = 2 * MAX_SECONDS / 60  # of motion; with half of it, sound would not belong to it

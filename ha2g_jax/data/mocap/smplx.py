@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.audio import MAX_SECONDS
 from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
-from ha2g_jax.npz import read_npz
+from ha2g_jax.features.audio import MAX_SECONDS
+from ha2g_jax.files.npz import read_npz
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"

@@ -7,7 +7,7 @@ import numpy as np
 
 from ha2g_jax.data.mocap.smplx_template import FACE, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
-from ha2g_jax.npz import read_npz
+from ha2g_jax.files.npz import read_npz
 
 _NUM_VERTICES = 10475
 _FACE_VERTICES = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}

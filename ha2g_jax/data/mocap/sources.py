@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.text import Word
 
 # In the order of preference where several lie beside a file.
 AUDIO_SUFFIXES = (

@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import tqdm
 
-from ha2g_jax.audio import SAMPLE_RATE
-from ha2g_jax.cache_folder import cache_folder
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
@@ -17,7 +15,9 @@ from ha2g_jax.data.talk import grammar, portrait, speech, teacher
 from ha2g_jax.data.talk.style import Style, sample_style
 from ha2g_jax.data.talk.voices import Voice, sample_voice
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
+from ha2g_jax.files.cache_folder import cache_folder
 
 FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")

@@ -17,10 +17,10 @@ import espeakng_loader
 import numpy as np
 import soxr
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data.talk.voices import Voice
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 
 # Names as in espeak-ng/speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2

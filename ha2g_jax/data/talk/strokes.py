@@ -7,7 +7,7 @@ import numpy as np
 
 from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.cues import Cues
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 LATENCY = 0.06  # seconds later or earlier at either end of the style
 _BEAT_GAP = 0.5

@@ -20,7 +20,7 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
 from ha2g_jax.data.talk import anatomy, cues, lexicon, strokes
 from ha2g_jax.data.talk.style import Style
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
 

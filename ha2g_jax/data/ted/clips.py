@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import window_filters
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.text import Word
 
 FPS = 15
 TOO_SHORT, DAMAGED, NO_WINDOW = "too short", "damaged", "no window left"

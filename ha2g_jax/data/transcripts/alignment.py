@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data.transcripts import pronunciation, timing, voicing
 from ha2g_jax.data.transcripts.spelling import split_words
 from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 
 if TYPE_CHECKING:
     from pocketsphinx import Decoder

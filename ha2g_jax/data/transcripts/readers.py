@@ -4,7 +4,7 @@ import pathlib
 
 from ha2g_jax.data.transcripts import contents, json_words, subtitles, table, textgrid, timing
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 FORMATS = {
     ".textgrid": textgrid.parse_textgrid,

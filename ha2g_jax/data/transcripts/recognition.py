@@ -9,7 +9,7 @@ import threadpoolctl
 from ha2g_jax.data.transcripts import alignment, timing
 from ha2g_jax.data.transcripts.spelling import split_words
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 if TYPE_CHECKING:
     from faster_whisper import WhisperModel

@@ -4,10 +4,10 @@ import pathlib
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data.transcripts import alignment, contents, readers, recognition, timing
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 
 
 def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None) -> tuple[Word, ...]:

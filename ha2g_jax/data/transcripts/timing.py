@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ha2g_jax.data.transcripts.spelling import num_letters, split_words
 from ha2g_jax.errors import UserError
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 MAX_SECONDS = 360_000.0  # a hundred hours
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE
+from ha2g_jax.features.audio import SAMPLE_RATE
 
 FRAME_SECONDS = 0.01
 _FRAME = round(FRAME_SECONDS * SAMPLE_RATE)

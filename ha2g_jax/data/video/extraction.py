@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.data import recording, transcripts
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.recording import Recording
@@ -15,8 +14,9 @@ from ha2g_jax.data.video import frames, overlay, pose, selection, shots, smoothi
 from ha2g_jax.data.video.pose import Poses
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.text import Word
 
 SKELETON = "ted_expressive"
 # Of what `extract` makes; a new number makes a build that is resumed do its videos anew.

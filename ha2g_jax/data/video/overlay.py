@@ -13,8 +13,8 @@ from PIL import Image, ImageDraw
 
 from ha2g_jax.data.video import frames
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import Skeleton, load_skeleton
-from ha2g_jax.whole_file import whole_file
 
 # One thread: videos are worked on side by side, one on each core.
 _ENCODER = {"preset": "veryfast", "crf": "23", "threads": "1"}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ha2g_jax.data.video import frames, keypoints, pose_environment
 from ha2g_jax.errors import UserError
-from ha2g_jax.npz import read_npz
+from ha2g_jax.files.npz import read_npz
 
 _JOINTS = 43
 _DEFAULT_RATE = 25

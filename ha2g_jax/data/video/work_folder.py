@@ -13,7 +13,7 @@ from ha2g_jax.data.video.extraction import Extraction
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.data.video.talks import Talk
 from ha2g_jax.errors import UserError
-from ha2g_jax.whole_file import whole_file
+from ha2g_jax.files.whole_file import whole_file
 
 _SUFFIX = ".clips"
 

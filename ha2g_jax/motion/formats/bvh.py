@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 from tqdm import tqdm
 
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, world
 from ha2g_jax.motion.rigs import rest_positions
-from ha2g_jax.whole_file import whole_file
 
 _CENTIMETRES = 100.0
 _TIP = 2.0  # centimetres from a last joint to its end site

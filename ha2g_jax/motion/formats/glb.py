@@ -5,12 +5,12 @@ import pathlib
 import numpy as np
 import pygltflib
 
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
 from ha2g_jax.motion.formats.gltf import Document, describe
 from ha2g_jax.motion.rigs import rest_positions
-from ha2g_jax.whole_file import whole_file
 
 
 def write(

@@ -4,9 +4,9 @@ import pathlib
 
 import numpy as np
 
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation
-from ha2g_jax.whole_file import whole_file
 
 _NUM_BETAS = 16
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from tqdm import tqdm
 
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, world
-from ha2g_jax.whole_file import whole_file
 
 _AXES = {"units": "metres", "x": "the figure's left", "y": "up", "z": "ahead of the figure"}
 _QUATERNIONS = "x, y, z, w, relative to the parent's axes, the rest rotation included"

@@ -2,9 +2,9 @@
 
 import pathlib
 
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.gltf import Document, describe
-from ha2g_jax.whole_file import whole_file
 
 _EXTENSION = "VRMC_vrm_animation"
 

@@ -14,13 +14,14 @@ from typing import Any
 from PIL import Image
 from tqdm import tqdm
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import window_filters
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
@@ -36,7 +37,6 @@ from ha2g_jax.study.corpus.statistics import (
     split_rows,
     summarise,
 )
-from ha2g_jax.whole_file import whole_file
 
 _SAMPLE_SECONDS, _SAMPLE_SIZE = 8, 400
 _LOOK_AHEAD = 100  # clips to look at for a speaker who is not shown yet

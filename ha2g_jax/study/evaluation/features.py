@@ -12,12 +12,12 @@ import numpy as np
 import safetensors.numpy
 from flax import traverse_util
 
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
-from ha2g_jax.models.autoencoder import PoseAutoencoder
+from ha2g_jax.methods.autoencoder import PoseAutoencoder
+from ha2g_jax.methods.task import Task, subtract_mean
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.train import model_folder
-from ha2g_jax.train.task import Task, subtract_mean
 
 _BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
 

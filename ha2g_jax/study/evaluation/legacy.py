@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.audio import WINDOW_SAMPLES
 from ha2g_jax.data.records import WINDOW_FRAMES
+from ha2g_jax.features.audio import WINDOW_SAMPLES
 from ha2g_jax.metrics import beats, diversity, frechet, legacy_beats, sanity
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.study.evaluation.intervals import number

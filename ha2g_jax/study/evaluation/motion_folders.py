@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.data.mocap.sources import AUDIO_SUFFIXES
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.metrics.beat_alignment import audio_onsets
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file

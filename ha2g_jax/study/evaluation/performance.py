@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import Clips, Corpus
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beat_alignment import audio_onsets
 from ha2g_jax.skeleton import positions_to_directions
 

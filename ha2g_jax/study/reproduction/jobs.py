@@ -12,8 +12,8 @@ from typing import TypeAlias
 
 import tqdm
 
-from ha2g_jax.child_process import Stop, run_logged
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop, run_logged
 from ha2g_jax.study.reproduction.plan import Request, Run
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")

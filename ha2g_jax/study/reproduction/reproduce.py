@@ -14,9 +14,10 @@ from typing import Any
 import tqdm
 
 import ha2g_jax
-from ha2g_jax.child_process import Stop
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.jobs import Perform, duration, last_step, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import (
@@ -31,7 +32,6 @@ from ha2g_jax.study.reproduction.plan import (
     scores_path,
 )
 from ha2g_jax.study.reproduction.report import Results, RunState, as_markdown, figure
-from ha2g_jax.whole_file import whole_file
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
 _NOT_TRAINED = "not trained"

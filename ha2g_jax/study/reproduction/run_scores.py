@@ -9,6 +9,7 @@ import numpy as np
 
 from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.metrics import beat_alignment
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.study.evaluation import evaluate
@@ -19,7 +20,6 @@ from ha2g_jax.study.evaluation.rows import Row, Rows, make_rows
 from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, scores_path
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.evaluate import score
-from ha2g_jax.whole_file import whole_file
 
 _SEED = 0  # of everything that an evaluation draws, so that all rows and runs are scored alike
 _TRAINING_CLIPS = 200  # that usual changes and limits of angles are taken from

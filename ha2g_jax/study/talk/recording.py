@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax import synthesis
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.metrics import beats
 from ha2g_jax.metrics.jackknife import jackknife
 from ha2g_jax.study.talk.scores import row_as_json

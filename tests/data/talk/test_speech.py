@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from ha2g_jax.audio import SAMPLE_RATE
 from ha2g_jax.data.talk import speech, voices
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 
 MAN = voices.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=160)
 WOMAN = voices.Voice("en", "f2", pitch=40, pitch_range=60, rate=160)

@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import anatomy, cues, lexicon, style, teacher
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 SKELETON = skeletons.load_skeleton(teacher.SKELETON)
 SECONDS = 10

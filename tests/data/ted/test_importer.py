@@ -17,8 +17,8 @@ from ha2g_jax.data.ted import arrow_values, clips, lmdb_videos
 from ha2g_jax.data.ted.importer import import_ted
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton, load_skeleton
-from ha2g_jax.text import Word
 
 SAMPLES = {"expressive": "ted_expressive", "gesture": "ted_gesture"}
 

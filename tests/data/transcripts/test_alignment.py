@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.data.talk import speech, voices
 from ha2g_jax.data.transcripts import alignment, pronunciation, voicing
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 
 VOICE = voices.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=150)
 TEXTS = (

@@ -7,11 +7,11 @@ import types
 import numpy as np
 import pytest
 
-from ha2g_jax.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.data import transcripts
 from ha2g_jax.data.talk import speech, voices
 from ha2g_jax.data.transcripts import recognition
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 
 SILENCE = np.zeros(SAMPLE_RATE, np.float32)
 

@@ -6,7 +6,7 @@ import pytest
 
 from ha2g_jax.data.transcripts import inside, spelling, timing
 from ha2g_jax.data.transcripts.timing import Stretch
-from ha2g_jax.text import Word
+from ha2g_jax.features.text import Word
 
 PATH = pathlib.Path("a.tsv")
 

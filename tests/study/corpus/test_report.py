@@ -15,9 +15,9 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
 from ha2g_jax.study.corpus import report
 from ha2g_jax.study.corpus.charts import histogram
-from ha2g_jax.text import Word
 
 EVIL = "<script>alert('&')</script>"
 VOID = {"meta", "br", "rect", "line", "circle", "polyline"}

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from ha2g_jax import presets
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import example_batch, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.study.evaluation.features import PoseFeatures
-from ha2g_jax.text import Vocabulary
-from ha2g_jax.train import model_folder
-from ha2g_jax.train.assets import Assets
-from ha2g_jax.train.building import build_task
-from ha2g_jax.train.task import example_batch, subtract_mean
 
 
 @pytest.fixture(scope="module")

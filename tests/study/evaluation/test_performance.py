@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.study.evaluation import performance
 from ha2g_jax.study.evaluation.inputs import evaluate_checkpoint, knows_strokes
 from ha2g_jax.study.evaluation.table import as_table
-from ha2g_jax.train import model_folder
 
 
 @pytest.fixture(scope="module")

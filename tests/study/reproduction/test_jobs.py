@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from ha2g_jax.child_process import Stop
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop
 from ha2g_jax.study.reproduction import jobs
 from ha2g_jax.study.reproduction.jobs import duration, last_step, perform_in_process
 from ha2g_jax.study.reproduction.plan import Request, Run

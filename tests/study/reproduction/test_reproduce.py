@@ -8,8 +8,8 @@ import threading
 
 import pytest
 
-from ha2g_jax.child_process import Stop, stop_signals
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop, stop_signals
 from ha2g_jax.study.reproduction import plan as plan_module
 from ha2g_jax.study.reproduction.jobs import Stopped
 from ha2g_jax.study.reproduction.plan import (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import synthesis
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
@@ -28,7 +29,6 @@ from ha2g_jax.study.talk.scores import (
     word_shapes,
 )
 from ha2g_jax.synthesis import Model
-from ha2g_jax.train import model_folder
 
 ROWS = ["model", "teacher", "mean pose", "mismatched speech", "majority", "shuffled"]
 

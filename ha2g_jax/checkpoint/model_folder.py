@@ -1,0 +1,212 @@
+"""The shipped form of a model: a folder of config.json, assets.json and model.safetensors; no pickle.
+
+A model is named by "demo", by such a folder, or by the workdir of a training run, whose best checkpoint on the
+validation split is taken. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a checkpoint exactly.
+"""
+
+import contextlib
+import dataclasses
+import hashlib
+import importlib.resources
+import json
+import pathlib
+import shutil
+import tempfile
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import safetensors
+import safetensors.numpy
+from flax import traverse_util
+
+from ha2g_jax import config as configs
+from ha2g_jax.checkpoint import assets as assets_module
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import Task, example_batch
+
+BEST, LATEST, FAILED = "best", "latest", "failed"
+RUN = "run.json"
+CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
+
+_HALF_PRECISION_ABOVE = 20_000_000  # bytes; what a package should not exceed
+
+
+class LoadedModel(NamedTuple):
+    """A trained generator: `variables` are its {"params", "batch_stats"} as numpy arrays."""
+
+    task: Task
+    variables: dict[str, Any]
+    assets: Assets
+    config: Config
+
+
+def load(spec: str | pathlib.Path) -> LoadedModel:
+    """The model named by "demo", a model folder, a workdir or a checkpoint in it.
+
+    Raises:
+        UserError: there is none, or it is damaged; in one line.
+    """
+    if spec == "demo":
+        folder = importlib.resources.files("ha2g_jax") / "assets" / "demo"
+        with importlib.resources.as_file(folder) as path:
+            if not path.is_dir():
+                raise UserError("this installation has no demo model; install ha2g-jax again or name a --checkpoint")
+            return _load_folder(path)
+    path = pathlib.Path(spec)
+    if (path / WEIGHTS).is_file():
+        return _load_folder(path)
+    for workdir in (path, path.parent, path.parent.parent):
+        if (workdir / CONFIG).is_file() and any((workdir / name).exists() for name in (BEST, LATEST, FAILED, RUN)):
+            return _load_checkpoint(workdir, path)
+    found = "nothing is there" if not path.exists() else f"{WEIGHTS} is missing"
+    raise UserError(f"no model in {path}: {found}; expected 'demo', a workdir of ha2g train or an exported folder")
+
+
+def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: dict[str, Any]) -> pathlib.Path:
+    """Writes a model folder, whole or not at all; the hash of the weights goes into its assets.
+
+    Weights are float32, or float16 where that would be more than 20 MB.
+
+    Raises:
+        UserError: there is something in `folder` already.
+    """
+    folder = pathlib.Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder} exists already; choose another folder or remove it")
+    weights = _to_bytes(variables)
+    assets = dataclasses.replace(assets, hash=_hash(weights))
+    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+    temporary = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.absolute().parent))
+    try:
+        write_description(temporary, config, assets)
+        (temporary / WEIGHTS).write_bytes(weights)
+        temporary.chmod(0o755)
+        temporary.replace(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return folder
+
+
+def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
+    """Writes the model of a workdir, or of one checkpoint in it, as a model folder; returns the folder."""
+    model = load(workdir)
+    return save(out, model.config, model.assets, model.variables)
+
+
+def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> None:
+    """Writes what a model is beside its weights: config.json and assets.json."""
+    for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
+        temporary = folder / f"{name}.new"
+        temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
+        temporary.replace(folder / name)
+
+
+def config_to_json(config: Config) -> dict[str, Any]:
+    """The config as plain values, as config.json has it."""
+    return json.loads(config.to_json())
+
+
+def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
+    """The config and assets of a model folder or a workdir.
+
+    Raises:
+        UserError: one of the files is missing or damaged.
+    """
+    with _blame(folder / CONFIG):
+        config = configs.from_json(json.loads((folder / CONFIG).read_text()))
+    with _blame(folder / ASSETS):
+        assets = assets_module.from_json(json.loads((folder / ASSETS).read_text()))
+    return config, assets
+
+
+def _load_folder(folder: pathlib.Path) -> LoadedModel:
+    config, assets = read_description(folder)
+    task = _task(folder, config, assets)
+    with _blame(folder / WEIGHTS):
+        data = (folder / WEIGHTS).read_bytes()
+        flat = safetensors.numpy.load(data)
+        _check_tensors(flat, _expected_shapes(task))
+    if _hash(data) != assets.hash:
+        raise UserError(
+            f"{folder / WEIGHTS} has hash {_hash(data)}, {ASSETS} says {assets.hash}: "
+            "the files are of two models; export or download it again"
+        )
+    flat = {name: array.astype(np.float32) for name, array in flat.items()}
+    variables = {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
+    return LoadedModel(task, variables, assets, config)
+
+
+def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
+    """The checkpoint that `path`, the workdir or a folder below it, stands for."""
+    from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does without
+
+    config, assets = read_description(workdir)
+    task = _task(workdir, config, assets)
+    kind, step = (*path.relative_to(workdir).parts, "", "")[:2]
+    for name in (kind,) if kind else (BEST, LATEST):
+        checkpoints = checkpoint.Checkpoints(workdir / name) if (workdir / name).is_dir() else None
+        steps = [str(number) for number in checkpoints.steps()] if checkpoints else []
+        if checkpoints and steps and step in ("", *steps):
+            break
+    else:
+        raise UserError(f"no checkpoint in {path} yet; train longer, or use an older run")
+    like = checkpoint.on_one_device(jax.eval_shape(lambda: init_state(task, jax.random.key(0))))
+    state, record = checkpoints.restore(int(step or steps[-1]), like)
+    checkpoints.close()
+    variables = jax.tree.map(np.asarray, state.model)
+    with _blame(workdir / name):
+        speakers = {speaker: np.asarray(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
+    assets = dataclasses.replace(assets, speakers=speakers, hash=_hash(_to_bytes(variables)))
+    return LoadedModel(task, variables, assets, config)
+
+
+def _task(folder: pathlib.Path, config: Config, assets: Assets) -> Task:
+    with _blame(folder / CONFIG):
+        return build_task(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
+
+
+def _expected_shapes(task: Task) -> dict[str, tuple[int, ...]]:
+    arguments = task.method.arguments(task, example_batch(task))
+    shapes = jax.eval_shape(lambda: task.generator.init(jax.random.key(0), *arguments, train=False))
+    return {name: leaf.shape for name, leaf in _flatten(shapes).items()}
+
+
+def _check_tensors(found: dict[str, np.ndarray], expected: dict[str, tuple[int, ...]]) -> None:
+    if odd := sorted(found.keys() ^ expected.keys()):
+        verb = "is missing" if odd[0] in expected else "does not belong"
+        raise ValueError(f"{odd[0]} {verb}" + (f" and {len(odd) - 1} more do not fit" if odd[1:] else ""))
+    for name, shape in expected.items():
+        if found[name].shape != shape:
+            raise ValueError(f"{name} has shape {found[name].shape} instead of {shape}")
+
+
+def _to_bytes(variables: dict[str, Any]) -> bytes:
+    flat = _flatten(jax.tree.map(np.asarray, variables))
+    dtype = np.float32 if sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE else np.float16
+    return safetensors.numpy.save({name: np.ascontiguousarray(array, dtype) for name, array in flat.items()})
+
+
+def _flatten(variables: Any) -> dict[str, Any]:
+    """Nested dicts as one, with names such as "params/audio/stem/kernel"."""
+    return dict(traverse_util.flatten_dict(variables, sep="/"))
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+@contextlib.contextmanager
+def _blame(path: pathlib.Path):
+    """Turns what goes wrong while a file is read into one line that names it."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise UserError(f"{path} is missing; export or download the model again") from None
+    except (ValueError, KeyError, TypeError, AttributeError, OSError, safetensors.SafetensorError) as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UserError(f"{path} is damaged or of another version ({reason}); export or download it again") from error

@@ -1,0 +1,1 @@
+"""Read speech and words, and compute the features that models take: spectrograms, word indices, word vectors."""

@@ -1,0 +1,42 @@
+"""GAN discriminator D (HA2G, Table 8)."""
+
+import jax
+from flax import linen as nn
+
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.gru import BiGRU
+from ha2g_jax.layers.norm import BatchNorm
+
+_SLOPE = 0.2
+
+
+class Discriminator(nn.Module):
+    """Poses of a window to one logit: three convolutions, a bidirectional GRU, two linear maps.
+
+    At the paper's size 34 x 126 poses become 28 x 8, then 28 x 64 (directions summed), 28 and 1.
+
+    Attributes:
+        hidden_dim: of the GRU.
+        layers: of the GRU; Table 8 prints no number, 1 is ours, the authors' release has 4.
+        dropout: between the layers of the GRU.
+    """
+
+    hidden_dim: int = 64
+    layers: int = 1
+    dropout: float = 0.3
+
+    @nn.compact
+    def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        """Maps mean-subtracted poses (B, N, pose_dim) to logits (B,); the sigmoid belongs to the loss."""
+        x = _conv(16, name="conv_1")(poses)
+        x = nn.leaky_relu(BatchNorm(name="norm_1")(x, train=train), _SLOPE)
+        x = _conv(8, name="conv_2")(x)
+        x = nn.leaky_relu(BatchNorm(name="norm_2")(x, train=train), _SLOPE)
+        x = _conv(8, name="conv_3")(x)
+        x = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
+        x = nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_1")(x)[..., 0]
+        return nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_2")(x)[..., 0]
+
+
+def _conv(channels: int, *, name: str) -> nn.Conv:
+    return nn.Conv(channels, (3,), padding="VALID", kernel_init=initializers.LINEAR, name=name)

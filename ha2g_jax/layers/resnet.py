@@ -1,0 +1,73 @@
+"""ResNet-18 (He et al. 2016) without the global average pool and the classifier. Channels last."""
+
+import functools
+
+import jax
+from flax import linen as nn
+
+from ha2g_jax.layers import initializers, recompute
+from ha2g_jax.layers.norm import BatchNorm
+
+_STAGES = (2, 2, 2, 2)
+
+
+class ResNet18(nn.Module):
+    """Images to a feature map at a 32nd of their size.
+
+    Attributes:
+        width: channels of the first stage, doubled at each next one; 64 in the paper.
+        is_recomputed: see `recompute.run`.
+    """
+
+    width: int = 64
+    is_recomputed: bool = False
+
+    @nn.compact
+    def __call__(self, images: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, S, S, 3) to (B, S / 32, S / 32, 8 * width), sizes rounded up."""
+        run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
+        x = run(self, images, method="_stem")
+        for stage, blocks in enumerate(_STAGES):
+            for block in range(blocks):
+                stride = 2 if stage and not block else 1
+                name = f"stage_{stage + 1}_block_{block}"
+                x = run(ResidualBlock(self.width * 2**stage, stride, name=name), x)
+        return x
+
+    def _stem(self, images: jax.Array, *, train: bool) -> jax.Array:
+        x = _conv(self.width, 7, 2, name="conv")(images)
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        # Flax declares the padding as a string only, but takes pairs.
+        return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
+
+
+class ResidualBlock(nn.Module):
+    """conv, BN, ReLU, conv, BN, add, ReLU; the shortcut is a 1x1 conv and BN where the shape changes."""
+
+    channels: int
+    stride: int
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        y = _conv(self.channels, 3, self.stride, name="conv_1")(x)
+        y = nn.relu(BatchNorm(name="norm_1")(y, train=train))
+        y = _conv(self.channels, 3, 1, name="conv_2")(y)
+        y = BatchNorm(name="norm_2")(y, train=train)
+        if self.stride != 1 or x.shape[-1] != self.channels:
+            x = _conv(self.channels, 1, self.stride, name="shortcut_conv")(x)
+            x = BatchNorm(name="shortcut_norm")(x, train=train)
+        return nn.relu(x + y)
+
+
+def _conv(channels: int, kernel: int, stride: int, *, name: str) -> nn.Conv:
+    padding = (kernel // 2, kernel // 2)
+    return nn.Conv(
+        channels,
+        (kernel, kernel),
+        strides=stride,
+        padding=(padding, padding),
+        use_bias=False,
+        kernel_init=initializers.RESNET,
+        name=name,
+    )

@@ -1,0 +1,187 @@
+"""Audio encoder E_a: ResNetSE-34 with three heads (HA2G, Tables 6 and 7). Channels last."""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.layers import initializers, recompute
+from ha2g_jax.layers.norm import BatchNorm
+
+_REDUCTION = 8
+_MEL_RANGE = 80.0
+
+
+class Features(NamedTuple):
+    """Audio features of the three levels, each (B, N, feature_dim)."""
+
+    low: jax.Array
+    mid: jax.Array
+    high: jax.Array
+
+
+def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
+    """Moves channels into space, in the channel order of Shi et al. 2016 and PyTorch.
+
+    Args:
+        x: (B, H, W, C * factor^2); row `factor * i + a`, column `factor * j + b` of output channel c comes from
+            input channel c * factor^2 + a * factor + b.
+
+    Returns:
+        (B, factor * H, factor * W, C).
+    """
+    batch, height, width, channels = x.shape
+    x = x.reshape(batch, height, width, channels // factor**2, factor, factor)
+    x = x.transpose(0, 1, 4, 2, 5, 3)
+    return x.reshape(batch, height * factor, width * factor, channels // factor**2)
+
+
+class SqueezeExcite(nn.Module):
+    """Scales each channel by a gate computed from the channels' means (Hu et al. 2018), reduction 8."""
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """Maps (B, H, W, C) to the same shape."""
+        channels = x.shape[-1]
+        gate = jnp.mean(x, axis=(1, 2))
+        gate = nn.relu(nn.Dense(channels // _REDUCTION, kernel_init=initializers.LINEAR, name="squeeze")(gate))
+        gate = nn.sigmoid(nn.Dense(channels, kernel_init=initializers.LINEAR, name="excite")(gate))
+        return x * gate[:, None, None]
+
+
+class BasicBlock(nn.Module):
+    """conv, ReLU, BN, conv, BN, SE, add, ReLU; the shortcut is a 1x1 conv and BN where the shape changes."""
+
+    channels: int
+    stride: int = 1
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        y = _conv(self.channels, (3, 3), self.stride, 1, use_bias=False, name="conv_1")(x)
+        y = BatchNorm(name="norm_1")(nn.relu(y), train=train)
+        y = _conv(self.channels, (3, 3), 1, 1, use_bias=False, name="conv_2")(y)
+        y = BatchNorm(name="norm_2")(y, train=train)
+        y = SqueezeExcite(name="se")(y)
+        if self.stride != 1 or x.shape[-1] != self.channels:
+            x = _conv(self.channels, (1, 1), self.stride, 0, use_bias=False, name="shortcut_conv")(x)
+            x = BatchNorm(name="shortcut_norm")(x, train=train)
+        return nn.relu(x + y)
+
+
+class Stage(nn.Module):
+    """A row of basic blocks, the first of which may stride."""
+
+    blocks: int
+    channels: int
+    stride: int
+    is_recomputed: bool = False
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        for index in range(self.blocks):
+            stride = self.stride if index == 0 else 1
+            block = BasicBlock(self.channels, stride, name=f"block_{index}")
+            x = recompute.run(block, x, train=train, is_recomputed=self.is_recomputed)
+        return x
+
+
+class Stem(nn.Module):
+    """3x3 convolution, ReLU, BN, in this order."""
+
+    channels: int
+    stride: tuple[int, int]
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, H, W, 1) to (B, H / stride, W / stride, channels), rounded up."""
+        x = _conv(self.channels, (3, 3), self.stride, 1, use_bias=True, name="conv")(x)
+        return BatchNorm(name="norm")(nn.relu(x), train=train)
+
+
+class Head(nn.Module):
+    """Feature map to one feature per frame (Table 7): PixelShuffle, conv, ReLU, BN, reshape, FC.
+
+    Attributes:
+        shuffle: factor of the pixel shuffle, 1 for none.
+        kernel: height and width of the unpadded convolution.
+        feature_dim: output values per frame.
+    """
+
+    shuffle: int
+    kernel: int
+    feature_dim: int
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, mel, columns, C) to (B, N, feature_dim)."""
+        x = pixel_shuffle(x, self.shuffle)
+        x = _conv(x.shape[-1], (self.kernel, self.kernel), 1, 0, use_bias=True, name="conv")(x)
+        x = BatchNorm(name="norm")(nn.relu(x), train=train)
+        # Channel-major, as a reshape of PyTorch's (C, mel, N) merges them.
+        x = x.transpose(0, 2, 3, 1).reshape(x.shape[0], x.shape[2], -1)
+        return nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name="linear")(x)
+
+
+class AudioEncoder(nn.Module):
+    """Log-mel window to low, middle and high features of each frame.
+
+    At the paper's size a 1 x 128 x 70 window gives 64 x 64 x 35 (stage 2, low), 128 x 32 x 18 (stage 3, middle)
+    and 256 x 16 x 9 (stage 4, high), each turned into 32 x 34.
+
+    Attributes:
+        blocks: basic blocks of each stage.
+        channels: channels of each stage.
+        stem_stride: stride of the stem along mel and time; the stride in time must be 1.
+        feature_dim: values per frame and level.
+        is_recomputed: see `recompute.run`.
+    """
+
+    blocks: tuple[int, int, int, int] = (3, 4, 6, 3)
+    channels: tuple[int, int, int, int] = (32, 64, 128, 256)
+    stem_stride: tuple[int, int] = (1, 1)
+    feature_dim: int = 32
+    is_recomputed: bool = False
+
+    inputs = ("mel",)
+
+    @nn.compact
+    def __call__(self, mel: jax.Array, *, train: bool) -> Features:
+        """Maps the mel (B, 128, 70) in dB, -80 to 0, to features of 34 frames.
+
+        Raises:
+            ValueError: the number of columns does not give the same number of frames at each level.
+        """
+        x = (mel / _MEL_RANGE + 1)[..., None]  # D3
+        run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
+        x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
+        maps = []
+        for index, (blocks, channels) in enumerate(zip(self.blocks, self.channels, strict=True)):
+            stage = Stage(blocks, channels, 2 if index else 1, self.is_recomputed, name=f"stage_{index + 1}")
+            maps.append(x := stage(x, train=train))
+        features = Features(
+            low=run(Head(shuffle=1, kernel=2, feature_dim=self.feature_dim, name="low"), maps[1]),
+            mid=run(Head(shuffle=2, kernel=3, feature_dim=self.feature_dim, name="mid"), maps[2]),
+            high=run(Head(shuffle=4, kernel=3, feature_dim=self.feature_dim, name="high"), maps[3]),
+        )
+        frames = tuple(level.shape[1] for level in features)
+        if len(set(frames)) > 1:
+            raise ValueError(f"a mel of {mel.shape[-1]} columns gives {frames} frames at the three levels; expected 70")
+        return features
+
+
+def _conv(
+    channels: int, kernel: tuple[int, int], stride: int | tuple[int, int], padding: int, *, use_bias: bool, name: str
+) -> nn.Conv:
+    return nn.Conv(
+        channels,
+        kernel,
+        strides=stride,
+        padding=((padding, padding), (padding, padding)),
+        use_bias=use_bias,
+        kernel_init=initializers.RESNET,
+        name=name,
+    )

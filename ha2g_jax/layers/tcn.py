@@ -1,0 +1,127 @@
+"""Text encoder E_t: a temporal convolutional network of weight-normalised dilated convolutions.
+
+Bai, Kolter and Koltun 2018; HA2G, supplement B. Blocks have kernel 2 and dilations 1, 2, 4, 8.
+"""
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.layers import initializers
+
+_KERNEL = 2
+_EMBEDDING_DROPOUT = 0.1
+RECEPTIVE_FIELDS = ("centred", "causal")
+
+
+class WeightNormConv(nn.Module):
+    """A convolution over frames whose kernel is scale * v / |v|, the norm taken per output channel.
+
+    Attributes:
+        channels: output channels.
+        dilation: frames between the two taps.
+        padding: frames of zeros (before, after); their sum is `dilation`, so that N frames stay N.
+    """
+
+    channels: int
+    dilation: int
+    padding: tuple[int, int]
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """Maps (B, N, inputs) to (B, N, channels)."""
+        kernel = self.param("kernel", initializers.LINEAR, (_KERNEL, x.shape[-1], self.channels))
+        # The scale starts at the kernel's norm, so that the normalised kernel starts as `kernel`.
+        scale = self.param("scale", lambda _: _norm(kernel))
+        bias = self.param("bias", nn.initializers.zeros, (self.channels,))
+        y = jax.lax.conv_general_dilated(
+            x,
+            (kernel * (scale / _norm(kernel))[None, None]).astype(x.dtype),
+            window_strides=(1,),
+            padding=(self.padding,),
+            rhs_dilation=(self.dilation,),
+            dimension_numbers=("NWC", "WIO", "NWC"),
+        )
+        return y + bias[None, None]
+
+
+def _norm(kernel: jax.Array) -> jax.Array:
+    return jnp.sqrt(jnp.sum(jnp.square(kernel.astype(jnp.float32)), axis=(0, 1)))
+
+
+class ResidualBlock(nn.Module):
+    """[convolution, ReLU, dropout] once or twice, added to the input, then ReLU."""
+
+    channels: int
+    dilation: int
+    convolutions: int
+    padding: tuple[int, int]
+    dropout: float
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, N, inputs) to (B, N, channels)."""
+        y = x
+        for index in range(self.convolutions):
+            y = WeightNormConv(self.channels, self.dilation, self.padding, name=f"conv_{index}")(y)
+            y = nn.Dropout(self.dropout)(nn.relu(y), deterministic=not train)
+        if x.shape[-1] != self.channels:
+            x = nn.Dense(self.channels, kernel_init=nn.initializers.normal(0.01), name="shortcut")(x)
+        return nn.relu(x + y)
+
+
+class TextEncoder(nn.Module):
+    """Words laid on frames to one feature per frame.
+
+    Decision D4, what a frame sees:
+      "centred": 16 words, 8 before the frame to 7 after it. One convolution per block; the taps of dilation d
+        lie ceil(d / 2) frames before and floor(d / 2) after, so that each block is centred and its residual
+        path stays aligned.
+      "causal": 31 words, the frame and the past. Two convolutions per block, padded on the left.
+
+    Attributes:
+        vocabulary_size: rows of the word table; row 0 is the padding, an ordinary trained row.
+        embedding_dim: width of the word vectors.
+        channels: width of the blocks.
+        layers: number of blocks; block i has dilation 2^i.
+        feature_dim: output values per frame.
+        receptive_field: one of RECEPTIVE_FIELDS.
+        dropout: rate after each convolution.
+    """
+
+    vocabulary_size: int
+    embedding_dim: int = 300
+    channels: int = 300
+    layers: int = 4
+    feature_dim: int = 32
+    receptive_field: str = "centred"
+    dropout: float = 0.3
+
+    @nn.compact
+    def __call__(self, words: jax.Array, *, train: bool) -> jax.Array:
+        """Maps word indices (B, N) to features (B, N, feature_dim).
+
+        Raises:
+            ValueError: unknown `receptive_field`.
+        """
+        if self.receptive_field not in RECEPTIVE_FIELDS:
+            raise ValueError(f"receptive field {self.receptive_field!r}: expected one of {RECEPTIVE_FIELDS}")
+        centred = self.receptive_field == "centred"
+        spread = nn.initializers.normal(self.embedding_dim**-0.5)
+        # The rows' gradients are summed over all frames in float32: thousands of them are of the padding.
+        table = nn.Embed(
+            self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
+        )
+        x = table(words).astype(table.embedding.dtype)
+        x = nn.Dropout(_EMBEDDING_DROPOUT if self.dropout else 0.0)(x, deterministic=not train)
+        for index in range(self.layers):
+            dilation = 2**index
+            x = ResidualBlock(
+                channels=self.channels,
+                dilation=dilation,
+                convolutions=1 if centred else 2,
+                padding=(dilation - dilation // 2, dilation // 2) if centred else (dilation, 0),
+                dropout=self.dropout,
+                name=f"block_{index}",
+            )(x, train=train)
+        return nn.Dense(self.feature_dim, kernel_init=nn.initializers.normal(0.01), name="linear")(x)

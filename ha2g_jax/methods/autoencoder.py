@@ -1,0 +1,152 @@
+"""The pose auto-encoder of the Frechet gesture distance (HA2G, Table 9), trained like any other method.
+
+The paper says nothing of its training. Ours: mean L1 of the poses and of their velocities, and a small cosine term,
+between restored vectors, as angles are everywhere here; selected on the validation split.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.methods.forward import Batch, Poses, Variables, apply
+from ha2g_jax.methods.task import Method, Networks, Task, restore, subtract_mean
+from ha2g_jax.skeleton import Skeleton, normalize
+
+# Values of the latent per skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
+LATENT_DIMS = {"ted_expressive": 128, "ted_gesture": 32}
+
+_SLOPE = 0.2
+_NUM_FRAMES = 34  # the decoder's linear map has this many frames built in
+
+
+class PoseEncoder(nn.Module):
+    """Poses (B, 34, pose_dim) to a latent (B, latent_dim)."""
+
+    latent_dim: int
+
+    @nn.compact
+    def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        x = _conv(32, 3, 1, name="conv_1")(poses)
+        x = _conv(64, 3, 1, name="conv_2")(_activate(x, "norm_1", train))
+        x = _conv(64, 4, 2, name="conv_3")(_activate(x, "norm_2", train))
+        x = _conv(32, 3, 1, name="conv_4")(_activate(x, "norm_3", train))
+        x = x.transpose(0, 2, 1).reshape(x.shape[0], -1)  # channel-major, as PyTorch flattens (C, N)
+        x = _activate(_linear(256, name="linear_1")(x), "norm_4", train)
+        x = _activate(_linear(128, name="linear_2")(x), "norm_5", train)
+        return _linear(self.latent_dim, name="linear_3")(x)
+
+
+class PoseDecoder(nn.Module):
+    """Latent (B, latent_dim) to poses (B, 34, pose_dim)."""
+
+    pose_dim: int
+
+    @nn.compact
+    def __call__(self, latent: jax.Array, *, train: bool) -> jax.Array:
+        x = _activate(_linear(64, name="linear_1")(latent), "norm_1", train)
+        x = _linear(4 * _NUM_FRAMES, name="linear_2")(x)
+        x = x.reshape(x.shape[0], 4, _NUM_FRAMES).transpose(0, 2, 1)
+        x = _activate(_transposed_conv(32, name="conv_1")(x), "norm_2", train)
+        x = _activate(_transposed_conv(32, name="conv_2")(x), "norm_3", train)
+        x = _conv(32, 3, 1, name="conv_3")(x)
+        return _conv(self.pose_dim, 3, 1, name="conv_4")(x)
+
+
+class PoseAutoencoder(nn.Module):
+    """Windows of poses to a latent and back. `encode` and `decode` can be the `method=` of `apply`.
+
+    Attributes:
+        pose_dim: values of a flat pose.
+        latent_dim: values of the latent, see LATENT_DIMS.
+    """
+
+    pose_dim: int
+    latent_dim: int
+
+    def setup(self) -> None:
+        self.encoder = PoseEncoder(self.latent_dim)
+        self.decoder = PoseDecoder(self.pose_dim)
+
+    def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        """Maps mean-subtracted poses (B, 34, pose_dim) to their reconstruction."""
+        return self.decode(self.encode(poses, train=train), train=train)
+
+    def encode(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        """Maps mean-subtracted poses (B, 34, pose_dim) to latents (B, latent_dim)."""
+        return self.encoder(poses, train=train)
+
+    def decode(self, latent: jax.Array, *, train: bool) -> jax.Array:
+        """Maps latents (B, latent_dim) to mean-subtracted poses (B, 34, pose_dim)."""
+        return self.decoder(latent, train=train)
+
+
+def _activate(x: jax.Array, name: str, train: bool) -> jax.Array:
+    return nn.leaky_relu(BatchNorm(name=name)(x, train=train), _SLOPE)
+
+
+def _linear(values: int, *, name: str) -> nn.Dense:
+    return nn.Dense(values, kernel_init=initializers.LINEAR, name=name)
+
+
+def _conv(channels: int, kernel: int, stride: int, *, name: str) -> nn.Conv:
+    return nn.Conv(channels, (kernel,), stride, padding="VALID", kernel_init=initializers.LINEAR, name=name)
+
+
+def _transposed_conv(channels: int, *, name: str) -> nn.ConvTranspose:
+    return nn.ConvTranspose(channels, (3,), padding="VALID", kernel_init=initializers.LINEAR, name=name)
+
+
+def reconstruction(poses: jax.Array, targets: jax.Array) -> jax.Array:
+    """The mean absolute error of poses (B, N, pose_dim)."""
+    return jnp.mean(jnp.abs(poses - targets))
+
+
+def velocity(poses: jax.Array, targets: jax.Array) -> jax.Array:
+    """The mean absolute error of the differences between neighbouring frames of poses (B, N, pose_dim)."""
+    return jnp.mean(jnp.abs(jnp.diff(poses, axis=1) - jnp.diff(targets, axis=1)))
+
+
+def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
+    """1 - cosine between direction vectors (B, N, bones, 3), the mean over all of them."""
+    return jnp.mean(1 - jnp.sum(normalize(directions) * normalize(target_directions), axis=-1))
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
+    """The auto-encoder of a skeleton; it has no settings, as values of different ones cannot be compared."""
+    del config, vocabulary_size, num_speakers
+    return Networks(PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name]), None)
+
+
+def run(
+    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool
+) -> tuple[Poses, tuple[Any, None]]:
+    """The windows of a batch through the auto-encoder."""
+    poses = subtract_mean(task, batch["directions"])
+    poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], poses, train=train)
+    return Poses((poses,)), (batch_stats, None)
+
+
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """The unweighted terms; `targets` are (B, 34, pose_dim), mean-subtracted."""
+    del aux
+    (poses,) = outputs.poses
+    return {
+        "reconstruction": reconstruction(poses, targets),
+        "velocity": velocity(poses, targets),
+        "cosine": cosine(restore(task, poses), restore(task, targets)),
+    }
+
+
+METHOD = Method(
+    terms=("reconstruction", "velocity", "cosine"),
+    inputs=lambda config: (),
+    build=build,
+    run=run,
+    loss_terms=loss_terms,
+    arguments=lambda task, batch: (subtract_mean(task, batch["directions"]),),
+)

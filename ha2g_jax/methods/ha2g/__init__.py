@@ -1,0 +1,1 @@
+"""HA2G (Liu et al., CVPR 2022): read `model.py`, `losses.py` and `method.py`, in this order."""

@@ -1,0 +1,163 @@
+"""HA2G, the generator: hierarchical audio learner and hierarchical pose inferer (HA2G, section 3)."""
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.asr_audio import AsrAudioEncoder
+from ha2g_jax.layers.gru import BiGRU
+from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder, Features
+from ha2g_jax.layers.tcn import TextEncoder
+
+
+class PoseStage(nn.Module):
+    """One stage h of the pose inferer (Eq. 4).
+
+    Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output.
+
+    Attributes:
+        pose_dim: d^h, values of the stage's pose.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    pose_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+
+    @nn.compact
+    def __call__(self, previous: jax.Array, audio: jax.Array, is_seed: jax.Array, *, train: bool) -> jax.Array:
+        """Maps p^(h-1) (B, N, d^(h-1)), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
+        inputs = jnp.concatenate([previous, audio, is_seed], axis=-1)
+        hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(inputs, train=train)
+        outputs = jnp.concatenate([hidden, previous, audio], axis=-1)
+        return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear")(outputs)
+
+
+class StyleCoordinator(nn.Module):
+    """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2).
+
+    Attributes:
+        num_levels: H.
+        audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
+        is_tied: whether all levels of the motion share one column (Table 4, "same audio").
+    """
+
+    num_levels: int
+    audio_levels: tuple[str, ...] = Features._fields
+    is_tied: bool = False
+
+    @nn.compact
+    def __call__(self, f_id: jax.Array) -> jax.Array:
+        """Maps f_id (B, 18) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
+        num_audio, num_columns = len(Features._fields), 1 if self.is_tied else self.num_levels
+        scores = nn.Dense(num_audio * num_columns, kernel_init=initializers.LINEAR, name="linear")(f_id)
+        scores = scores.reshape(f_id.shape[0], num_audio, num_columns)
+        may_count = jnp.array([name in self.audio_levels for name in Features._fields])[None, :, None]
+        weights = nn.softmax(scores.astype(jnp.float32), axis=1, where=may_count).astype(scores.dtype)
+        return jnp.broadcast_to(weights, (f_id.shape[0], num_audio, self.num_levels))
+
+
+class HA2G(nn.Module):
+    """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
+
+    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
+    Only `listen` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream "dropout"
+    in training.
+
+    Attributes:
+        audio: E_a.
+        text: E_t; its features serve the contrastive loss only, never the poses.
+        identity: E_ID.
+        level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
+            of them, the last included, where an ablation leaves levels out).
+        audio_levels, is_tied: of the style coordinator.
+        num_seed_frames: M.
+        hidden_dim, layers, dropout: of each stage's GRU.
+    """
+
+    audio: AudioEncoder | AsrAudioEncoder
+    text: TextEncoder
+    identity: ImageIdentity | SpeakerIdentity
+    level_channels: tuple[tuple[int, ...], ...]
+    audio_levels: tuple[str, ...] = Features._fields
+    is_tied: bool = False
+    num_seed_frames: int = 4
+    hidden_dim: int = 300
+    layers: int = 4
+    dropout: float = 0.3
+
+    def setup(self) -> None:
+        self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
+        self.stages = [
+            PoseStage(len(channels), self.hidden_dim, self.layers, self.dropout, name=f"pose_{level}")
+            for level, channels in enumerate(self.level_channels, 1)
+        ]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What `listen` hears of a window."""
+        return self.audio.inputs
+
+    @property
+    def style_dim(self) -> int:
+        """Values of f_id."""
+        return self.identity.feature_dim
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
+        features = self.listen(inputs, train=train)
+        self.encode_text(inputs["words"], train=train)
+        mean, _ = self.encode_identity(identity, train=train)
+        return self.infer(features, mean, seed, train=train)
+
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
+        """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
+        (name,) = self.audio.inputs
+        return self.audio(inputs[name], train=train)
+
+    def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
+        """Maps word indices on frames (B, N) to f_t (B, N, 32)."""
+        return self.text(words, train=train)
+
+    def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps images (B, M, S, S, 3) or speaker indices (B,) to mean and log-variance of f_id, each (B, 18)."""
+        return self.identity(identity, train=train)
+
+    def coordinate(self, f_id: jax.Array) -> jax.Array:
+        """Maps f_id (B, 18) to the style coordinator C (B, 3, H)."""
+        return self.coordinator(f_id)
+
+    def infer(
+        self, features: tuple[jax.Array, jax.Array, jax.Array], f_id: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Pose inferer, coarse to fine (Eq. 3 and 4).
+
+        Args:
+            features: f_low, f_mid, f_high, each (B, N, 32).
+            f_id: (B, 18) identity, sampled or the mean.
+            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+
+        Returns:
+            Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
+        """
+        blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
+        batch, num_frames = features[0].shape[:2]
+        num_free = num_frames - self.num_seed_frames
+        is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
+
+        poses: list[jax.Array] = []
+        for level, stage in enumerate(self.stages):
+            if level:
+                known = seed[..., self.level_channels[level - 1]]
+                free = poses[-1][:, self.num_seed_frames :]
+            else:
+                known = seed[..., self.level_channels[0]]
+                free = jnp.zeros((batch, num_free, known.shape[-1]), known.dtype)
+            previous = jnp.concatenate([known, free], axis=1)
+            poses.append(stage(previous, blended[level], is_seed.astype(seed.dtype), train=train))
+        return tuple(poses)

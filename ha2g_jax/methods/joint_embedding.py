@@ -1,0 +1,257 @@
+"""Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.frame_decoder import FrameDecoder
+from ha2g_jax.layers.gru import GRU
+from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods.autoencoder import PoseEncoder
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import text_encoder
+from ha2g_jax.methods.forward import Batch, Poses, Variables, apply
+from ha2g_jax.methods.task import Method, Networks, Task, subtract_mean
+from ha2g_jax.skeleton import Skeleton
+
+_SEED_DIM = 32
+
+
+class ContextEncoder(nn.Module):
+    """Speech features of a window to the distribution of its latent.
+
+    Attributes:
+        latent_dim: values of the latent.
+        hidden_dim, layers: of the GRU, which runs forward in time.
+    """
+
+    latent_dim: int
+    hidden_dim: int
+    layers: int
+
+    @nn.compact
+    def __call__(self, features: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps (B, N, features) to mean and log-variance, each (B, latent_dim)."""
+        x = GRU(self.hidden_dim, self.layers, name="gru")(features)[:, -1]
+        x = _linear(self.hidden_dim // 2, "linear_1")(x)
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        return _heads(_linear(self.latent_dim, "linear_2")(x), self.latent_dim)
+
+
+class LatentPoseEncoder(nn.Module):
+    """Poses of a window to the distribution of their latent, by the encoder of the pose auto-encoder.
+
+    Its slope is 0.2 in all layers, as the tables have it.
+    """
+
+    latent_dim: int
+
+    @nn.compact
+    def __call__(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps (B, N, pose_dim) to mean and log-variance, each (B, latent_dim)."""
+        return _heads(PoseEncoder(self.latent_dim, name="encoder")(poses, train=train), self.latent_dim)
+
+
+class SeedEncoder(nn.Module):
+    """Seed poses (B, M, pose_dim) to one vector (B, 32)."""
+
+    @nn.compact
+    def __call__(self, seed: jax.Array, *, train: bool) -> jax.Array:
+        x = _linear(_SEED_DIM, "linear_1")(seed.reshape(seed.shape[0], -1))
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        return _linear(_SEED_DIM, "linear_2")(x)
+
+
+class JointEmbedding(nn.Module):
+    """Speech audio, its words and M seed poses to N poses, by way of one latent a window.
+
+    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All methods
+    use "batch_stats"; `listen`, `decode` and `infer` draw from the stream "dropout" in training.
+
+    Attributes:
+        audio: encoder of the samples.
+        text: encoder of the words on frames.
+        pose_dim: values of a flat pose.
+        num_frames: N.
+        latent_dim: values of the latent.
+        context_dim, context_layers: of the GRU that reads the speech features.
+        hidden_dim, layers, dropout: of the decoder's GRU.
+    """
+
+    audio: WaveformEncoder
+    text: TextEncoder
+    pose_dim: int
+    num_frames: int = 34
+    latent_dim: int = 32
+    context_dim: int = 256
+    context_layers: int = 2
+    hidden_dim: int = 300
+    layers: int = 4
+    dropout: float = 0.3
+
+    inputs = ("audio", "words")
+
+    def setup(self) -> None:
+        self.context = ContextEncoder(self.latent_dim, self.context_dim, self.context_layers)
+        self.pose_encoder = LatentPoseEncoder(self.latent_dim)
+        self.seed_encoder = SeedEncoder()
+        self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
+
+    @property
+    def style_dim(self) -> int:
+        """Values of the noise that a latent is sampled with; there are no speakers."""
+        return self.latent_dim
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Runs every part once, without noise; returns the poses, as `infer`."""
+        del identity  # None; the argument is that of the other methods.
+        heard = self.listen(inputs, train=train)
+        poses = self.infer(heard, jnp.zeros_like(heard[0]), seed, train=train)
+        self.encode_pose(poses[-1], train=train)
+        return poses
+
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps "audio" (B, 36267) and "words" (B, N) to mean and log-variance of the latent, each (B, 32)."""
+        audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
+        return self.context(jnp.concatenate([audio, text], axis=-1), train=train)
+
+    def encode_pose(self, poses: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps true poses (B, N, pose_dim) to mean and log-variance; training takes the mean for the latent."""
+        return self.pose_encoder(poses, train=train)
+
+    def decode(self, latent: jax.Array, seed: jax.Array, *, train: bool) -> jax.Array:
+        """Maps a latent (B, 32), of speech or of poses, and the seed (B, M, pose_dim) to poses (B, N, pose_dim)."""
+        x = jnp.concatenate([self.seed_encoder(seed, train=train), latent], axis=-1)
+        return self.decoder(jnp.repeat(x[:, None], self.num_frames, axis=1), train=train)
+
+    def infer(
+        self, heard: tuple[jax.Array, jax.Array], style: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Samples the latent of the speech and decodes it.
+
+        Args:
+            heard: mean and log-variance of `listen`.
+            style: (B, 32) noise; from N(0, I) it gives a sample, zeros give the mean.
+            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+
+        Returns:
+            One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
+        """
+        return (self.decode(sample(heard, style), seed, train=train),)
+
+
+def sample(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
+    """mean + exp(0.5 log-variance) noise, all (B, latent_dim)."""
+    mean, log_variance = distribution
+    return mean + jnp.exp(0.5 * log_variance) * noise
+
+
+def _heads(x: jax.Array, latent_dim: int) -> tuple[jax.Array, jax.Array]:
+    return _linear(latent_dim, "mean")(x), _linear(latent_dim, "log_variance")(x)
+
+
+def _linear(values: int, name: str) -> nn.Dense:
+    return nn.Dense(values, kernel_init=initializers.LINEAR, name=name)
+
+
+def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
+    """The sum over the batch of each window's mean absolute difference, as its authors' code has it.
+
+    Args:
+        poses, targets: (B, N, pose_dim), mean-subtracted.
+    """
+    return jnp.sum(jnp.mean(jnp.abs(poses - targets), axis=(1, 2)))
+
+
+TERMS = ("l1",)
+
+
+def inputs(config: Config) -> tuple[str, ...]:
+    """What a training example has of the speech."""
+    del config
+    return JointEmbedding.inputs
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
+    """The networks of `config.model`.
+
+    Raises:
+        UserError: an unknown choice.
+    """
+    del num_speakers
+    choice("model.identity.kind", config.model.identity.kind, ("none",))
+    context, inferer = config.model.context, config.model.inferer
+    generator = JointEmbedding(
+        audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
+        text=text_encoder(config, vocabulary_size),
+        pose_dim=skeleton.pose_dim,
+        num_frames=config.data.num_frames,
+        context_dim=context.hidden_dim,
+        context_layers=context.layers,
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    return Networks(generator, None)
+
+
+def run(
+    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+) -> tuple[Poses, tuple[Any, None]]:
+    """The poses of the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
+
+    There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
+    speech is always a sample, in evaluation too, that of the poses never.
+
+    Args:
+        task: static.
+        variables: {"params", "batch_stats"} of the generator.
+        batch: as in `train_step`.
+        keys: "dropout", "identity" for the sample and "permutation" for the coin.
+        train: False is evaluation mode, with the latent of the speech.
+
+    Returns:
+        The outputs, and (batch statistics after the run, None).
+    """
+    speech = {name: batch[name] for name in task.inputs}
+    poses = subtract_mean(task, batch["directions"])
+    seed = poses[:, : task.num_seed_frames]
+    noise = jax.random.normal(keys["identity"], (len(poses), task.generator.latent_dim))
+    from_speech = jax.random.bernoulli(keys["permutation"]) if train else jnp.ones((), bool)
+    clips = (speech, poses, seed, noise, from_speech)
+    decoded, batch_stats = apply(
+        task, task.generator, variables, keys["dropout"], *clips, train=train, method=_encode_and_decode
+    )
+    return Poses((decoded,)), (batch_stats, None)
+
+
+def _encode_and_decode(
+    model: JointEmbedding,
+    speech: dict[str, jax.Array],
+    poses: jax.Array,
+    seed: jax.Array,
+    noise: jax.Array,
+    from_speech: jax.Array,
+    *,
+    train: bool,
+) -> jax.Array:
+    latent, _ = model.encode_pose(poses, train=train)
+    latent = jnp.where(from_speech, sample(model.listen(speech, train=train), noise), latent)
+    return model.decode(latent, seed, train=train)
+
+
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """The one term; `targets` are (B, N, pose_dim), mean-subtracted."""
+    del task, aux
+    return {"l1": l1(outputs.poses[-1], targets)}
+
+
+METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms)

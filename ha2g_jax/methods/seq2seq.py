@@ -1,0 +1,278 @@
+"""Attention Seq2Seq (Yoon et al., ICRA 2019): the words of a window to poses, without sound.
+
+In the published comparison a cubic per channel replaced the first 12 frames of each window of a long recording. Here
+the borders of all methods are treated alike, see `motion.windows`.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.gru import BiGRU, GRUCells
+from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.forward import Poses, run_generator
+from ha2g_jax.methods.task import Method, Networks, Task
+from ha2g_jax.skeleton import Skeleton
+
+# W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
+_HALF_LINEAR = nn.initializers.variance_scaling(1 / 6, "fan_in", "uniform")
+
+
+class Sentence(NamedTuple):
+    """What the decoder knows of the words.
+
+    Attributes:
+        words: (B, T, h) e, one vector for each word in its sentence; 0 after the sentence's end.
+        states: (B, layers, h) the states that the decoder starts from.
+    """
+
+    words: jax.Array
+    states: jax.Array
+
+
+class SentenceEncoder(nn.Module):
+    """A bidirectional GRU over the words of a sentence.
+
+    Attributes:
+        num_words: rows of the word table.
+        embedding_dim: width of the word vectors.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    num_words: int
+    embedding_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+
+    @nn.compact
+    def __call__(self, words: jax.Array, *, train: bool) -> Sentence:
+        """Maps word indices (B, T), 0 after the sentence's end, to a sentence.
+
+        The decoder's layers start from the first entries of the list (layer 1 forward, layer 1 backward, layer 2
+        forward, ...) of final states: with two layers from both directions of the bottom layer. The top layer would
+        be the natural choice; this is kept for parity with the published comparisons.
+        """
+        is_real = words != 0
+        spread = nn.initializers.normal(self.embedding_dim**-0.5)
+        # As in `TextEncoder`: the rows' gradients are summed in float32.
+        table = nn.Embed(self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding")
+        x = table(words).astype(table.embedding.dtype)
+        gru = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")
+        states = gru.states(x, is_real=is_real, train=train)
+        forward, backward = states[-1]
+        final = [state for forward, backward in states for state in (forward[:, -1], backward[:, 0])]
+        return Sentence(
+            words=jnp.where(is_real[..., None], forward + backward, 0),
+            states=jnp.stack(final[: self.layers], axis=1),
+        )
+
+
+class PoseDecoder(nn.Module):
+    """One step of the decoder: attention to the words, then a GRU that goes from one pose to the next.
+
+    Attributes:
+        pose_dim: values of a pose.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    pose_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+
+    @nn.compact
+    def __call__(
+        self, states: tuple[jax.Array, ...], pose: jax.Array, words: jax.Array, keys: jax.Array, *, train: bool
+    ) -> tuple[tuple[jax.Array, ...], jax.Array]:
+        """One step.
+
+        Attention is additive (Bahdanau et al. 2015),
+
+            context = sum_i softmax_i(v . tanh(W [h ; e_i] + b)) e_i
+
+        where h is the top state and i runs over all T steps: those after the sentence's end are zero vectors, but
+        have their share of the weight. Kept for parity with the published comparisons.
+
+        Args:
+            states: per layer (B, hidden_dim), after the step before.
+            pose: (B, pose_dim) of the frame before.
+            words: (B, T, hidden_dim) e.
+            keys: (B, T, hidden_dim) the words' part of W [h ; e].
+
+        Returns:
+            The states after this step, and the pose (B, pose_dim) of this frame.
+        """
+        attend = nn.Dense(self.hidden_dim, kernel_init=_HALF_LINEAR, name="attention_state")
+        query = attend(states[-1].astype(pose.dtype))
+        vector = self.param("attention_vector", nn.initializers.normal(self.hidden_dim**-0.5), (self.hidden_dim,))
+        scores = jnp.tanh(query[:, None] + keys) @ vector
+        weights = nn.softmax(scores.astype(jnp.float32), axis=-1).astype(words.dtype)
+        context = jnp.einsum("bt,bth->bh", weights, words)
+
+        x = jnp.concatenate([pose, context], axis=-1)
+        x = nn.Dense(self.hidden_dim, kernel_init=initializers.LINEAR, name="linear_in")(x)
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        states = GRUCells(self.hidden_dim, self.layers, self.dropout, name="gru")(states, x, train=train)
+        output = nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear_out")
+        return states, output(states[-1].astype(x.dtype))
+
+
+class Seq2Seq(nn.Module):
+    """The words of a window, without their times, and M seed poses to N poses.
+
+    There is neither audio nor identity. Poses are flat, mean-subtracted direction vectors (D1). Only `infer` uses
+    "batch_stats"; both methods draw from the stream "dropout" in training.
+
+    Attributes:
+        num_words: rows of the word table.
+        pose_dim: values of a pose.
+        num_frames: N.
+        embedding_dim: width of the word vectors.
+        hidden_dim, layers, dropout: of both GRUs.
+    """
+
+    num_words: int
+    pose_dim: int
+    num_frames: int = 34
+    embedding_dim: int = 300
+    hidden_dim: int = 200
+    layers: int = 2
+    dropout: float = 0.1
+
+    inputs: ClassVar = ("plain_words",)
+    style_dim: ClassVar = 0
+
+    def setup(self) -> None:
+        self.text = SentenceEncoder(self.num_words, self.embedding_dim, self.hidden_dim, self.layers, self.dropout)
+        self.attention_words = nn.Dense(self.hidden_dim, use_bias=False, kernel_init=_HALF_LINEAR)
+        self.decoder = PoseDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array]:
+        """Runs every part once; returns the poses, as `infer`."""
+        return self.infer(self.listen(inputs, train=train), identity, seed, train=train)
+
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
+        """Maps "plain_words" (B, T), word indices and then 0, to a sentence."""
+        return self.text(inputs["plain_words"], train=train)
+
+    def infer(self, sentence: Sentence, style: jax.Array | None, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+        """The roll-out, the same in training and in synthesis.
+
+        Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the
+        pose decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames.
+
+        Args:
+            sentence: of `listen`.
+            style: not used; the method has none.
+            seed: (B, M, pose_dim) true poses of the first M frames.
+
+        Returns:
+            The only level: (B, N, pose_dim).
+        """
+        words, states = sentence
+        keys = self.attention_words(words)
+        num_free = self.num_frames - 1 - seed.shape[1]
+        known = jnp.pad(jnp.swapaxes(seed, 0, 1), ((0, num_free), (0, 0), (0, 0)))
+        is_known = (jnp.arange(self.num_frames - 1) < seed.shape[1])[:, None, None]
+
+        def step(decoder, carry, frame):
+            states, previous = carry
+            known, is_known = frame
+            states, pose = decoder(states, jnp.where(is_known, known, previous), words, keys, train=train)
+            return (states, pose), pose
+
+        start = (tuple(jnp.moveaxis(states.astype(jnp.float32), 1, 0)), known[0])
+        if self.is_initializing():  # a scan cannot carry statistics that are not there yet
+            step(self.decoder, start, (known[0], is_known[0]))
+        # Statistics go from frame to frame where they move, in training, and cannot where they do not.
+        carried, fixed = (["batch_stats"], []) if self.is_mutable_collection("batch_stats") else ([], ["batch_stats"])
+        scan = nn.scan(
+            step,
+            variable_broadcast=["params", *fixed],
+            variable_carry=carried,
+            split_rngs={"params": False, "dropout": True},
+        )
+        _, poses = scan(self.decoder, start, (known, is_known))
+        return (jnp.concatenate([seed[:, :1], jnp.swapaxes(poses, 0, 1)], axis=1),)
+
+
+# Square below which the norm of a value that never moves has gradient 0, as a square root has none there.
+_MIN_SQUARE = 1e-12
+
+
+def mse(poses: jax.Array, targets: jax.Array) -> jax.Array:
+    """Mean squared error over batch, frames and dimensions.
+
+    Args:
+        poses, targets: (B, N, pose_dim), mean-subtracted.
+    """
+    return jnp.mean(jnp.square(poses - targets))
+
+
+def continuity(poses: jax.Array) -> jax.Array:
+    """How much poses change from frame to frame: sum |y_t - y_(t-1)| / (B N pose_dim).
+
+    Args:
+        poses: (B, N, pose_dim), mean-subtracted.
+    """
+    return jnp.sum(jnp.abs(poses[:, 1:] - poses[:, :-1])) / poses.size
+
+
+def variance(poses: jax.Array) -> jax.Array:
+    """Minus how far poses are from the mean pose: - sum_(b, d) ||y_(b, :, d)||_2 / (B N pose_dim).
+
+    Args:
+        poses: (B, N, pose_dim) y, mean-subtracted; the norm is taken along time.
+    """
+    square = jnp.sum(jnp.square(poses), axis=1)
+    return -jnp.sum(jnp.sqrt(jnp.maximum(square, _MIN_SQUARE))) / poses.size
+
+
+TERMS = ("mse", "continuity", "variance")
+# The marks of a sentence's start and end, which follow the words of the vocabulary.
+_NUM_MARKS = 2
+
+
+def inputs(config: Config) -> tuple[str, ...]:
+    """What a training example has of the speech."""
+    del config
+    return Seq2Seq.inputs
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
+    """The network of `config.model`; there is no discriminator.
+
+    Raises:
+        UserError: an unknown choice.
+    """
+    del num_speakers
+    choice("model.identity.kind", config.model.identity.kind, ("none",))
+    inferer = config.model.inferer
+    generator = Seq2Seq(
+        num_words=vocabulary_size + _NUM_MARKS,
+        pose_dim=skeleton.pose_dim,
+        num_frames=config.data.num_frames,
+        embedding_dim=config.model.text.embedding_dim,
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    return Networks(generator, None)
+
+
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """The unweighted terms; `targets` are (B, N, pose_dim), mean-subtracted."""
+    del task, aux
+    (poses,) = outputs.poses
+    return {"mse": mse(poses, targets), "continuity": continuity(poses), "variance": variance(poses)}
+
+
+METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)

@@ -1,0 +1,262 @@
+"""Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion.
+
+`LEGACY` is the method as the authors of HA2G compared with it: frequency lies where time belongs, and the
+discriminator sees differences of differences.
+
+Arrays have the channels last. "SAME" padding is that of XLA and TensorFlow: an odd remainder goes to the right and the
+bottom.
+"""
+
+import functools
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.forward import Poses, run_generator
+from ha2g_jax.methods.task import Method, Networks, Task
+from ha2g_jax.skeleton import Skeleton
+
+_SLOPE = 0.2
+_MEL_RANGE = 80.0
+_SEED_HIDDEN_DIM = 32
+_SEED_DIM = 16
+
+
+class Block(nn.Module):
+    """Convolution, BatchNorm, LeakyReLU 0.2; with a stride of 2 it is a "down".
+
+    Attributes:
+        channels: output channels.
+        kernel: size along each axis of space.
+        stride: along every axis.
+        padding: "SAME" or "VALID".
+    """
+
+    channels: int
+    kernel: tuple[int, ...]
+    stride: int = 1
+    padding: str = "SAME"
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, *space, inputs) to (B, *space / stride, channels), rounded up."""
+        x = _conv(self.channels, self.kernel, self.stride, self.padding, name="conv")(x)
+        return nn.leaky_relu(BatchNorm(name="norm")(x, train=train), _SLOPE)
+
+
+def _conv(channels: int, kernel: tuple[int, ...], stride: int = 1, padding: str = "SAME", *, name: str) -> nn.Conv:
+    strides = (stride,) * len(kernel)
+    return nn.Conv(channels, kernel, strides, padding, kernel_init=initializers.LINEAR, name=name)
+
+
+def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> jax.Array:
+    """Resizes the axes of frequency and time to (1, N), bilinearly and with corners not aligned.
+
+    So time lies on the frames, as in the original work, and of the frequencies the mean of the two in the middle is
+    taken.
+
+    Args:
+        x: (B, frequencies, times, channels).
+        num_frames: N.
+        swapped: whether to resize to (N, 1), as the authors of HA2G did: frequency lies on the frames, and all hear
+            the same moment, the one in the middle.
+
+    Returns:
+        (B, N, channels).
+    """
+    if swapped:
+        x = jnp.swapaxes(x, 1, 2)
+    shape = (len(x), 1, num_frames, x.shape[-1])
+    return jax.image.resize(x, shape, "bilinear", antialias=False)[:, 0]
+
+
+class SpectrogramEncoder(nn.Module):
+    """The two-dimensional part: frequencies are drawn together, time is laid on frames.
+
+    Attributes:
+        channels: of the stages, each of which halves both axes.
+        num_frames: N.
+        swapped_axes: see `lay_on_frames`.
+    """
+
+    channels: tuple[int, ...]
+    num_frames: int
+    swapped_axes: bool
+
+    @nn.compact
+    def __call__(self, mel: jax.Array, *, train: bool) -> jax.Array:
+        """Maps the mel (B, 128, 70) in dB, -80 to 0, to (B, N, channels[-1])."""
+        x = (mel / _MEL_RANGE + 1)[..., None]  # D3
+        for index, channels in enumerate(self.channels):
+            x = Block(channels, (3, 3), name=f"block_{index}")(x, train=train)
+            x = Block(channels, (4, 4), stride=2, name=f"down_{index}")(x, train=train)
+        x = Block(self.channels[-1], (3, 3), name="block_same")(x, train=train)
+        x = Block(self.channels[-1], (3, 3), padding="VALID", name="block_valid")(x, train=train)
+        return lay_on_frames(x, self.num_frames, swapped=self.swapped_axes)
+
+
+class UNet(nn.Module):
+    """The one-dimensional part: frames are halved a few times and doubled again, with sums across.
+
+    Attributes:
+        channels: of every block.
+        downs: how often frames are halved.
+    """
+
+    channels: int
+    downs: int
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Maps (B, N, inputs) to (B, N, channels)."""
+        for index in range(2):
+            x = Block(self.channels, (3,), name=f"block_{index}")(x, train=train)
+        skips = []
+        for index in range(self.downs):
+            skips.append(x)
+            x = Block(self.channels, (4,), stride=2, name=f"down_{index}")(x, train=train)
+        for index, skip in enumerate(reversed(skips)):
+            x = jnp.repeat(x, 2, axis=1)[:, : skip.shape[1]] + skip
+            x = Block(self.channels, (3,), name=f"up_{index}")(x, train=train)
+        return x
+
+
+class Speech2Gesture(nn.Module):
+    """The mel of a window and M seed poses to N poses; neither words nor identity.
+
+    Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats".
+
+    Attributes:
+        pose_dim: values of a pose.
+        num_frames: N.
+        audio_channels: of the stages on the spectrogram.
+        channels: of every block on frames.
+        downs: how often the U-Net halves the frames.
+        swapped_axes: whether frequency lies on the frames, as in the published comparison; see `lay_on_frames`.
+    """
+
+    pose_dim: int
+    num_frames: int = 34
+    audio_channels: tuple[int, ...] = (64, 128, 256)
+    channels: int = 256
+    downs: int = 5
+    swapped_axes: bool = False
+
+    inputs: ClassVar = ("mel",)
+    style_dim: ClassVar = 0
+
+    def setup(self) -> None:
+        self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
+        self.unet = UNet(self.channels, self.downs)
+        self.seed_in = nn.Dense(_SEED_HIDDEN_DIM, kernel_init=initializers.LINEAR)
+        self.seed_norm = BatchNorm()
+        self.seed_out = nn.Dense(_SEED_DIM, kernel_init=initializers.LINEAR)
+        self.decoder = [Block(self.channels, (3,)) for _ in range(4)]
+        self.output = nn.Conv(self.pose_dim, (1,), kernel_init=initializers.LINEAR)
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array]:
+        """Runs every part once; returns the poses, as `infer`."""
+        return self.infer(self.listen(inputs, train=train), identity, seed, train=train)
+
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
+        """Maps "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
+        return self.unet(self.audio(inputs["mel"], train=train), train=train)
+
+    def infer(self, features: jax.Array, style: jax.Array | None, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+        """Decodes features and seed poses.
+
+        Args:
+            features: (B, N, channels) of `listen`.
+            style: not used; the method has none.
+            seed: (B, M, pose_dim) true poses of the first M frames.
+
+        Returns:
+            The only level: (B, N, pose_dim), the seed frames predicted as well.
+        """
+        start = nn.relu(self.seed_norm(self.seed_in(seed.reshape(len(seed), -1)), train=train))
+        start = jnp.repeat(self.seed_out(start)[:, None], features.shape[1], axis=1)
+        x = jnp.concatenate([features, start], axis=-1)
+        for block in self.decoder:
+            x = block(x, train=train)
+        return (self.output(x),)
+
+
+class PatchDiscriminator(nn.Module):
+    """Motion, as the differences between frames, to one score for each patch of frames.
+
+    34 poses become 33 differences, 17, 9, 9 and 9 scores.
+
+    Attributes:
+        channels: of the first convolution; the next two have twice and four times as many.
+        differences: how often they are taken; the authors of HA2G took them twice, which gives 8 scores.
+    """
+
+    channels: int = 64
+    differences: int = 1
+
+    @nn.compact
+    def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        """Maps mean-subtracted poses (B, N, pose_dim) to scores (B, patches), for a least-squares loss."""
+        x = jnp.diff(poses, self.differences, axis=1)
+        x = nn.leaky_relu(_conv(self.channels, (4,), stride=2, name="conv_in")(x), _SLOPE)
+        x = Block(2 * self.channels, (4,), stride=2, name="down")(x, train=train)
+        x = Block(4 * self.channels, (4,), name="block")(x, train=train)
+        return _conv(1, (4,), name="conv_out")(x)[..., 0]
+
+
+def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
+    """Mean absolute error over batch, all frames and dimensions.
+
+    Args:
+        poses, targets: (B, N, pose_dim), mean-subtracted.
+    """
+    return jnp.mean(jnp.abs(poses - targets))
+
+
+TERMS = ("gan", "l1")
+
+
+def inputs(config: Config) -> tuple[str, ...]:
+    """What a training example has of the speech."""
+    del config
+    return Speech2Gesture.inputs
+
+
+def build(
+    config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, *, legacy: bool = False
+) -> Networks:
+    """The networks of `config.model`; `legacy` ones have as many parameters, but other inputs.
+
+    Raises:
+        UserError: an unknown choice.
+    """
+    del vocabulary_size, num_speakers
+    choice("model.identity.kind", config.model.identity.kind, ("none",))
+    generator = Speech2Gesture(
+        pose_dim=skeleton.pose_dim,
+        num_frames=config.data.num_frames,
+        audio_channels=tuple(config.model.audio.channels),
+        channels=config.model.inferer.hidden_dim,
+        downs=config.model.inferer.layers,
+        swapped_axes=legacy,
+    )
+    channels = config.model.discriminator.hidden_dim
+    return Networks(generator, PatchDiscriminator(channels, differences=2 if legacy else 1))
+
+
+def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """The terms but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
+    del task, aux
+    return {"l1": l1(outputs.poses[-1], targets)}
+
+
+METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)
+LEGACY = METHOD._replace(build=functools.partial(build, legacy=True))

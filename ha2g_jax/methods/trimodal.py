@@ -1,0 +1,232 @@
+"""Trimodal (Yoon et al. 2020): speech, words and speaker to poses, with an adversary and a style that diverges."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.layers.discriminator import Discriminator
+from ha2g_jax.layers.frame_decoder import FrameDecoder
+from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import speaker_table, text_encoder
+from ha2g_jax.methods.forward import Batch, Variables, apply
+from ha2g_jax.methods.ha2g.losses import huber
+from ha2g_jax.methods.task import Method, Networks, Task, subtract_mean
+from ha2g_jax.skeleton import Skeleton
+
+
+class Trimodal(nn.Module):
+    """Speech audio, its words, a speaker and M seed poses to N poses.
+
+    Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). Only
+    `listen` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
+
+    Attributes:
+        audio: encoder of the samples.
+        text: encoder of the words on frames.
+        identity: the table of speakers.
+        pose_dim: values of a flat pose.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    audio: WaveformEncoder
+    text: TextEncoder
+    identity: SpeakerIdentity
+    pose_dim: int
+    hidden_dim: int = 300
+    layers: int = 4
+    dropout: float = 0.3
+
+    inputs = ("audio", "words")
+
+    def setup(self) -> None:
+        self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
+
+    @property
+    def style_dim(self) -> int:
+        """Values of the style z."""
+        return self.identity.feature_dim
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Runs every part once, with the mean for the style; returns the poses, as `infer`."""
+        mean, _ = self.encode_identity(identity, train=train)
+        return self.infer(self.listen(inputs, train=train), mean, seed, train=train)
+
+    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
+        """Maps "audio" (B, 36267) and "words" (B, N) to the features of both, (B, N, 32 + 32)."""
+        audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
+        return jnp.concatenate([audio, text], axis=-1)
+
+    def encode_identity(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps speaker indices (B,) to mean and log-variance of z, each (B, style_dim)."""
+        return self.identity(speaker, train=train)
+
+    def infer(self, heard: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
+        """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
+
+        Args:
+            heard: (B, N, features) of `listen`.
+            style: (B, style_dim), z.
+            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+
+        Returns:
+            One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
+        """
+        (batch, num_frames), num_seed_frames = heard.shape[:2], seed.shape[1]
+        marked = jnp.concatenate([seed, jnp.ones_like(seed[..., :1])], axis=-1)
+        known = jnp.pad(marked, ((0, 0), (0, num_frames - num_seed_frames), (0, 0)))
+        styles = jnp.broadcast_to(style[:, None], (batch, num_frames, style.shape[-1]))
+        return (self.decoder(jnp.concatenate([known, heard, styles], axis=-1), train=train),)
+
+
+_STYLE_DELTA = 0.05
+_MIN_STYLE_DISTANCE = 1e-5
+
+
+def style(
+    poses: jax.Array, other_poses: jax.Array, z: jax.Array, other_z: jax.Array, *, clip: float = 1000.0
+) -> jax.Array:
+    """Style diverging loss, the mean over the batch of
+
+        - min(Huber(p(z_1), p(z_2)) / (mean |z_1 - z_2| + 1e-5), epsilon)
+
+    Huber's function over its delta of 0.05, summed over frames and dimensions; HA2G's version divides by the sum of
+    |z_1 - z_2|. `other_poses` and both styles are detached here, so that only the first output moves.
+
+    Args:
+        poses, other_poses: (B, N, pose_dim) outputs for the two styles.
+        z, other_z: (B, 16) the styles.
+        clip: epsilon.
+    """
+    other_poses, z, other_z = jax.lax.stop_gradient((other_poses, z, other_z))
+    distance = jnp.sum(optax.huber_loss(poses, other_poses, delta=_STYLE_DELTA), axis=(1, 2)) / _STYLE_DELTA
+    style_distance = jnp.mean(jnp.abs(z - other_z), axis=-1)
+    return -jnp.mean(jnp.minimum(distance / (style_distance + _MIN_STYLE_DISTANCE), clip))
+
+
+def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
+    """KL divergence of the styles from N(0, I), the mean over the batch and over the values of a style.
+
+    Args:
+        mean, log_variance: (B, 16) of the Gaussian a style is sampled from.
+    """
+    return -0.5 * jnp.mean(1 + log_variance - mean**2 - jnp.exp(log_variance))
+
+
+TERMS = ("gan", "huber", "style", "kld")
+
+
+class Outputs(NamedTuple):
+    """What the objective is differentiated by.
+
+    Attributes:
+        poses: one level, (B, N, pose_dim), mean-subtracted.
+        mean, log_variance: (B, 16) of the style.
+    """
+
+    poses: tuple[jax.Array]
+    mean: jax.Array
+    log_variance: jax.Array
+
+
+class Contrast(NamedTuple):
+    """The same speech in the style of another speaker of the batch; no gradient flows through it.
+
+    Attributes:
+        poses: (B, N, pose_dim).
+        z: (B, 16) style of `Outputs.poses`.
+        other_z: (B, 16) style of `poses`.
+    """
+
+    poses: jax.Array
+    z: jax.Array
+    other_z: jax.Array
+
+
+def inputs(config: Config) -> tuple[str, ...]:
+    """What a training example has of the speech."""
+    del config
+    return Trimodal.inputs
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
+    """The networks of `config.model`; the discriminator is HA2G's with more layers.
+
+    Raises:
+        UserError: an unknown choice.
+    """
+    choice("model.identity.kind", config.model.identity.kind, ("speakers",))
+    inferer, discriminator = config.model.inferer, config.model.discriminator
+    generator = Trimodal(
+        audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
+        text=text_encoder(config, vocabulary_size),
+        identity=speaker_table(config, num_speakers, has_hidden=True),
+        pose_dim=skeleton.pose_dim,
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    return Networks(generator, Discriminator(hidden_dim=discriminator.hidden_dim, layers=discriminator.layers))
+
+
+def run(
+    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+) -> tuple[Outputs, tuple[Any, Contrast]]:
+    """The generator on one batch, for its own speakers and, in the same run, for a permutation of them.
+
+    Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
+
+    Args:
+        task: static.
+        variables: {"params", "batch_stats"} of the generator.
+        batch: as in `train_step`.
+        keys: "dropout", "identity" and "permutation".
+        train: False is evaluation mode, with the mean of each style instead of a sample.
+
+    Returns:
+        The outputs, and (batch statistics after the run, the run with the other styles).
+    """
+    speech = {name: batch[name] for name in task.inputs}
+    (heard, (mean, log_variance)), batch_stats = apply(
+        task, task.generator, variables, keys["dropout"], speech, batch["speaker"], train=train, method=_encode
+    )
+    order = jax.random.permutation(keys["permutation"], len(mean))
+    z, other_z = mean, mean[order]
+    if train:
+        noise = jax.random.normal(keys["identity"], (2, *mean.shape))
+        deviation = jnp.exp(0.5 * log_variance)
+        z, other_z = z + deviation * noise[0], other_z + deviation[order] * noise[1]
+    other_z = jax.lax.stop_gradient(other_z)
+
+    # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
+    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
+    styles = jnp.stack([z, other_z], axis=1).reshape(2 * len(z), -1)
+    twice = jnp.repeat(heard, 2, axis=0), styles, jnp.repeat(seed, 2, axis=0)
+    (poses,), _ = apply(task, task.generator, variables, keys["dropout"], *twice, train=train, method="infer")
+    pairs = poses.reshape(len(z), 2, *poses.shape[1:])
+    return Outputs((pairs[:, 0],), mean, log_variance), (batch_stats, Contrast(pairs[:, 1], z, other_z))
+
+
+def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
+    return model.listen(speech, train=train), model.encode_identity(speaker, train=train)
+
+
+def loss_terms(task: Task, outputs: Outputs, contrast: Contrast, targets: jax.Array) -> dict[str, jax.Array]:
+    """The unweighted terms but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
+    (poses,), settings = outputs.poses, task.losses
+    return {
+        "huber": huber((poses,), (targets,), settings.huber_delta),
+        "style": style(poses, *contrast, clip=settings.style_clip),
+        "kld": kld(outputs.mean, outputs.log_variance),
+    }
+
+
+METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms)

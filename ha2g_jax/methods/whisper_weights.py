@@ -1,0 +1,222 @@
+"""Whisper's encoder from a folder in the form of Hugging Face: config.json and model.safetensors, whole or in shards.
+
+Only the encoder's tensors are read, whatever else the files hold, so that a folder of the encoder alone serves too.
+Their names are those of `transformers`, with or without "model." before them.
+"""
+
+import contextlib
+import json
+import pathlib
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import safetensors
+from flax import traverse_util
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.asr_mel import ASR_COLUMNS
+from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
+
+CONFIG, WEIGHTS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
+
+_PREFIXES = ("model.encoder.", "encoder.")
+_POSITIONS = "embed_positions.weight"
+# Parts of a block, here and there.
+_PARTS = {
+    "attention_norm": "self_attn_layer_norm",
+    "attention/query": "self_attn.q_proj",
+    "attention/key": "self_attn.k_proj",
+    "attention/value": "self_attn.v_proj",
+    "attention/out": "self_attn.out_proj",
+    "mlp_norm": "final_layer_norm",
+    "expand": "fc1",
+    "contract": "fc2",
+}
+_ENDS = {"conv_1": "conv1", "conv_2": "conv2", "norm": "layer_norm"}
+_KINDS = {"kernel": "weight", "scale": "weight", "bias": "bias"}
+_TYPES = ("F32", "F16", "BF16")
+_POSITION_TOLERANCE = 0.01  # bfloat16 has 0.004
+
+
+class WhisperSizes(NamedTuple):
+    """The fields of `WhisperEncoder`."""
+
+    num_mels: int
+    d_model: int
+    layers: int
+    heads: int
+    ffn_dim: int
+
+
+# Their names in config.json, in this order.
+_FIELDS = ("num_mel_bins", "d_model", "encoder_layers", "encoder_attention_heads", "encoder_ffn_dim")
+
+
+class WhisperWeights(NamedTuple):
+    """A trained encoder: `params` are those of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays."""
+
+    sizes: WhisperSizes
+    params: dict[str, Any]
+
+
+def load(folder: str | pathlib.Path) -> WhisperWeights:
+    """The encoder of a Whisper model in a folder, its weights float16, bfloat16 or float32.
+
+    Raises:
+        UserError: a file or a tensor is missing or damaged, or is not what a Whisper model has.
+    """
+    folder = pathlib.Path(folder)
+    sizes = read_sizes(folder)
+    places = _places(folder)
+    # Kernels are (..., inputs, outputs) here and (outputs, inputs, ...) there.
+    shapes = {name: shape[::-1] for name, shape in _parameters(sizes).items()}
+    params = {}
+    for name, shape in shapes.items():
+        place = places.get(_their_name(name))
+        if place is None:
+            raise UserError(
+                f"{folder} has no tensor {_PREFIXES[0]}{_their_name(name)}, which {CONFIG} asks for; "
+                "download all of the model again"
+            )
+        params[name] = np.ascontiguousarray(_read(place, shape).T)
+    if _POSITIONS in places:
+        _check_positions(places[_POSITIONS], sizes.d_model)
+    return WhisperWeights(sizes, traverse_util.unflatten_dict(params, sep="/"))
+
+
+def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:
+    """The sizes of the encoder in such a folder, without its weights.
+
+    Raises:
+        UserError: there is no config.json, or it is not that of a Whisper model.
+    """
+    path = pathlib.Path(folder) / CONFIG
+    config = _read_json(path)
+    kind, activation = config.get("model_type"), config.get("activation_function", "gelu")
+    if kind != "whisper" or activation != "gelu":
+        found = f"model_type {kind!r}" if kind != "whisper" else f"activation_function {activation!r}"
+        raise UserError(f"{path} has {found}; expected a Whisper model ('whisper', 'gelu'), such as whisper-tiny.en")
+    for field in _FIELDS:
+        if type(config.get(field)) is not int or config[field] < 1:
+            raise UserError(
+                f"{path} has {field} {config.get(field)!r}; expected a whole number from 1, as a Whisper model has"
+            )
+    sizes = WhisperSizes(*(config[field] for field in _FIELDS))
+    if sizes.d_model % sizes.heads or sizes.d_model % 2 or sizes.d_model < 4:
+        raise UserError(
+            f"{path} has d_model {sizes.d_model} and {sizes.heads} encoder_attention_heads; "
+            "expected an even multiple of the heads, from 4"
+        )
+    return sizes
+
+
+def _read_json(path: pathlib.Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_bytes())
+    except OSError:
+        raise UserError(
+            f"no file {path}; expected a folder with {CONFIG} and {WEIGHTS}, as Hugging Face has Whisper models"
+        ) from None
+    except ValueError as error:
+        raise UserError(f"{path} is damaged ({error}); download it again") from error
+    if not isinstance(values, dict):
+        raise UserError(f"{path} is damaged (not a JSON object); download it again")
+    return values
+
+
+class _Place(NamedTuple):
+    """Where a tensor is."""
+
+    path: pathlib.Path
+    name: str
+
+
+def _places(folder: pathlib.Path) -> dict[str, _Place]:
+    """Names of the encoder's tensors, without prefix -> where they are."""
+    if (folder / WEIGHTS).is_file():
+        with _open(folder / WEIGHTS) as file:
+            shards = dict.fromkeys(file.keys(), WEIGHTS)
+    elif (folder / INDEX).is_file():
+        shards = _read_json(folder / INDEX).get("weight_map")
+        if not isinstance(shards, dict) or not all(_is_file_name(shard) for shard in shards.values()):
+            raise UserError(f"{folder / INDEX} has no weight_map from tensors to files beside it; download it again")
+    else:
+        raise UserError(
+            f"no {WEIGHTS} in {folder}; expected a Whisper model as Hugging Face has it, in the form of safetensors"
+        )
+    places = {}
+    for name, shard in shards.items():
+        for prefix in _PREFIXES:
+            if name.startswith(prefix):
+                places[name.removeprefix(prefix)] = _Place(folder / shard, name)
+    return places
+
+
+def _is_file_name(name: Any) -> bool:
+    return isinstance(name, str) and pathlib.PurePath(name).name == name
+
+
+def _parameters(sizes: WhisperSizes) -> dict[str, tuple[int, ...]]:
+    """Names of the encoder's parameters, such as "block_0/expand/kernel" -> their shapes."""
+    mel = jnp.zeros((1, sizes.num_mels, ASR_COLUMNS))
+    shapes = jax.eval_shape(lambda: WhisperEncoder(**sizes._asdict()).init(jax.random.key(0), mel))
+    flat: dict[str, Any] = dict(traverse_util.flatten_dict(shapes["params"], sep="/"))
+    return {name: leaf.shape for name, leaf in flat.items()}
+
+
+def _their_name(name: str) -> str:
+    """The name that `transformers` has for a parameter, without prefix."""
+    part, kind = name.rsplit("/", 1)
+    block, _, rest = part.partition("/")
+    theirs = f"layers.{block.removeprefix('block_')}.{_PARTS[rest]}" if rest else _ENDS[part]
+    return f"{theirs}.{_KINDS[kind]}"
+
+
+def _read(place: _Place, shape: tuple[int, ...] | None) -> np.ndarray:
+    """A tensor as float32; `shape` is checked before it is read, unless it is None."""
+    with _open(place.path) as file:
+        stored = file.get_slice(place.name)
+        found, dtype = tuple(stored.get_shape()), stored.get_dtype()
+        if shape is not None and found != shape:
+            raise UserError(
+                f"{place.path} has {place.name} of shape {found}, expected {shape} from {CONFIG}: "
+                "the files are of two models; download them again"
+            )
+        if dtype not in _TYPES:
+            raise UserError(
+                f"{place.path} has {place.name} as {dtype}, expected one of {', '.join(_TYPES)}: "
+                "choose a model that is not quantised"
+            )
+        tensor = file.get_tensor(place.name).astype(np.float32)
+    if not np.isfinite(tensor).all():
+        raise UserError(f"{place.path} has values in {place.name} that are not finite; choose another model")
+    return tensor
+
+
+def _check_positions(place: _Place, channels: int) -> None:
+    """Positions are not among our parameters: Whisper's are never trained."""
+    positions = _read(place, None)
+    if (
+        positions.ndim != 2
+        or positions.shape[1] != channels
+        or np.max(np.abs(positions - sinusoids(len(positions), channels)), initial=0) > _POSITION_TOLERANCE
+    ):
+        raise UserError(
+            f"{place.path} has positions in {place.name} that are not Whisper's sinusoids; "
+            "choose a model whose positions were not trained"
+        )
+
+
+@contextlib.contextmanager
+def _open(path: pathlib.Path) -> Iterator[Any]:
+    """The tensors of a file, which stay on the disk until one is asked for."""
+    try:
+        with safetensors.safe_open(path, "numpy") as file:
+            yield file
+    except FileNotFoundError:
+        raise UserError(f"no file {path}; download the model again") from None
+    except (safetensors.SafetensorError, OSError) as error:
+        raise UserError(f"{path} is damaged ({' '.join(str(error).split())}); download it again") from error

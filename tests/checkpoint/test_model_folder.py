@@ -1,0 +1,109 @@
+"""A model folder gives back the model, and one that is damaged says so in one line."""
+
+import json
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+from ha2g_jax.checkpoint import assets as assets_module
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.errors import UserError
+
+
+@pytest.fixture(scope="module")
+def saved(debug_model, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models") / "debug"
+    return model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
+
+
+@pytest.fixture
+def folder(saved, tmp_path):
+    """A copy to damage."""
+    return shutil.copytree(saved, tmp_path / "model")
+
+
+def test_the_model_comes_back(debug_model, saved):
+    loaded = model_folder.load(saved)
+    assert json.loads(loaded.config.to_json()) == json.loads(debug_model.config.to_json())
+    assert jax.tree.structure(loaded.variables) == jax.tree.structure(debug_model.variables)
+    jax.tree.map(np.testing.assert_array_equal, loaded.variables, debug_model.variables)
+    assert assets_module.to_json(loaded.assets) == assets_module.to_json(debug_model.assets) | {
+        "hash": loaded.assets.hash
+    }
+    np.testing.assert_array_equal(loaded.assets.seed_poses, debug_model.assets.seed_poses)
+    assert len(loaded.assets.hash) == 16 and loaded.assets.hash != debug_model.assets.hash
+
+
+def test_a_large_model_is_stored_in_half_precision(debug_model, tmp_path, monkeypatch):
+    monkeypatch.setattr(model_folder, "_HALF_PRECISION_ABOVE", 1000)
+    saved = model_folder.save(tmp_path / "half", debug_model.config, debug_model.assets, debug_model.variables)
+    loaded = model_folder.load(saved)
+    for found, exact in zip(jax.tree.leaves(loaded.variables), jax.tree.leaves(debug_model.variables), strict=True):
+        assert found.dtype == np.float32
+        np.testing.assert_allclose(found, exact, rtol=1e-3, atol=1e-6)
+
+
+def test_nothing_is_overwritten(debug_model, folder):
+    with pytest.raises(UserError, match="exists already"):
+        model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["model"]
+
+
+def _truncate(folder):
+    weights = folder / "model.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-100])
+
+
+def _other_weights(folder):
+    weights = folder / "model.safetensors"
+    data = bytearray(weights.read_bytes())
+    data[-1] ^= 1
+    weights.write_bytes(data)
+
+
+def _edit(name, change):
+    def edit(folder):
+        values = json.loads((folder / name).read_text())
+        change(values)
+        (folder / name).write_text(json.dumps(values))
+
+    return edit
+
+
+DAMAGE = {
+    "truncated weights": (_truncate, "model.safetensors is damaged"),
+    "one bit of the weights": (_other_weights, "model.safetensors has hash"),
+    "empty weights": (lambda folder: (folder / "model.safetensors").write_bytes(b""), "model.safetensors is damaged"),
+    "another shape": (
+        _edit("config.json", lambda config: config["model"]["inferer"].update(hidden_dim=9)),
+        "has shape .* instead of",
+    ),
+    "more tensors": (_edit("config.json", lambda config: config["model"]["text"].update(layers=9)), "is missing"),
+    "no config": (lambda folder: (folder / "config.json").unlink(), "config.json is missing"),
+    "config is no JSON": (lambda folder: (folder / "config.json").write_text("{"), "config.json is damaged"),
+    "no skeleton": (_edit("config.json", lambda config: config.pop("skeleton")), "config.json is damaged"),
+    "assets are no JSON": (lambda folder: (folder / "assets.json").write_text("[]"), "assets.json is damaged"),
+    "no start poses": (_edit("assets.json", lambda assets: assets.update(seed_poses=[])), "seed_poses has shape"),
+    "short statistics": (
+        _edit("assets.json", lambda assets: assets["skeleton"]["lengths"].pop()),
+        "lengths has shape",
+    ),
+    "unknown skeleton": (_edit("assets.json", lambda assets: assets["skeleton"].update(name="dog")), "'dog'"),
+    "later version": (_edit("assets.json", lambda assets: assets.update(schema_version=9)), "schema version 9"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), DAMAGE.values(), ids=DAMAGE)
+def test_damage_is_named(folder, damage, message):
+    damage(folder)
+    with pytest.raises(UserError, match=message) as error:
+        model_folder.load(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_no_model(tmp_path):
+    for path in (tmp_path / "nowhere", tmp_path):
+        with pytest.raises(UserError, match=r"no model in .*expected 'demo', a workdir"):
+            model_folder.load(path)

@@ -1,0 +1,85 @@
+"""Features of a frozen Whisper encoder have the shapes of E_a's, lie at the right times, and train their maps only."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from ha2g_jax.features.asr_mel import ASR_COLUMNS
+from ha2g_jax.layers.asr_audio import AsrAudioEncoder, feature_blocks, resample
+from ha2g_jax.layers.resnet_se import Features
+from ha2g_jax.layers.whisper import WhisperEncoder
+
+WHISPER = WhisperEncoder(num_mels=6, d_model=8, layers=4, heads=2, ffn_dim=16)
+
+
+@pytest.fixture(scope="module")
+def mel():
+    return jnp.asarray(np.random.default_rng(0).normal(size=(2, 6, ASR_COLUMNS)).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def variables(mel):
+    shapes = jax.eval_shape(lambda: AsrAudioEncoder(WHISPER, feature_dim=5).init(jax.random.key(0), mel, train=False))
+    rng = np.random.default_rng(1)
+    return jax.tree.map(lambda leaf: jnp.asarray(rng.normal(0, 0.3, leaf.shape).astype(np.float32)), shapes)
+
+
+def test_levels_are_maps_of_three_blocks(mel, variables):
+    features = AsrAudioEncoder(WHISPER, feature_dim=5).apply(variables, mel, train=True)
+    assert isinstance(features, Features) and AsrAudioEncoder.inputs == ("asr_mel",)
+    assert set(variables) == {"params"}
+    blocks: Any = WHISPER.apply({"params": variables["params"]["whisper"]}, mel)
+    for name, block in (("low", 0), ("mid", 1), ("high", 3)):
+        linear = variables["params"][name]
+        expected = resample(blocks[block], 34, 15) @ linear["kernel"] + linear["bias"][None, None]
+        assert expected.shape == (2, 34, 5)
+        np.testing.assert_allclose(getattr(features, name), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("layers", "blocks"), [(1, (0, 0, 0)), (2, (0, 0, 1)), (4, (0, 1, 3)), (6, (0, 2, 5))])
+def test_an_early_a_middle_and_the_last_block(layers, blocks):
+    assert feature_blocks(layers) == blocks
+
+
+@pytest.mark.parametrize("fps", [15, 30])
+def test_features_lie_at_the_middle_of_the_frames(fps):
+    """Features that say their own time say that of the frame afterwards."""
+    times = 0.02 * np.arange(114, dtype=np.float32)
+    features = np.stack([times, -times], axis=1)[None].repeat(2, axis=0)
+    middles = (np.arange(34) + 0.5) / fps
+    expected = np.stack([middles, -middles], axis=1)[None].repeat(2, axis=0)
+    np.testing.assert_allclose(resample(jnp.asarray(features), 34, fps), expected, atol=1e-6)
+
+
+def test_a_window_that_is_too_short_is_refused():
+    with pytest.raises(ValueError, match=r"112 positions are 2.24 s.*34 frames at 15 fps, 2.27 s"):
+        resample(jnp.zeros((1, 112, 3)), 34, 15)
+
+
+def test_whisper_is_frozen_and_its_maps_learn(mel, variables):
+    """Twenty steps of Adam come close to a target, without a bit of Whisper's parameters changing."""
+    encoder = AsrAudioEncoder(WHISPER, feature_dim=5)
+    optimizer = optax.adam(3e-2)
+
+    def loss(params):
+        features: Any = encoder.apply({"params": params}, mel, train=True)
+        return sum(jnp.mean(jnp.square(level - 1)) for level in features)
+
+    @jax.jit
+    def step(params, state):
+        value, gradient = jax.value_and_grad(loss)(params)
+        updates, state = optimizer.update(gradient, state, params)
+        return optax.apply_updates(params, updates), state, value
+
+    params, state, losses = variables["params"], optimizer.init(variables["params"]), []
+    for _ in range(20):
+        params, state, value = step(params, state)
+        losses.append(float(value))
+    assert losses[-1] < losses[0] / 2
+    jax.tree.map(np.testing.assert_array_equal, params["whisper"], variables["params"]["whisper"])
+    for name in Features._fields:
+        assert np.any(params[name]["kernel"] != variables["params"][name]["kernel"])

@@ -1,0 +1,130 @@
+"""The recurrence equals its equations, and PyTorch's, in values and gradients."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.gru import BiGRU, GRUCells
+
+
+def _sigmoid(x):
+    return 1 / (1 + np.exp(-x))
+
+
+def _numpy_direction(x, params, suffix):
+    """One direction of one layer in float64, x: (B, N, inputs)."""
+    weight_ih, weight_hh, bias_ih, bias_hh = (
+        np.asarray(params[name + suffix], np.float64) for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+    )
+    (w_r, w_z, w_n), (u_r, u_z, u_n) = np.split(weight_ih, 3), np.split(weight_hh, 3)
+    (b_r, b_z, b_n), (c_r, c_z, c_n) = np.split(bias_ih, 3), np.split(bias_hh, 3)
+    state = np.zeros((x.shape[0], w_r.shape[0]))
+    states = []
+    for frame in np.swapaxes(x, 0, 1):
+        reset = _sigmoid(frame @ w_r.T + b_r + state @ u_r.T + c_r)
+        update = _sigmoid(frame @ w_z.T + b_z + state @ u_z.T + c_z)
+        new = np.tanh(frame @ w_n.T + b_n + reset * (state @ u_n.T + c_n))
+        state = (1 - update) * new + update * state
+        states.append(state)
+    return np.stack(states, axis=1)
+
+
+def test_equals_the_equations(oracles):
+    x = np.random.default_rng(0).normal(size=(2, 6, 3)).astype(np.float32)
+    module = BiGRU(hidden_dim=4, layers=2)
+    variables = jax.jit(lambda key: module.init(key, x, train=False))(jax.random.key(0))
+
+    inputs = x.astype(np.float64)
+    for layer in range(2):
+        forward = _numpy_direction(inputs, variables["params"], f"_l{layer}")
+        backward = _numpy_direction(inputs[:, ::-1], variables["params"], f"_l{layer}_reverse")[:, ::-1]
+        inputs = np.concatenate([forward, backward], axis=-1)
+    forward, backward = np.split(inputs, 2, axis=-1)
+    oracles.assert_close(module.apply(variables, x, train=False), forward + backward)
+
+
+def test_starts_within_the_bound_of_pytorch():
+    params = BiGRU(hidden_dim=16, layers=1).init(jax.random.key(0), jnp.zeros((1, 2, 5)), train=False)["params"]
+    assert jax.tree.map(lambda value: value.shape, params) == {
+        "weight_ih_l0": (48, 5),
+        "weight_hh_l0": (48, 16),
+        "bias_ih_l0": (48,),
+        "bias_hh_l0": (48,),
+        "weight_ih_l0_reverse": (48, 5),
+        "weight_hh_l0_reverse": (48, 16),
+        "bias_ih_l0_reverse": (48,),
+        "bias_hh_l0_reverse": (48,),
+    }
+    for value in params.values():
+        assert 0.2 < float(jnp.max(jnp.abs(value))) <= 0.25
+
+
+def test_dropout_acts_between_layers_only():
+    x = jax.random.normal(jax.random.key(0), (1, 4, 3))
+    key = {"dropout": jax.random.key(1)}
+    single, double = BiGRU(4, layers=1, dropout=0.9), BiGRU(4, layers=2, dropout=0.9)
+    variables = single.init(jax.random.key(2), x, train=False)
+    np.testing.assert_array_equal(single.apply(variables, x, train=True), single.apply(variables, x, train=False))
+    variables = double.init(jax.random.key(2), x, train=False)
+    trained = np.asarray(double.apply(variables, x, train=True, rngs=key))
+    assert not np.allclose(trained, np.asarray(double.apply(variables, x, train=False)))
+
+
+@pytest.mark.torch
+def test_equals_pytorch_in_values_and_gradients(oracles):
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    hidden = 7
+    theirs = torch.nn.GRU(5, hidden, num_layers=4, bidirectional=True, batch_first=True)
+    x = torch.randn(3, 9, 5, requires_grad=True)
+    both, _ = theirs(x)
+    out = both[..., :hidden] + both[..., hidden:]
+    cotangent = torch.randn_like(out)
+    out.backward(cotangent)
+
+    ours = BiGRU(hidden, layers=4)
+    run = jax.jit(lambda params, x: ours.apply({"params": params}, x, train=False))
+    y, pull_back = jax.vjp(run, oracles.gru(theirs), oracles.value(x))
+    oracles.assert_close(y, oracles.value(out))
+    oracles.assert_close(
+        pull_back(oracles.value(cotangent)), (oracles.gru(theirs, oracles.gradient), oracles.gradient(x))
+    )
+
+
+def test_steps_after_the_end_change_nothing_and_sequences_end_where_they_end(oracles):
+    x = np.random.default_rng(0).normal(size=(3, 6, 3)).astype(np.float32)
+    lengths = (6, 4, 1)
+    is_real = np.arange(6)[None] < np.array(lengths)[:, None]
+    module = BiGRU(hidden_dim=4, layers=2)
+    variables = jax.jit(lambda key: module.init(key, x, train=False))(jax.random.key(0))
+    run = jax.jit(lambda x: module.apply(variables, x, is_real=is_real, train=False, method="states"))
+
+    found = run(x)
+    for row, length in enumerate(lengths):
+        inputs = x[row : row + 1, :length].astype(np.float64)
+        for layer, (forward, backward) in enumerate(found):
+            expected = _numpy_direction(inputs, variables["params"], f"_l{layer}")
+            expected_back = _numpy_direction(inputs[:, ::-1], variables["params"], f"_l{layer}_reverse")[:, ::-1]
+            oracles.assert_close((forward[row, :length], backward[row, :length]), (expected[0], expected_back[0]))
+            oracles.assert_close((forward[row, -1], backward[row, 0]), (expected[0, -1], expected_back[0, 0]))
+            np.testing.assert_array_equal(backward[row, length:], 0)
+            inputs = np.concatenate([expected, expected_back], axis=-1)
+
+    for layer, other in zip(found, run(np.where(is_real[..., None], x, 1e3)), strict=True):
+        jax.tree.map(np.testing.assert_array_equal, layer, other)
+
+
+def test_cells_make_the_steps_of_the_equations(oracles):
+    x = np.random.default_rng(0).normal(size=(2, 5, 3)).astype(np.float32)
+    module = GRUCells(hidden_dim=4, layers=2)
+    states = (jnp.zeros((2, 4)), jnp.zeros((2, 4)))
+    variables = jax.jit(lambda key: module.init(key, states, x[:, 0], train=False))(jax.random.key(0))
+    step = jax.jit(lambda states, x: module.apply(variables, states, x, train=False))
+
+    found = []
+    for frame in np.swapaxes(x, 0, 1):
+        states = step(states, frame)
+        found.append(states[-1])
+    expected = _numpy_direction(_numpy_direction(x, variables["params"], "_l0"), variables["params"], "_l1")
+    oracles.assert_close(np.stack(found, axis=1), expected)

@@ -1,0 +1,115 @@
+"""Identity encoders: the ResNet-18 equals PyTorch's layers, and the M frames are a set."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
+from ha2g_jax.layers.resnet import ResNet18
+
+LAST = (0, 2, 3, 1)  # channels first to channels last
+
+
+def test_frames_are_averaged_whatever_their_order(oracles):
+    frames = np.random.default_rng(0).integers(0, 256, (2, 3, 40, 40, 3), np.uint8)
+    encoder = ImageIdentity(width=4)
+    variables = jax.jit(lambda: encoder.init(jax.random.key(0), frames, train=False))()
+    run = jax.jit(lambda frames: encoder.apply(variables, frames, train=False))
+    mean, log_variance = run(frames)
+    assert mean.shape == log_variance.shape == (2, 18)
+    oracles.assert_close(run(frames[:, ::-1]), (mean, log_variance))
+    single = [run(frames[:, [index]])[0] for index in range(3)]
+    oracles.assert_close(mean, np.mean(single, axis=0))
+    assert not np.allclose(mean[0], mean[1])
+
+
+def test_speakers_have_their_own_rows():
+    speakers = jnp.array([0, 2, 2])
+    encoder = SpeakerIdentity(num_speakers=3)
+    variables = encoder.init(jax.random.key(0), speakers, train=False)
+    mean, log_variance = (np.asarray(out) for out in encoder.apply(variables, speakers, train=False))
+    assert mean.shape == log_variance.shape == (3, 18)
+    np.testing.assert_array_equal(mean[1], mean[2])
+    assert not np.allclose(mean[0], mean[1])
+
+
+def _resnet18(torch, width):
+    """The network of He et al. 2016 up to its last stage, written for this test."""
+    nn = torch.nn
+    layers = {"conv": nn.Conv2d(3, width, 7, 2, 3, bias=False), "norm": nn.BatchNorm2d(width)}
+    inputs = width
+    for stage in range(4):
+        channels = width * 2**stage
+        for index in range(2):
+            stride = 2 if stage and not index else 1
+            block = {
+                "conv_1": nn.Conv2d(inputs, channels, 3, stride, 1, bias=False),
+                "norm_1": nn.BatchNorm2d(channels),
+                "conv_2": nn.Conv2d(channels, channels, 3, 1, 1, bias=False),
+                "norm_2": nn.BatchNorm2d(channels),
+            }
+            if inputs != channels:
+                block["shortcut_conv"] = nn.Conv2d(inputs, channels, 1, stride, bias=False)
+                block["shortcut_norm"] = nn.BatchNorm2d(channels)
+            layers[f"stage_{stage + 1}_block_{index}"] = nn.ModuleDict(block)
+            inputs = channels
+    return nn.ModuleDict(layers)
+
+
+def _run_resnet18(torch, layers, x):
+    x = torch.relu(layers["norm"](layers["conv"](x)))
+    x = torch.nn.functional.max_pool2d(x, 3, 2, 1)
+    for name, block in layers.items():
+        if name.startswith("stage"):
+            y = torch.relu(block["norm_1"](block["conv_1"](x)))
+            y = block["norm_2"](block["conv_2"](y))
+            if "shortcut_conv" in block:
+                x = block["shortcut_norm"](block["shortcut_conv"](x))
+            x = torch.relu(x + y)
+    return x
+
+
+def _read(layers, read_conv, read_norm):
+    tree = {}
+    for name, layer in layers.items():
+        if name.startswith("stage"):
+            tree[name] = _read(layer, read_conv, read_norm)
+        elif "conv" in name and read_conv:
+            tree[name] = read_conv(layer)
+        elif "norm" in name:
+            tree[name] = read_norm(layer)
+    return tree
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("train", [True, False])
+def test_resnet18_equals_pytorch_in_values_and_gradients(train, oracles):
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    theirs = _resnet18(torch, width=4).train(train)
+    oracles.shake(torch, theirs)
+    variables = {
+        "params": _read(theirs, oracles.conv, oracles.norm),
+        "batch_stats": _read(theirs, None, oracles.statistics),
+    }
+    x = torch.randn(3, 3, 70, 70)
+    out = _run_resnet18(torch, theirs, x)
+    assert out.shape == (3, 32, 3, 3)
+    cotangent = torch.randn_like(out)
+    out.backward(cotangent)
+
+    def run(params):
+        images = jnp.asarray(oracles.value(x).transpose(LAST))
+        return ResNet18(width=4).apply(variables | {"params": params}, images, train=train, mutable=["batch_stats"])
+
+    y, pull_back, updates = jax.vjp(jax.jit(run), variables["params"], has_aux=True)
+    oracles.assert_close(y, oracles.value(out).transpose(LAST))
+    oracles.assert_close(updates["batch_stats"], _read(theirs, None, oracles.statistics))
+    (gradients,) = pull_back(jnp.asarray(oracles.value(cotangent).transpose(LAST)))
+    expected = _read(
+        theirs,
+        lambda layer: oracles.conv(layer, oracles.gradient),
+        lambda layer: oracles.norm(layer, oracles.gradient),
+    )
+    oracles.assert_close(gradients, expected, 3e-5)  # 17 layers of float32 lie between

@@ -1,0 +1,134 @@
+"""The audio encoder has the shapes of Tables 6 and 7 and PyTorch's numbers."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.resnet_se import AudioEncoder, BasicBlock, Head, SqueezeExcite, pixel_shuffle
+
+LAST = (0, 2, 3, 1)  # channels first to channels last
+SMALL = {"blocks": (1, 1, 1, 1), "channels": (8, 8, 16, 32), "stem_stride": (2, 1)}
+
+
+def test_pixel_shuffle_follows_its_definition():
+    x = np.arange(2 * 3 * 8).reshape(1, 2, 3, 8)
+    y = np.asarray(pixel_shuffle(jnp.asarray(x), 2))
+    assert y.shape == (1, 4, 6, 2)
+    for row, column, channel in np.ndindex(4, 6, 2):
+        assert y[0, row, column, channel] == x[0, row // 2, column // 2, channel * 4 + row % 2 * 2 + column % 2]
+    # The first row of the first channel, worked out by hand.
+    assert y[0, 0, :, 0].tolist() == [0, 1, 8, 9, 16, 17]
+    assert y[0, 1, :, 0].tolist() == [2, 3, 10, 11, 18, 19]
+
+
+def test_squeeze_excite_equals_its_definition(oracles):
+    x = np.random.default_rng(0).normal(size=(2, 3, 4, 16)).astype(np.float32)
+    variables = SqueezeExcite().init(jax.random.key(0), x)
+    squeeze, excite = (jax.tree.map(np.asarray, variables["params"][name]) for name in ("squeeze", "excite"))
+    hidden = np.maximum(x.mean((1, 2)) @ squeeze["kernel"] + squeeze["bias"], 0)
+    assert hidden.shape == (2, 2)
+    gate = 1 / (1 + np.exp(-(hidden @ excite["kernel"] + excite["bias"])))
+    oracles.assert_close(SqueezeExcite().apply(variables, x), x * gate[:, None, None])
+
+
+@pytest.mark.parametrize("sizes", [{}, SMALL, SMALL | {"channels": (16, 32, 64, 128)}])
+def test_70_columns_give_34_frames_at_each_level(sizes):
+    encoder = AudioEncoder(**sizes)
+    features, _ = jax.eval_shape(
+        lambda key: encoder.init_with_output(key, jnp.zeros((2, 128, 70)), train=False), jax.random.key(0)
+    )
+    assert [level.shape for level in features] == [(2, 34, 32)] * 3
+
+
+def test_other_columns_are_refused():
+    with pytest.raises(ValueError, match=r"72 columns.*expected 70"):
+        jax.eval_shape(
+            lambda key: AudioEncoder(**SMALL).init(key, jnp.zeros((1, 128, 72)), train=False), jax.random.key(0)
+        )
+
+
+def test_has_as_many_parameters_as_the_release():
+    variables = jax.eval_shape(
+        lambda key: AudioEncoder().init(key, jnp.zeros((1, 128, 70)), train=False), jax.random.key(0)
+    )
+    assert sum(leaf.size for leaf in jax.tree.leaves(variables["params"])) == 5_656_700
+
+
+def _block(torch, inputs, channels, stride):
+    nn = torch.nn
+    return nn.ModuleDict(
+        {
+            "conv_1": nn.Conv2d(inputs, channels, 3, stride, 1, bias=False),
+            "norm_1": nn.BatchNorm2d(channels),
+            "conv_2": nn.Conv2d(channels, channels, 3, 1, 1, bias=False),
+            "norm_2": nn.BatchNorm2d(channels),
+            "squeeze": nn.Linear(channels, channels // 8),
+            "excite": nn.Linear(channels // 8, channels),
+            "shortcut_conv": nn.Conv2d(inputs, channels, 1, stride, bias=False),
+            "shortcut_norm": nn.BatchNorm2d(channels),
+        }
+    )
+
+
+def _run_block(torch, block, x):
+    y = block["norm_1"](torch.relu(block["conv_1"](x)))
+    y = block["norm_2"](block["conv_2"](y))
+    gate = torch.sigmoid(block["excite"](torch.relu(block["squeeze"](y.mean((2, 3))))))
+    return torch.relu(y * gate[:, :, None, None] + block["shortcut_norm"](block["shortcut_conv"](x)))
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("train", [True, False])
+def test_basic_block_equals_pytorch_in_values_and_gradients(train, oracles):
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    theirs = _block(torch, 4, 16, 2).train(train)
+    oracles.shake(torch, theirs)
+
+    def read(of):
+        params = {name: oracles.conv(theirs[name], of) for name in ("conv_1", "conv_2", "shortcut_conv")}
+        params |= {name: oracles.norm(theirs[name], of) for name in ("norm_1", "norm_2", "shortcut_norm")}
+        return params | {"se": {name: oracles.dense(theirs[name], of) for name in ("squeeze", "excite")}}
+
+    def statistics():
+        return {name: oracles.statistics(theirs[name]) for name in ("norm_1", "norm_2", "shortcut_norm")}
+
+    variables = {"params": read(oracles.value), "batch_stats": statistics()}
+    x = torch.randn(3, 4, 9, 7, requires_grad=True)
+    out = _run_block(torch, theirs, x)
+    cotangent = torch.randn_like(out)
+    out.backward(cotangent)
+
+    def run(params, x):
+        block = BasicBlock(channels=16, stride=2)
+        return block.apply(variables | {"params": params}, x, train=train, mutable=["batch_stats"])
+
+    y, pull_back, updates = jax.vjp(jax.jit(run), variables["params"], oracles.value(x).transpose(LAST), has_aux=True)
+    oracles.assert_close(y, oracles.value(out).transpose(LAST))
+    oracles.assert_close(
+        pull_back(jnp.asarray(oracles.value(cotangent).transpose(LAST))),
+        (read(oracles.gradient), oracles.gradient(x).transpose(LAST)),
+    )
+    oracles.assert_close(updates["batch_stats"], statistics())
+
+
+@pytest.mark.torch
+def test_head_equals_pytorch(oracles):
+    """PixelShuffle, convolution and the order in which channels and mel bins are merged."""
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    nn = torch.nn
+    conv, norm, linear = nn.Conv2d(2, 2, 3), nn.BatchNorm2d(2), nn.Linear(2 * 14, 5)
+    oracles.shake(torch, norm)
+    norm.eval()
+    x = torch.randn(3, 32, 4, 9)
+    y = norm(torch.relu(conv(nn.PixelShuffle(4)(x))))
+    out = linear(y.flatten(1, 2).transpose(1, 2))
+
+    variables = {
+        "params": {"conv": oracles.conv(conv), "norm": oracles.norm(norm), "linear": oracles.dense(linear)},
+        "batch_stats": {"norm": oracles.statistics(norm)},
+    }
+    head = Head(shuffle=4, kernel=3, feature_dim=5)
+    oracles.assert_close(head.apply(variables, oracles.value(x).transpose(LAST), train=False), oracles.value(out))

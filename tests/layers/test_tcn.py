@@ -1,0 +1,122 @@
+"""The text encoder sees exactly the words it should, and equals PyTorch's layers."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.tcn import ResidualBlock, TextEncoder, WeightNormConv
+
+FRAMES = 64
+
+
+def _encoder(receptive_field):
+    return TextEncoder(
+        vocabulary_size=5, embedding_dim=6, channels=6, layers=4, feature_dim=3, receptive_field=receptive_field
+    )
+
+
+@pytest.mark.parametrize(("receptive_field", "seen"), [("centred", range(-8, 8)), ("causal", range(-30, 1))])
+def test_sees_16_centred_words_or_31_past_words(receptive_field, seen):
+    # With positive weights no ReLU hides a word.
+    encoder = _encoder(receptive_field)
+    words = jnp.zeros(FRAMES, jnp.int32)
+    variables = jax.jit(lambda key: encoder.init(key, words[None], train=False))(jax.random.key(0))
+    variables = jax.tree.map(jnp.abs, variables)
+    table = variables["params"]["embedding"]["embedding"]
+    frame = FRAMES // 2
+
+    def output(words):
+        return jnp.asarray(encoder.apply(variables, words[None], train=False))[0, frame]
+
+    assert not np.allclose(table[0], table[1])
+    # One row per changed word, and a last row in which none is.
+    outputs = np.asarray(jax.jit(jax.vmap(lambda at: output(words.at[at].set(1))))(jnp.arange(FRAMES + 1)))
+    influences = np.any(outputs[:-1] != outputs[-1:], axis=-1)
+    assert np.flatnonzero(influences).tolist() == [frame + offset for offset in seen]
+
+
+def test_gradient_of_one_block_reaches_its_two_words():
+    x = jnp.ones((1, 16, 2))
+    for padding, expected in (((2, 2), [6, 10]), ((4, 0), [4, 8])):
+        conv = WeightNormConv(channels=3, dilation=4, padding=padding)
+        variables = conv.init(jax.random.key(0), x)
+        gradient = jax.grad(
+            lambda x, conv=conv, variables=variables: jnp.asarray(conv.apply(variables, x))[0, 8].sum()
+        )(x)
+        assert np.flatnonzero(np.any(np.asarray(gradient[0]) != 0, axis=-1)).tolist() == expected
+
+
+def test_convolution_equals_its_definition(oracles):
+    rng = np.random.default_rng(0)
+    x, kernel = rng.normal(size=(1, 6, 2)), rng.normal(size=(2, 2, 3))
+    scale, bias = rng.uniform(0.5, 2, size=3), rng.normal(size=3)
+    weight = scale * kernel / np.sqrt((kernel**2).sum((0, 1)))
+    padded = np.concatenate([np.zeros((2, 2)), x[0], np.zeros((1, 2))])
+    expected = [padded[frame] @ weight[0] + padded[frame + 3] @ weight[1] + bias for frame in range(6)]
+
+    params = {"kernel": kernel, "scale": scale, "bias": bias}
+    variables = {"params": jax.tree.map(np.float32, params)}
+    y = WeightNormConv(channels=3, dilation=3, padding=(2, 1)).apply(variables, x.astype(np.float32))
+    oracles.assert_close(y[0], np.stack(expected))
+
+
+def test_weight_normalisation_starts_as_the_identity(oracles):
+    conv = WeightNormConv(channels=3, dilation=1, padding=(1, 0))
+    params = conv.init(jax.random.key(0), jnp.zeros((1, 4, 2)))["params"]
+    oracles.assert_close(params["scale"], np.sqrt((np.asarray(params["kernel"]) ** 2).sum((0, 1))))
+
+
+def test_unknown_receptive_field_is_named():
+    with pytest.raises(ValueError, match=r"'wide'.*centred"):
+        _encoder("wide").init(jax.random.key(0), jnp.zeros((1, 4), jnp.int32), train=False)
+
+
+def _torch_block(torch, inputs, channels, dilation):
+    """The causal block of Bai et al. 2018."""
+    weight_norm = torch.nn.utils.parametrizations.weight_norm
+    return torch.nn.ModuleDict(
+        {
+            "conv_0": weight_norm(torch.nn.Conv1d(inputs, channels, 2, dilation=dilation)),
+            "conv_1": weight_norm(torch.nn.Conv1d(channels, channels, 2, dilation=dilation)),
+            "shortcut": torch.nn.Conv1d(inputs, channels, 1),
+        }
+    )
+
+
+def _read_block(block, read):
+    def weight_norm(layer):
+        weight = layer.parametrizations.weight
+        direction = np.moveaxis(read(weight.original1), (0, 1), (-1, -2))
+        return {"kernel": direction, "scale": read(weight.original0)[:, 0, 0], "bias": read(layer.bias)}
+
+    shortcut = {"kernel": read(block["shortcut"].weight)[..., 0].T, "bias": read(block["shortcut"].bias)}
+    return {"conv_0": weight_norm(block["conv_0"]), "conv_1": weight_norm(block["conv_1"]), "shortcut": shortcut}
+
+
+@pytest.mark.torch
+def test_causal_block_equals_pytorch_in_values_and_gradients(oracles):
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    dilation = 4
+    theirs = _torch_block(torch, 3, 5, dilation)
+    x = torch.randn(2, 3, 12, requires_grad=True)
+    y = x
+    for name in ("conv_0", "conv_1"):
+        y = torch.relu(theirs[name](torch.nn.functional.pad(y, (dilation, 0))))
+    out = torch.relu(y + theirs["shortcut"](x))
+    cotangent = torch.randn_like(out)
+    out.backward(cotangent)
+
+    ours = ResidualBlock(channels=5, dilation=dilation, convolutions=2, padding=(dilation, 0), dropout=0.3)
+    last = (0, 2, 1)
+    y, pull_back = jax.vjp(
+        lambda params, x: ours.apply({"params": params}, x, train=False),
+        _read_block(theirs, oracles.value),
+        oracles.value(x).transpose(last),
+    )
+    oracles.assert_close(y, oracles.value(out).transpose(last))
+    oracles.assert_close(
+        pull_back(jnp.asarray(oracles.value(cotangent).transpose(last))),
+        (_read_block(theirs, oracles.gradient), oracles.gradient(x).transpose(last)),
+    )

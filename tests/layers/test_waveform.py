@@ -1,0 +1,95 @@
+"""The encoder of raw speech has the lengths and sizes of its table, and equals PyTorch's layers."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.waveform import WaveformEncoder
+
+SAMPLES = 36_267
+
+
+def test_a_window_becomes_34_steps_and_the_parameters_are_those_of_the_table():
+    encoder = WaveformEncoder()
+    audio = jnp.zeros((2, SAMPLES))
+
+    def run(key):
+        variables = encoder.init(key, audio, train=False)
+        _, state = encoder.apply(variables, audio, train=False, capture_intermediates=True, mutable=["intermediates"])
+        return variables["params"], state["intermediates"]
+
+    params, outputs = jax.eval_shape(run, jax.random.key(0))
+    assert [outputs[f"conv_{index}"]["__call__"][0].shape for index in range(1, 5)] == [
+        (2, 7891, 16),
+        (2, 1313, 32),
+        (2, 217, 64),
+        (2, 34, 32),
+    ]
+    assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 69_728
+
+
+def test_each_step_hears_the_sound_of_its_frame():
+    """A click moves the features of a few steps about its own time, and the same click later those of later steps."""
+    encoder = WaveformEncoder(feature_dim=4)
+    variables = jax.jit(lambda key: encoder.init(key, jnp.zeros((1, SAMPLES)), train=False))(jax.random.key(0))
+    clicks = np.zeros((4, SAMPLES), np.float32)
+    frames = (5, 16, 30)
+    for row, frame in enumerate(frames):
+        clicks[row, round((frame + 0.5) * SAMPLES / 34)] = 1.0
+    features = np.asarray(jax.jit(lambda audio: encoder.apply(variables, audio, train=False))(clicks))
+    for row, frame in enumerate(frames):
+        heard = np.flatnonzero(np.any(features[row] != features[-1], axis=-1))
+        assert 1 <= len(heard) <= 4
+        assert abs(np.mean(heard) - frame) < 2
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("train", [True, False])
+def test_equals_pytorch_in_values_and_gradients(train, oracles):
+    torch = pytest.importorskip("torch")
+    torch.manual_seed(0)
+    nn = torch.nn
+    theirs = nn.Sequential(
+        nn.Conv1d(1, 16, 15, stride=5, padding=1600),
+        nn.BatchNorm1d(16),
+        nn.LeakyReLU(0.3),
+        nn.Conv1d(16, 32, 15, stride=6),
+        nn.BatchNorm1d(32),
+        nn.LeakyReLU(0.3),
+        nn.Conv1d(32, 64, 15, stride=6),
+        nn.BatchNorm1d(64),
+        nn.LeakyReLU(0.3),
+        nn.Conv1d(64, 32, 15, stride=6),
+    ).train(train)
+    oracles.shake(torch, theirs)
+    convs, norms = [theirs[index] for index in (0, 3, 6, 9)], [theirs[index] for index in (1, 4, 7)]
+
+    def read(read):
+        params = {f"conv_{index}": oracles.conv(layer, read) for index, layer in enumerate(convs, 1)}
+        return params | {f"norm_{index}": oracles.norm(layer, read) for index, layer in enumerate(norms, 1)}
+
+    def statistics():
+        return {f"norm_{index}": oracles.statistics(layer) for index, layer in enumerate(norms, 1)}
+
+    params, before = read(oracles.value), statistics()
+    audio = torch.randn(2, 1, SAMPLES)
+    out = theirs(audio)
+    assert out.shape == (2, 32, 34)
+    cotangent = torch.randn_like(out)
+    out.backward(cotangent)
+
+    def run(params):
+        variables = {"params": params, "batch_stats": before}
+        return WaveformEncoder().apply(variables, oracles.value(audio)[:, 0], train=train, mutable=["batch_stats"])
+
+    y, pull_back, updates = jax.vjp(jax.jit(run), params, has_aux=True)
+    oracles.assert_close(y, oracles.value(out).transpose(0, 2, 1))
+    oracles.assert_close(updates["batch_stats"], statistics())
+    (gradients,) = pull_back(jnp.asarray(oracles.value(cotangent).transpose(0, 2, 1)))
+    expected = read(oracles.gradient)
+    if train:  # BatchNorm takes a bias before it away; what is left of its gradient is rounding
+        for index in (1, 2, 3):
+            for tree in (gradients, expected):
+                del tree[f"conv_{index}"]["bias"]
+    oracles.assert_close(gradients, expected, 3e-5)

@@ -1,0 +1,148 @@
+"""Whisper's encoder has the numbers of its definition and, with real weights, those of another implementation."""
+
+import os
+import pathlib
+import runpy
+import types
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.special
+
+from ha2g_jax.layers.whisper import EncoderBlock, WhisperEncoder, sinusoids
+
+ctranslate2_weights = types.SimpleNamespace(
+    **runpy.run_path(str(pathlib.Path(__file__).with_name("ctranslate2_weights.py")))
+)
+SMALL: dict[str, Any] = {"num_mels": 5, "d_model": 12, "layers": 3, "heads": 3, "ffn_dim": 20}
+
+
+def encode(encoder, params, mel) -> Any:
+    return encoder.apply({"params": params}, mel)
+
+
+def random_like(shapes, seed=0):
+    rng = np.random.default_rng(seed)
+    return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
+
+
+def gelu(x):
+    return x * (1 + scipy.special.erf(x / np.sqrt(2))) / 2
+
+
+def norm(params, x):
+    centred = x - x.mean(-1, keepdims=True)
+    return centred / np.sqrt(x.var(-1, keepdims=True) + 1e-5) * params["scale"] + params["bias"]
+
+
+def dense(params, x):
+    return x @ params["kernel"] + params.get("bias", 0)
+
+
+def block_by_hand(params, x, heads):
+    """x (positions, channels) through a pre-norm block, head by head."""
+    normed = norm(params["attention_norm"], x)
+    query, key, value = (dense(params["attention"][name], normed) for name in ("query", "key", "value"))
+    mixed = []
+    for channels in np.split(np.arange(x.shape[1]), heads):
+        scores = query[:, channels] @ key[:, channels].T / np.sqrt(len(channels))
+        mixed.append(scipy.special.softmax(scores, axis=1) @ value[:, channels])
+    x = x + dense(params["attention"]["out"], np.concatenate(mixed, axis=1))
+    return x + dense(params["contract"], gelu(dense(params["expand"], norm(params["mlp_norm"], x))))
+
+
+def convolve_by_hand(params, x, stride):
+    padded = np.pad(x, ((1, 1), (0, 0)))
+    taps = [padded[tap : tap + len(x) : stride] @ params["kernel"][tap] for tap in range(3)]
+    return sum(taps) + params["bias"]
+
+
+def test_a_block_equals_its_definition(oracles):
+    block = EncoderBlock(heads=3, ffn_dim=20)
+    x = np.random.default_rng(1).normal(size=(2, 7, 12)).astype(np.float32)
+    params = random_like(jax.eval_shape(lambda: block.init(jax.random.key(0), x)))["params"]
+    assert "bias" not in params["attention"]["key"]
+    expected = np.stack([block_by_hand(params, clip.astype(np.float64), 3) for clip in x])
+    oracles.assert_close(block.apply({"params": params}, x), expected)
+
+
+def test_the_encoder_equals_its_definition(oracles):
+    """Both convolutions, the positions, each block's sum, and the norm of the last one only."""
+    encoder = WhisperEncoder(**SMALL)
+    mel = np.random.default_rng(1).normal(size=(2, 5, 16)).astype(np.float32)
+    params = random_like(jax.eval_shape(lambda: encoder.init(jax.random.key(0), mel)))["params"]
+    ours = encode(encoder, params, mel)
+    assert len(ours) == 3 and ours[0].shape == (2, 8, 12)
+    for clip in range(2):
+        x = gelu(convolve_by_hand(params["conv_1"], mel[clip].T.astype(np.float64), 1))
+        x = gelu(convolve_by_hand(params["conv_2"], x, 2)) + sinusoids(8, 12)
+        expected = []
+        for index in range(3):
+            expected.append(x := block_by_hand(params[f"block_{index}"], x, 3))
+        expected[-1] = norm(params["norm"], x)
+        oracles.assert_close([level[clip] for level in ours], expected)
+
+
+def test_positions_equal_their_definition():
+    positions = sinusoids(7, 6)
+    for place, pair in np.ndindex(7, 3):
+        angle = place * 10000 ** (-pair / 2)
+        np.testing.assert_allclose(positions[place, [pair, pair + 3]], [np.sin(angle), np.cos(angle)], atol=1e-6)
+
+
+def test_half_precision_stays_half():
+    encoder = WhisperEncoder(**SMALL)
+    mel = np.random.default_rng(1).normal(size=(1, 5, 16)).astype(np.float32)
+    params = random_like(jax.eval_shape(lambda: encoder.init(jax.random.key(0), mel)))["params"]
+    exact = encode(encoder, params, mel)[-1]
+    rounded = encode(encoder, jax.tree.map(lambda x: x.astype(jnp.bfloat16), params), mel.astype(jnp.bfloat16))
+    assert {level.dtype for level in rounded} == {jnp.dtype(jnp.bfloat16)}
+    assert np.linalg.norm(rounded[-1].astype(jnp.float32) - exact) < 0.05 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("shape", [(1, 5, 15), (1, 6, 16)])
+def test_other_spectrograms_are_refused(shape):
+    with pytest.raises(ValueError, match=r"expected \(batch, 5, an even number of columns\)"):
+        jax.eval_shape(lambda: WhisperEncoder(**SMALL).init(jax.random.key(0), jnp.zeros(shape)))
+
+
+def test_quantised_variables_are_restored():
+    """A scale of each row, one of the whole, and none."""
+    variables = {
+        "a": np.array([[127, -64], [0, 1]], np.int8),
+        "a_scale": np.array([127, 4], np.float32),
+        "b": np.array([1024], np.int16),
+        "b_scale": np.float32(512),
+        "c": np.array([1.5], np.float16),
+    }
+    restored = [ctranslate2_weights.dequantize(variables, name) for name in "abc"]
+    np.testing.assert_allclose(restored[0], [[1, -64 / 127], [0, 0.25]])
+    assert restored[1].tolist() == [2] and restored[2].tolist() == [1.5]
+
+
+def test_real_weights_give_what_faster_whisper_gives(tmp_path):
+    """With tiny.en at hand (HA2G_WHISPER_MODEL): through a folder as Hugging Face has it, on 30 s with speech in it."""
+    faster_whisper = pytest.importorskip("faster_whisper")
+    model = os.environ.get("HA2G_WHISPER_MODEL")
+    if model is None:
+        pytest.skip("no Whisper model here (set HA2G_WHISPER_MODEL to a folder)")
+    from ha2g_jax.data.talk import speech, voices
+    from ha2g_jax.features.asr_mel import asr_log_mel
+    from ha2g_jax.methods import whisper_weights
+
+    ctranslate2_weights.write_folder(pathlib.Path(model), tmp_path / "whisper", np.float16)
+    sizes, params = whisper_weights.load(tmp_path / "whisper")
+    spoken = speech.say("The old garden was full of yellow flowers.", voices.Voice("en-us", "m3", 50, 60, 150)).audio
+    audio = np.pad(spoken, (0, 480_000 - len(spoken)))
+    mel = asr_log_mel(audio, sizes.num_mels)[:, :-1]
+    assert mel.shape == (sizes.num_mels, 3000) and mel.std() > 0.1
+    whisper = faster_whisper.WhisperModel(model, device="cpu", compute_type="float32", cpu_threads=1)
+    theirs = np.array(whisper.encode(mel))[0]
+    ours = encode(WhisperEncoder(**sizes._asdict()), params, mel[None])[-1][0]
+    error = np.linalg.norm(ours - theirs, axis=1)
+    size = np.linalg.norm(theirs, axis=1)
+    assert theirs.shape == (1500, sizes.d_model) and np.linalg.norm(error) <= 2e-3 * np.linalg.norm(size)
+    assert np.max(error / size) <= 2e-2

@@ -1,0 +1,106 @@
+"""A batch in parts: the update of the whole on any number of devices, in less memory."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.methods.ha2g import method as ha2g
+from ha2g_jax.train import sharding
+from ha2g_jax.train.step import step_keys, train_step
+
+SIZE = 16
+
+
+@pytest.fixture
+def tasks(config, build):
+    """The same task with the batch as a whole and in 2 parts, under gradient descent and without dropout."""
+    config.model.text.dropout = config.model.inferer.dropout = 0.0
+    config.train.batch_size = SIZE
+
+    def make(count):
+        config.train.accumulate = count
+        task = build(config)
+        return dataclasses.replace(
+            task,
+            generator_optimizer=optax.sgd(1e-3),
+            discriminator_optimizer=optax.sgd(1e-2),
+            discriminator=task.discriminator.clone(dropout=0.0),
+        )
+
+    return make(1), make(2)
+
+
+def residuals(task, state, batch):
+    """Shapes of what the forward pass of the generator keeps for the gradient."""
+
+    def run(state, batch, key):
+        variables, keys = state.generator.variables, step_keys(key, state.step)
+        _, pull_back, _ = jax.vjp(
+            lambda params: ha2g.run(task, variables | {"params": params}, batch, keys),
+            variables["params"],
+            has_aux=True,
+        )
+        return pull_back
+
+    leaves = jax.tree.leaves(jax.eval_shape(run, state, batch, jax.random.key(1)))
+    return [leaf for leaf in leaves if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)]
+
+
+def num_bytes(leaves):
+    return sum(leaf.size * leaf.dtype.itemsize for leaf in leaves)
+
+
+def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(tasks, make_batch):
+    batch, ends = make_batch(tasks[0], SIZE), []
+    start = jax.tree.map(np.asarray, init_state(tasks[0], jax.random.key(0)))
+    for task, devices in zip(tasks, (jax.devices()[:1], jax.devices()), strict=True):
+        mesh = sharding.data_mesh(devices)
+        step = jax.jit(functools.partial(train_step, task))
+        ends.append(step(sharding.replicate(mesh, start), sharding.shard_batch(mesh, batch), jax.random.key(1)))
+    (whole, whole_metrics), (parts, metrics) = jax.device_get(ends)
+    for name, value in whole_metrics.items():
+        assert metrics[name] == pytest.approx(value, rel=1e-4), name
+    for (path, before), one, other in zip(
+        jax.tree.leaves_with_path(start), jax.tree.leaves(whole), jax.tree.leaves(parts), strict=True
+    ):
+        scale = np.max(np.abs(one), initial=1e-3)
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-5 * scale, err_msg=jax.tree_util.keystr(path))
+        moved = np.max(np.abs(one.astype(float) - before))
+        assert np.max(np.abs(other.astype(float) - one)) <= max(1e-2 * moved, 1e-6 * scale), path
+
+
+@pytest.mark.parametrize("kind", ["speakers", "images"])
+def test_parts_keep_less_for_the_gradient(config, build, make_batch, kind):
+    config.model.identity.kind = kind
+    config.train.batch_size = SIZE
+    kept = []
+    for config.train.accumulate in (1, 4):
+        task = build(config)
+        state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
+        kept.append(num_bytes(residuals(task, state, make_batch(task, SIZE))) - num_bytes(jax.tree.leaves(state.model)))
+    assert kept[1] < kept[0] / 3
+
+
+def test_compiled_parts_take_less_memory(config, build, make_batch):
+    config.model.inferer.hidden_dim = 64
+    config.train.batch_size = SIZE
+    sizes = []
+    for config.train.accumulate in (1, 4):
+        task = build(config)
+        state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
+
+        def loss(params, state, batch, key, task=task):
+            variables, keys = state.generator.variables | {"params": params}, step_keys(key, state.step)
+            return jnp.sum(ha2g.run(task, variables, batch, keys)[0].poses[-1])
+
+        arguments = (state.generator.params, state, make_batch(task, SIZE), jax.random.key(1))
+        analysis = jax.jit(jax.grad(loss)).lower(*arguments).compile().memory_analysis()
+        assert analysis is not None
+        sizes.append(analysis.temp_size_in_bytes)
+    assert sizes[1] < 0.7 * sizes[0]

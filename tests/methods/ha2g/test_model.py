@@ -1,0 +1,150 @@
+"""The generator: what each level may depend on, and the blend of Eq. 3."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.methods.ha2g.model import HA2G
+from ha2g_jax.skeleton import load_skeleton
+
+B, N, M = 2, 10, 3
+CHANNELS = ((0, 1, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4, 5))
+POSE_DIM = 6
+
+
+def _model(channels=CHANNELS, num_seed_frames=M, dropout=0.0):
+    return HA2G(
+        audio=AudioEncoder(blocks=(1, 1, 1, 1), channels=(8, 8, 16, 32), stem_stride=(2, 1)),
+        text=TextEncoder(vocabulary_size=5, embedding_dim=4, channels=4),
+        identity=SpeakerIdentity(num_speakers=3),
+        level_channels=channels,
+        num_seed_frames=num_seed_frames,
+        hidden_dim=5,
+        layers=2,
+        dropout=dropout,
+    )
+
+
+def _inputs(num_seed_frames=M):
+    rng = np.random.default_rng(0)
+    features = tuple(rng.normal(size=(B, N, 4)).astype(np.float32) for _ in range(3))
+    f_id = rng.normal(size=(B, 18)).astype(np.float32)
+    seed = rng.normal(size=(B, num_seed_frames, POSE_DIM)).astype(np.float32)
+    return features, f_id, seed
+
+
+def _infer(model, *inputs):
+    variables = jax.jit(lambda key: model.init(key, *inputs, train=False, method=model.infer))(jax.random.key(0))
+    return variables, jax.jit(lambda *inputs: model.apply(variables, *inputs, train=False, method=model.infer))
+
+
+@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
+def test_every_level_of_a_skeleton_has_its_own_width(name):
+    skeleton = load_skeleton(name)
+    model = _model(skeleton.level_channels, num_seed_frames=4)
+
+    def run(key):
+        seed = jnp.zeros((B, 4, skeleton.pose_dim))
+        speech = {"mel": jnp.zeros((B, 128, 70)), "words": jnp.zeros((B, 34), jnp.int32)}
+        return model.init_with_output(key, speech, jnp.zeros((B,), jnp.int32), seed, train=False)
+
+    poses, variables = jax.eval_shape(run, jax.random.key(0))
+    assert [level.shape for level in poses] == [(B, 34, width) for width in skeleton.level_dims]
+    assert set(variables["batch_stats"]) == {"audio"}, "the pose inferer must not depend on the batch"
+
+
+def test_weights_of_the_audio_levels_sum_to_one(oracles):
+    _, f_id, _ = _inputs()
+    model = _model()
+    variables = model.init(jax.random.key(0), f_id, method=model.coordinate)
+    weights = np.asarray(model.apply(variables, f_id, method=model.coordinate))
+    assert weights.shape == (B, 3, len(CHANNELS))
+    oracles.assert_close(weights.sum(axis=1), np.ones((B, len(CHANNELS))), 1e-6)
+    linear = jax.tree.map(np.asarray, variables["params"]["coordinator"]["linear"])
+    scores = np.exp(f_id @ linear["kernel"] + linear["bias"]).reshape(B, 3, len(CHANNELS))
+    oracles.assert_close(weights, scores / scores.sum(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"audio_levels": ("mid",)}, lambda c: (c[:, 1] == 1).all() and (c[:, [0, 2]] == 0).all()),
+        ({"audio_levels": ("low", "high")}, lambda c: (c[:, 1] == 0).all() and (c[:, [0, 2]] > 0).all()),
+        ({"is_tied": True}, lambda c: (c == c[..., :1]).all() and (c[0] != c[1]).all()),
+        ({}, lambda c: (c > 0).all() and (c[..., 0] != c[..., 1]).any()),
+    ],
+)
+def test_ablations_of_the_blend(changes, expected):
+    """Rows of Tables 3 and 4: one level of the audio alone, or one blend for all levels of the motion."""
+    model = _model().clone(**changes)
+    variables, _ = _infer(model, *_inputs())
+    f_id = jnp.asarray(_inputs()[1])
+    blend = np.asarray(model.apply(variables, f_id, method="coordinate"))
+    np.testing.assert_allclose(blend.sum(axis=1), 1, atol=1e-6)
+    assert blend.shape == (B, 3, 3) and expected(blend)
+
+
+def test_identity_acts_through_the_blend_only():
+    features, f_id, seed = _inputs()
+    _, infer = _infer(_model(), features, f_id, seed)
+    equal = (features[0],) * 3
+    for a, b in zip(infer(equal, f_id, seed), infer(equal, f_id + 1, seed), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+    for a, b in zip(infer(features, f_id, seed), infer(features, f_id * -1, seed), strict=True):
+        assert not np.allclose(a, b, atol=1e-4)
+
+
+def test_a_stage_is_the_equations(oracles):
+    """p^1 and p^2 from the parts of the model: true seeds, then zeros or the level before; Eq. 3 and 4."""
+    features, f_id, seed = _inputs()
+    model = _model()
+    variables, infer = _infer(model, features, f_id, seed)
+    weights = np.asarray(model.apply(variables, f_id, method=model.coordinate))
+    is_seed = np.broadcast_to((np.arange(N) < M)[None, :, None], (B, N, 1)).astype(np.float32)
+
+    previous = np.zeros((B, N, 3), np.float32)
+    known = list(CHANNELS[0])
+    for level, poses in enumerate(infer(features, f_id, seed)):
+        previous[:, :M] = seed[..., known]
+        audio = np.sum([weights[:, source, level, None, None] * features[source] for source in range(3)], axis=0)
+        stage = model.bind(variables).stages[level]
+        oracles.assert_close(poses, stage(*map(jnp.asarray, (previous, audio, is_seed)), train=False))
+        linear = jax.tree.map(np.asarray, variables["params"][f"pose_{level + 1}"]["linear"])
+        assert linear["kernel"].shape == (5 + previous.shape[-1] + 4, len(CHANNELS[level]))
+        previous, known = np.array(poses), list(CHANNELS[level])
+
+
+def test_a_level_depends_on_the_seed_of_the_coarser_levels_only():
+    features, f_id, seed = _inputs()
+    _, infer = _infer(_model(), features, f_id, seed)
+    expected = ([0, 1, 4], [0, 1, 4], [0, 1, 3, 4])
+    for level, channels in enumerate(expected):
+        gradient = jax.grad(lambda seed, level=level: jnp.sum(infer(features, f_id, seed)[level] ** 2))(seed)
+        influence = np.abs(np.asarray(gradient)).max(axis=(0, 1))
+        assert np.flatnonzero(influence).tolist() == channels
+
+
+def test_the_seed_reaches_the_last_frame():
+    features, f_id, seed = _inputs()
+    _, infer = _infer(_model(), features, f_id, seed)
+    gradient = jax.grad(lambda seed: jnp.sum(infer(features, f_id, seed)[-1][:, -1]))(seed)
+    assert float(jnp.abs(gradient).max()) > 0
+
+
+@pytest.mark.parametrize("num_seed_frames", [1, 7])
+def test_other_numbers_of_seed_frames_and_a_single_level_work(num_seed_frames):
+    inputs = _inputs(num_seed_frames)
+    _, infer = _infer(_model(CHANNELS[-1:], num_seed_frames), *inputs)
+    assert [level.shape for level in infer(*inputs)] == [(B, N, POSE_DIM)]
+
+
+def test_clips_of_a_batch_do_not_mix(oracles):
+    features, f_id, seed = _inputs()
+    _, infer = _infer(_model(), features, f_id, seed)
+    together = infer(features, f_id, seed)
+    alone = infer(tuple(level[1:] for level in features), f_id[1:], seed[1:])
+    oracles.assert_close(alone, tuple(level[1:] for level in together))

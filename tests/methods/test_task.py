@@ -1,0 +1,98 @@
+"""A task is what its config says, and refuses what it cannot train."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax import config as configs
+from ha2g_jax.errors import UserError
+from ha2g_jax.methods import task as tasks
+from ha2g_jax.methods.building import build_task, word_table
+from ha2g_jax.skeleton import load_skeleton
+
+
+def test_paper_config_gives_the_sizes_of_the_paper():
+    task = build_task(configs.paper("ted_expressive"), load_skeleton("ted_expressive"), 100, 24, steps_per_epoch=7)
+    assert task.generator.audio.blocks == (3, 4, 6, 3)
+    assert (task.generator.hidden_dim, task.generator.layers) == (300, 4)
+    assert dict(task.losses.weights) == {
+        "gan": 1.0,
+        "huber": 200.0,
+        "physical": 0.1,
+        "style": 0.05,
+        "kld": 0.1,
+        "contrastive": 0.1,
+    }
+    assert task.warmup_steps == 70
+
+
+def test_every_weight_must_name_a_term(config, build):
+    config.loss.weights.smoothness = 1.0
+    with pytest.raises(UserError, match="differ in smoothness"):
+        build(config)
+
+
+def test_every_term_must_have_a_weight(config, build):
+    del config.loss.weights["kld"]
+    with pytest.raises(UserError, match="differ in kld"):
+        build(config)
+
+
+@pytest.mark.parametrize(
+    ("section", "field", "value"),
+    [
+        ("loss", "gan", "wgan"),
+        ("model.identity", "kind", "video"),
+        ("model.text", "receptive_field", "wide"),
+        ("train", "schedule", "linear"),
+        ("train", "dtype", "float16"),
+    ],
+)
+def test_an_unknown_choice_is_named(config, build, section, field, value):
+    part = config
+    for name in section.split("."):
+        part = part[name]
+    part[field] = value
+    with pytest.raises(UserError, match=rf"config.{section}.{field} is '{value}', expected one of"):
+        build(config)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("ema", 1.0, "from 0 to below 1"),
+        ("clip_norm", -0.5, "0 or more"),
+        ("accumulate", 0, "a divisor of config.train.batch_size, 4"),
+        ("accumulate", 3, "a divisor of config.train.batch_size, 4"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_named(config, build, field, value, expected):
+    config.train[field] = value
+    with pytest.raises(UserError, match=rf"config.train.{field} is {value}, expected {expected}: set --config.train"):
+        build(config)
+
+
+def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build):
+    assert build(config).generator.identity.num_speakers == 5
+    config.data.mirror = 0.5
+    assert build(config).generator.identity.num_speakers == 10
+
+
+def test_word_vectors_of_another_size_are_refused(config):
+    with pytest.raises(UserError, match="embedding_dim=300"):
+        word_table(config, 11, np.zeros((11, 300), np.float32))
+
+
+def test_restored_poses_are_the_unit_vectors_that_went_in(task, make_batch):
+    directions = jnp.asarray(make_batch(task, 2)["directions"])
+    poses = tasks.subtract_mean(task, directions)
+    assert poses.shape == (2, 34, 27)
+    np.testing.assert_allclose(tasks.restore(task, poses), directions, atol=1e-6)
+    lengths = jnp.linalg.norm(tasks.restore(task, 2 * poses), axis=-1)
+    np.testing.assert_allclose(lengths, 1, atol=1e-6)
+
+
+def test_task_is_a_static_argument(task):
+    count = jax.jit(lambda task, x: x + task.num_frames, static_argnums=0)
+    assert count(task, 1) == 35

@@ -1,0 +1,109 @@
+"""Trimodal: its terms, the second run in other styles, and that it can learn."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.errors import UserError
+from ha2g_jax.methods.trimodal import METHOD, kld, style
+from ha2g_jax.train.step import step_keys, train_step, validation_step
+
+STEPS = 300
+
+
+@pytest.fixture(scope="module")
+def task(make_task):
+    """Wide enough to learn a batch by heart."""
+    changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
+    return make_task("trimodal", train__steps=STEPS, **changes)
+
+
+@pytest.fixture(scope="module")
+def state(task):
+    return init_state(task, jax.random.key(0))
+
+
+def keys_of(number):
+    return step_keys(jax.random.key(number), jnp.int32(0))
+
+
+def test_style_equals_its_formula():
+    rng = np.random.default_rng(0)
+    poses, other = 0.1 * rng.normal(size=(2, 3, 5, 4))
+    z, other_z = rng.normal(size=(2, 3, 16))
+    expected = []
+    for one, two, z_1, z_2 in zip(poses, other, z, other_z, strict=True):
+        difference = np.abs(one - two)
+        smooth = np.where(difference < 0.05, 0.5 * (difference / 0.05) ** 2, difference / 0.05 - 0.5)
+        expected.append(max(-np.sum(0.05 * smooth) / (np.mean(np.abs(z_1 - z_2)) + 1e-5), -1000))
+    assert float(style(*map(jnp.asarray, (poses, other, z, other_z)))) == pytest.approx(np.mean(expected), rel=1e-5)
+
+
+def test_style_moves_the_first_output_alone_and_nothing_beyond_its_bound():
+    rng = np.random.default_rng(0)
+    arguments = tuple(jnp.asarray(rng.normal(size=shape)) for shape in ((2, 5, 4), (2, 5, 4), (2, 16), (2, 16)))
+    gradients = jax.grad(style, argnums=(0, 1, 2, 3))(*arguments)
+    assert [bool(jnp.any(gradient != 0)) for gradient in gradients] == [True, False, False, False]
+    poses, other, z, _ = arguments
+    value, gradient = jax.value_and_grad(style)(poses, other, z, z)  # the same style: a ratio far beyond
+    assert value == -1000 and not np.any(gradient)
+    assert style(poses, poses, z, z) == 0
+
+
+def test_kld_is_the_mean_over_batch_and_values():
+    mean, log_variance = jnp.array([[1.0, 0.0], [2.0, 0.0]]), jnp.log(jnp.array([[1.0, 1.0], [1.0, 4.0]]))
+    by_hand = (0.5 * 1 + 0 + 0.5 * 4 + 0.5 * (4 - 1 - np.log(4))) / 4
+    assert float(kld(mean, log_variance)) == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_evaluation_compares_with_the_mean_styles_of_a_permutation(task, state, make_motion_batch):
+    batch = make_motion_batch(task, 5)
+    batch["speaker"] = jnp.arange(5)
+    evaluate = jax.jit(lambda batch, keys: METHOD.run(task, state.generator.variables, batch, keys, train=False))
+    outputs, (_, contrast) = evaluate(batch, keys_of(0))
+    np.testing.assert_array_equal(contrast.z, outputs.mean)
+    order = [
+        int(np.argmin(np.abs(np.asarray(outputs.mean) - row).max(axis=-1))) for row in np.asarray(contrast.other_z)
+    ]
+    np.testing.assert_array_equal(contrast.other_z, outputs.mean[np.array(order)])
+    assert sorted(order) == list(range(5)) != order
+    other, _ = evaluate(batch | {"speaker": jnp.array(order)}, keys_of(1))
+    np.testing.assert_allclose(contrast.poses, other.poses[-1], atol=1e-6)
+    assert not np.allclose(contrast.poses, outputs.poses[-1], atol=1e-6)
+
+
+def test_training_samples_both_styles(task, state, make_motion_batch):
+    """Even a clip that keeps its speaker, such as that of a batch of one, gets another style."""
+    batch, keys = make_motion_batch(task, 1), keys_of(0)
+    outputs, (_, contrast) = jax.jit(lambda: METHOD.run(task, state.generator.variables, batch, keys, train=True))()
+    assert len({tuple(np.asarray(z[0])) for z in (outputs.mean, contrast.z, contrast.other_z)}) == 3
+
+
+def test_validation_of_one_window_is_finite_and_has_all_terms(task, state, make_motion_batch):
+    terms = jax.jit(functools.partial(validation_step, task))(state, make_motion_batch(task, 1), jax.random.key(0))
+    assert set(terms) == {f"loss/{name}" for name in (*METHOD.terms, "total")}
+    assert all(np.isfinite(value) for value in terms.values())
+    assert terms["loss/style"] == 0  # its only speaker against itself
+
+
+def test_mirrored_windows_double_the_table_of_speakers(make_task):
+    rows = [make_task("trimodal", data__mirror=share).generator.identity.num_speakers for share in (0.0, 0.5)]
+    assert rows == [5, 10]
+    with pytest.raises(UserError, match=r"identity.kind is 'images', expected one of speakers"):
+        make_task("trimodal", model__identity__kind="images")
+
+
+def test_one_batch_is_learnt_by_heart(task, state, make_motion_batch):
+    """With all terms, the adversary included."""
+    batch = make_motion_batch(task, 4)
+    step = jax.jit(functools.partial(train_step, task))
+    assert task.warmup_steps == 0
+    history = []
+    for _ in range(STEPS):
+        state, metrics = step(state, batch, jax.random.key(1))
+        history.append(metrics["loss/huber"])
+    assert history[-1] < 0.1 * history[0]

@@ -1,0 +1,207 @@
+"""A Whisper folder as Hugging Face has it is read in all its forms; one that is something else says so in one line."""
+
+import json
+
+import jax
+import ml_dtypes
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
+from ha2g_jax.methods import whisper_weights
+
+CONFIG = {
+    "model_type": "whisper",
+    "activation_function": "gelu",
+    "d_model": 8,
+    "num_mel_bins": 6,
+    "encoder_layers": 2,
+    "encoder_attention_heads": 2,
+    "encoder_ffn_dim": 20,
+    "decoder_layers": 3,
+}
+
+
+def make_tensors() -> dict[str, np.ndarray]:
+    """Random tensors of a whole model, numbers that bfloat16 has; those of the decoder are not even finite."""
+    shapes = {"conv1.weight": (8, 6, 3), "conv2.weight": (8, 8, 3), "conv1.bias": (8,), "conv2.bias": (8,)}
+    shapes |= {"layer_norm.weight": (8,), "layer_norm.bias": (8,)}
+    for layer in ("layers.0.", "layers.1."):
+        shapes |= {f"{layer}self_attn.{name}_proj.weight": (8, 8) for name in ("q", "k", "v", "out")}
+        shapes |= {f"{layer}self_attn.{name}_proj.bias": (8,) for name in ("q", "v", "out")}
+        shapes |= {f"{layer}{name}.weight": (8,) for name in ("self_attn_layer_norm", "final_layer_norm")}
+        shapes |= {f"{layer}{name}.bias": (8,) for name in ("self_attn_layer_norm", "final_layer_norm")}
+        shapes |= {f"{layer}fc1.weight": (20, 8), f"{layer}fc1.bias": (20,)}
+        shapes |= {f"{layer}fc2.weight": (8, 20), f"{layer}fc2.bias": (8,)}
+    rng = np.random.default_rng(0)
+    tensors = {f"model.encoder.{name}": rng.integers(-128, 128, shape) / 64 for name, shape in shapes.items()}
+    tensors["model.encoder.embed_positions.weight"] = sinusoids(1500, 8)
+    tensors["model.decoder.embed_tokens.weight"] = np.full((4, 8), np.nan)
+    return tensors
+
+
+def write(folder, tensors, dtype: type = np.float32, config=CONFIG):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.json").write_text(json.dumps(config))
+    arrays = {name: np.ascontiguousarray(tensor, dtype) for name, tensor in tensors.items()}
+    safetensors.numpy.save_file(arrays, folder / "model.safetensors")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tensors():
+    return make_tensors()
+
+
+@pytest.fixture
+def folder(tensors, tmp_path):
+    return write(tmp_path / "whisper", tensors)
+
+
+def assert_are(params, tensors, prefix="model.encoder."):
+    """Each parameter is where it belongs, in the order of Linen's axes."""
+    for ours, theirs in (("conv_1", "conv1"), ("conv_2", "conv2")):
+        # (outputs, inputs, taps) to (taps, inputs, outputs)
+        np.testing.assert_array_equal(params[ours]["kernel"], tensors[f"{prefix}{theirs}.weight"].transpose(2, 1, 0))
+        np.testing.assert_array_equal(params[ours]["bias"], tensors[f"{prefix}{theirs}.bias"])
+    np.testing.assert_array_equal(params["norm"]["scale"], tensors[f"{prefix}layer_norm.weight"])
+    np.testing.assert_array_equal(params["norm"]["bias"], tensors[f"{prefix}layer_norm.bias"])
+    for index in range(2):
+        block, layer = params[f"block_{index}"], f"{prefix}layers.{index}."
+        for ours, theirs in (("query", "q"), ("key", "k"), ("value", "v"), ("out", "out")):
+            name = f"{layer}self_attn.{theirs}_proj"
+            np.testing.assert_array_equal(block["attention"][ours]["kernel"], tensors[f"{name}.weight"].T)
+            if ours != "key":
+                np.testing.assert_array_equal(block["attention"][ours]["bias"], tensors[f"{name}.bias"])
+        for ours, theirs in (("expand", "fc1"), ("contract", "fc2")):
+            np.testing.assert_array_equal(block[ours]["kernel"], tensors[f"{layer}{theirs}.weight"].T)
+            np.testing.assert_array_equal(block[ours]["bias"], tensors[f"{layer}{theirs}.bias"])
+        for ours, theirs in (("attention_norm", "self_attn_layer_norm"), ("mlp_norm", "final_layer_norm")):
+            np.testing.assert_array_equal(block[ours]["scale"], tensors[f"{layer}{theirs}.weight"])
+            np.testing.assert_array_equal(block[ours]["bias"], tensors[f"{layer}{theirs}.bias"])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16, ml_dtypes.bfloat16])
+def test_all_weights_find_their_place(tensors, tmp_path, dtype):
+    """And nothing else is read: the decoder's tensors here are NaN."""
+    sizes, params = whisper_weights.load(write(tmp_path, tensors, dtype))
+    assert sizes == (6, 8, 2, 2, 20)
+    assert {leaf.dtype for leaf in jax.tree.leaves(params)} == {np.dtype(np.float32)}
+    assert_are(params, tensors)
+    encoder = WhisperEncoder(**sizes._asdict())
+    wanted = jax.eval_shape(lambda: encoder.init(jax.random.key(0), np.zeros((1, 6, 4), np.float32)))
+    assert jax.tree.map(lambda leaf: leaf.shape, params) == jax.tree.map(lambda leaf: leaf.shape, wanted["params"])
+
+
+def test_names_without_prefix_and_without_a_decoder(tensors, tmp_path):
+    short = {name.removeprefix("model."): tensor for name, tensor in tensors.items() if "encoder" in name}
+    del short["encoder.embed_positions.weight"]
+    assert_are(whisper_weights.load(write(tmp_path, short)).params, short, "encoder.")
+
+
+def shard(folder, tensors):
+    """The first half of the encoder, the other half, and the decoder, as files beside an index."""
+    (folder / "model.safetensors").unlink()
+    encoder = [name for name in tensors if "encoder" in name]
+    parts = {"a.safetensors": encoder[::2], "b.safetensors": encoder[1::2]}
+    for name, members in parts.items():
+        arrays = {member: np.ascontiguousarray(tensors[member], np.float32) for member in members}
+        safetensors.numpy.save_file(arrays, folder / name)
+    places = {member: name for name, members in parts.items() for member in members}
+    places["model.decoder.embed_tokens.weight"] = "c.safetensors"
+    (folder / "model.safetensors.index.json").write_text(json.dumps({"weight_map": places}))
+
+
+def test_shards(folder, tensors):
+    """The shard of the decoder is not even there."""
+    shard(folder, tensors)
+    assert_are(whisper_weights.load(folder).params, tensors)
+    (folder / "b.safetensors").unlink()
+    refused(folder, r"no file .*b\.safetensors; download")
+
+
+def refused(folder, message):
+    with pytest.raises(UserError, match=message) as caught:
+        whisper_weights.load(folder)
+    assert "\n" not in str(caught.value) and str(folder) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model_type": "wav2vec2"}, "model_type 'wav2vec2'; expected a Whisper model"),
+        ({"model_type": None}, "model_type None"),
+        ({"activation_function": "relu"}, "activation_function 'relu'"),
+        ({"encoder_layers": "4"}, "encoder_layers '4'; expected a whole number from 1"),
+        ({"num_mel_bins": 0}, "num_mel_bins 0"),
+        ({"d_model": True}, "d_model True"),
+        ({"encoder_attention_heads": 3}, "d_model 8 and 3 encoder_attention_heads"),
+        ({"encoder_layers": 3}, r"no tensor model\.encoder\.layers\.2\..*config\.json asks for"),
+        ({"encoder_ffn_dim": 32}, r"layers\.0\.fc.*expected .*32.* from config\.json"),
+        ({"num_mel_bins": 80}, r"conv1\.weight of shape \(8, 6, 3\), expected \(8, 80, 3\)"),
+    ],
+)
+def test_configs_that_do_not_fit(folder, change, message):
+    (folder / "config.json").write_text(json.dumps(CONFIG | change))
+    refused(folder, message)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "\x00"])
+def test_a_damaged_config(folder, text):
+    (folder / "config.json").write_text(text)
+    refused(folder, "config.json is damaged")
+
+
+def test_files_that_are_missing(folder, tmp_path):
+    refused(tmp_path / "nowhere", r"no file .*config\.json; expected a folder with config\.json and model\.safetensors")
+    (folder / "model.safetensors").rename(folder / "pytorch_model.bin")
+    refused(folder, r"no model\.safetensors in ")
+
+
+@pytest.mark.parametrize("size", [0, 4, 100, -1])
+def test_a_truncated_file(folder, size):
+    data = (folder / "model.safetensors").read_bytes()
+    (folder / "model.safetensors").write_bytes(data[:size])
+    refused(folder, r"model\.safetensors is damaged \(.+\); download it again")
+
+
+@pytest.mark.parametrize(
+    "index", [{}, {"weight_map": []}, {"weight_map": {"model.encoder.conv1.weight": "../a.safetensors"}}]
+)
+def test_a_damaged_index(folder, tensors, index):
+    shard(folder, tensors)
+    (folder / "model.safetensors.index.json").write_text(json.dumps(index))
+    refused(folder, "has no weight_map from tensors to files beside it")
+
+
+def test_an_index_that_promises_too_much(folder, tensors):
+    shard(folder, tensors)
+    index = folder / "model.safetensors.index.json"
+    places = json.loads(index.read_text())["weight_map"]
+    index.write_text(json.dumps({"weight_map": dict.fromkeys(places, "a.safetensors")}))
+    refused(folder, r"a\.safetensors is damaged")
+
+
+def test_tensors_that_do_not_fit(tensors, tmp_path):
+    name = "model.encoder.layers.1.fc2.weight"
+    for value, message in (
+        (None, rf"no tensor {name}"),
+        (np.zeros((20, 8)), r"fc2\.weight of shape \(20, 8\), expected \(8, 20\)"),
+        (np.full((8, 20), np.inf), r"fc2\.weight that are not finite"),
+    ):
+        changed = {key: tensor for key, tensor in tensors.items() if key != name}
+        refused(write(tmp_path, changed if value is None else changed | {name: value}), message)
+
+
+def test_quantised_weights_are_refused(tensors, tmp_path):
+    encoder = {name: tensor for name, tensor in tensors.items() if "encoder" in name}
+    refused(write(tmp_path, encoder, np.int8), r"as I8, expected one of F32, F16, BF16")
+
+
+def test_trained_positions_are_refused(tensors, tmp_path):
+    positions = tensors["model.encoder.embed_positions.weight"]
+    for other in (positions + 0.1, positions[:, :6], positions[0]):
+        changed = tensors | {"model.encoder.embed_positions.weight": other}
+        refused(write(tmp_path, changed), "not Whisper's sinusoids")
