@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import ml_collections
 
+from ha2g_jax import config_renames
 from ha2g_jax.errors import UserError
 
 # An ml_collections.ConfigDict, whose settings have no types that a checker could know.
@@ -19,7 +20,7 @@ def paper(skeleton: str) -> Config:
     """HA2G at the size and with the settings of the paper, for data on `skeleton`."""
     config = ml_collections.ConfigDict()
     config.name = "ha2g"
-    config.method = "ha2g"  # one of train.methods
+    config.method = "ha2g"  # a name in ha2g_jax.methods.TRAINABLE
     config.seed = 0
     config.skeleton = skeleton
 
@@ -27,28 +28,29 @@ def paper(skeleton: str) -> Config:
     config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
     config.data.num_frames = 34  # N
     config.data.num_seed_frames = 4  # M
-    config.data.num_reference_frames = 4  # images of a speaker that E_ID looks at; M as well, in the paper
+    config.data.num_reference_images = 4  # images of a speaker that E_ID looks at; M as well, in the paper
     config.data.fps = 15
     config.data.image_size = 224
     config.data.jitter = 0  # most frames by which a training window may start late, at random
-    config.data.mirror = 0.0  # share of training windows seen in a mirror: left is right, with another identity
+    config.data.mirror = 0.0  # fraction of training windows that are mirrored: left is right, with another identity
     config.data.gain_db = 0.0  # a training window is made quieter by up to so many dB, at random
-    config.data.noise = 0.0  # share of training windows with noise in the speech
+    config.data.noise = 0.0  # fraction of training windows with noise in the speech
     config.data.noise_snr_db = (10.0, 40.0)  # least and most dB by which the speech is louder than the noise
     config.data.workers = 0  # processes that read and decode clips; 0 for threads of this one
     config.data.cache_gib = 8.0  # memory for the decoded clips of a split, of all workers of this host
 
     config.model = ml_collections.ConfigDict()
+    config.model.recompute = False  # compute activations of ResNets again in the backward pass instead of keeping them
     config.model.audio = ml_collections.ConfigDict()
-    config.model.audio.kind = "resnet_se"  # or "whisper", the encoder of a trained speech recogniser (D5)
+    config.model.audio.kind = "resnet_se"  # or "whisper" (D5); baselines have "spectrogram", "waveform" or "none"
+    config.model.audio.resnet_se = ml_collections.ConfigDict(
+        {"blocks": (3, 4, 6, 3), "channels": (32, 64, 128, 256), "stem_stride": (1, 1)}
+    )
     config.model.audio.weights = ""  # of "whisper": a Hugging Face folder, openai/whisper-tiny.en for one
     config.model.audio.whisper = ml_collections.ConfigDict(  # sizes of that encoder, by default those of tiny
         {"num_mels": 80, "d_model": 384, "layers": 4, "heads": 6, "ffn_dim": 1536}
     )
     config.model.audio.levels = ("low", "mid", "high")  # those that the style coordinator blends
-    config.model.audio.blocks = (3, 4, 6, 3)
-    config.model.audio.channels = (32, 64, 128, 256)
-    config.model.audio.stem_stride = (1, 1)
     config.model.audio.feature_dim = 32
     config.model.text = ml_collections.ConfigDict()
     config.model.text.embedding_dim = 300
@@ -59,7 +61,7 @@ def paper(skeleton: str) -> Config:
     config.model.text.dropout = 0.3
     config.model.identity = ml_collections.ConfigDict()
     config.model.identity.kind = "images"  # "images" (ResNet-18), "speakers" (a table) or, in baselines, "none"
-    config.model.identity.width = 64
+    config.model.identity.images = ml_collections.ConfigDict({"width": 64})  # channels of the first stage
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
     config.model.inferer.levels = ()  # stages, by the level's number from 1; all by default
@@ -71,15 +73,16 @@ def paper(skeleton: str) -> Config:
     config.model.discriminator.hidden_dim = 64
     config.model.discriminator.layers = 1
 
-    config.loss = ml_collections.ConfigDict()
-    config.loss.weights = ml_collections.ConfigDict(
+    config.loss = ml_collections.ConfigDict()  # a part for the method, by its name
+    config.loss.ha2g = ml_collections.ConfigDict()
+    config.loss.ha2g.weights = ml_collections.ConfigDict(
         {"gan": 1.0, "huber": 200.0, "physical": 0.1, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
     )
-    config.loss.huber_delta = 0.1  # D8
-    config.loss.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
-    config.loss.temperature = 0.07
-    config.loss.negatives = ("low", "mid", "high")  # levels of the audio in the denominator of Eq. 2
-    config.loss.style_clip = 1000.0
+    config.loss.ha2g.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
+    config.loss.ha2g.huber_delta = 0.1  # D8
+    config.loss.ha2g.temperature = 0.07
+    config.loss.ha2g.negatives = ("low", "mid", "high")  # levels of the audio in the denominator of Eq. 2
+    config.loss.ha2g.style_clip = 1000.0
 
     config.train = ml_collections.ConfigDict()
     config.train.steps = 200_000
@@ -89,7 +92,7 @@ def paper(skeleton: str) -> Config:
     config.train.betas = (0.5, 0.999)
     config.train.schedule = "constant"  # or "cosine": both rates fall to 0 at the last step
     config.train.clip_norm = 0.0  # a network's gradient is cut to this norm; 0 leaves it as it is
-    config.train.ema = 0.0  # share kept each step by the running average of the generator; 0 for no average
+    config.train.ema = 0.0  # decay of the running average of the generator; 0 for no average
     config.train.dtype = "float32"  # or "bfloat16": of activations; parameters, statistics and losses stay float32
     config.train.accumulate = 1  # parts that a batch is computed in; the same update in less memory
     config.train.warmup_epochs = 10  # D9: epochs before the GAN term
@@ -105,26 +108,36 @@ def paper(skeleton: str) -> Config:
 
 
 def from_json(values: dict[str, Any]) -> Config:
-    """The config that was stored as `values`, locked; settings younger than it have the paper's values.
+    """Return the config that was stored as `values`, locked; settings younger than it have the values of `paper`.
+
+    Old names of settings are read, see `config_renames`. A model folder stores neither losses
+    nor settings of training, so that the config of one has neither.
 
     Raises:
-        KeyError, TypeError, AttributeError: `values` are no config.
+        KeyError, TypeError, AttributeError: `values` are not a config.
     """
+    values = config_renames.with_new_names(values)[0]
     config = paper(values["skeleton"])
-    config.loss.weights = ml_collections.ConfigDict()  # each method has terms of its own
+    stored = values.get("loss", {})
+    for method in set(config.loss) - set(stored):
+        del config.loss[method]
+    for method in config.loss:
+        config.loss[method].weights = ml_collections.ConfigDict()  # a term that is not stored was not there
     config.update(values)
+    if "train" not in values:
+        del config.train
     return config.lock()
 
 
 def small(config: Config) -> Config:
     """A size that two CPU cores train in about an hour."""
     config.data.image_size = 32
-    config.model.audio.blocks = (1, 1, 1, 1)
-    config.model.audio.channels = (16, 32, 64, 128)
-    config.model.audio.stem_stride = (4, 1)
+    config.model.audio.resnet_se.blocks = (1, 1, 1, 1)
+    config.model.audio.resnet_se.channels = (16, 32, 64, 128)
+    config.model.audio.resnet_se.stem_stride = (4, 1)
     config.model.text.embedding_dim = 64
     config.model.text.channels = 64
-    config.model.identity.width = 8
+    config.model.identity.images.width = 8
     config.model.inferer.hidden_dim = 64
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.0
@@ -154,10 +167,10 @@ def debug(config: Config) -> Config:
     """The smallest size of everything, for tests: seconds, not minutes."""
     config = small(config)
     config.data.image_size = 32
-    config.model.audio.channels = (8, 8, 16, 32)
+    config.model.audio.resnet_se.channels = (8, 8, 16, 32)
     config.model.text.embedding_dim = 8
     config.model.text.channels = 8
-    config.model.identity.width = 4
+    config.model.identity.images.width = 4
     config.model.inferer.hidden_dim = 8
     config.model.inferer.layers = 1
     config.model.discriminator.hidden_dim = 8

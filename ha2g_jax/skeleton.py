@@ -23,9 +23,9 @@ _MIN_NORM = 1e-8
 _MAX_COSINE = 1 - 1e-6
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Skeleton:
-    """A tree of joints with the statistics of the data set it was measured on.
+    """A tree of joints with the statistics of the data set it was measured on; equal by value, arrays included.
 
     Attributes:
         name: key of the skeleton file, such as "ted_expressive".
@@ -52,6 +52,21 @@ class Skeleton:
     angle_mean: np.ndarray
     angle_variance: np.ndarray
     angle_change: np.ndarray
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Skeleton) and self._values == other._values
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @functools.cached_property
+    def _values(self) -> tuple[Any, ...]:
+        values = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return tuple((it.shape, str(it.dtype), it.tobytes()) if isinstance(it, np.ndarray) else it for it in values)
+
+    @functools.cached_property
+    def _hash(self) -> int:
+        return hash(self._values)
 
     @property
     def num_joints(self) -> int:

@@ -134,6 +134,40 @@ class Checkpoints:
         self._check(step)
         return self._read_state(step, like), self._read(step, "record")
 
+    def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Read the variables of the generator to evaluate and to ship, and the record; the rest of the state is left.
+
+        Args:
+            step: one of `steps()`.
+            shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
+
+        Returns:
+            The variables as numpy arrays, the running average where there is one, and the record.
+
+        Raises:
+            UserError: the checkpoint is damaged or of another model.
+        """
+        self._check(step)
+        there = self._read(step, "arrays")
+        name = "average" if any(key.startswith("average/") for key in there) else "generator"
+        wanted = {name: shapes}
+        here = _arrays(wanted)
+        stored = {
+            key: value for key, value in there.items() if key.startswith((f"{name}/params/", f"{name}/batch_stats/"))
+        }
+        path = self._folder / str(step)
+        _check_arrays(path, stored, here)
+        like = on_one_device(wanted)
+        args = ocp.args.PyTreeRestore(
+            item=like, restore_args=ocp.checkpoint_utils.construct_restore_args(like), partial_restore=True
+        )
+        with (
+            _blaming_the_version(path),
+            contextlib.closing(ocp.Checkpointer(ocp.PyTreeCheckpointHandler())) as checkpointer,
+        ):
+            found = checkpointer.restore(path / "state", args=args)
+        return jax.tree.map(np.asarray, found[name]), self._read(step, "record")
+
     def restore_newest(self, like: TrainState) -> Restored | None:
         """The newest checkpoint that is whole, None where there is none at all.
 
@@ -167,20 +201,12 @@ class Checkpoints:
 
     def _read_state(self, step: int, like: TrainState) -> TrainState:
         path = self._folder / str(step)
-        there, here = self._read(step, "arrays"), _arrays(like)
-        if odd := [name for name in sorted(there.keys() | here.keys()) if there.get(name) != here.get(name)]:
-            raise UserError(
-                f"checkpoint {path} is of another model ({odd[0]} is {there.get(odd[0], 'not')} there, "
-                f"{here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
-            )
-        try:
-            with contextlib.closing(ocp.Checkpointer(ocp.StandardCheckpointHandler())) as checkpointer:
-                return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
-        except Exception as error:  # Orbax raises that very class, among many
-            raise UserError(
-                f"checkpoint {path} cannot be read though it is whole ({orbax_errors.reason(error)}); install the "
-                "version of Orbax that wrote it"
-            ) from error
+        _check_arrays(path, self._read(step, "arrays"), _arrays(like))
+        with (
+            _blaming_the_version(path),
+            contextlib.closing(ocp.Checkpointer(ocp.StandardCheckpointHandler())) as checkpointer,
+        ):
+            return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
 
     def _read(self, step: int, item: str) -> dict[str, Any]:
         return json.loads((self._folder / str(step) / item / "metadata").read_text())  # where Orbax puts JSON
@@ -277,6 +303,25 @@ class Checkpoints:
             others = [path.with_name(str(other)) for other in self.steps() if other != step]
             advice = f"use {others[-1]}" if others else "put back a good copy"
             raise UserError(f"checkpoint {path} is damaged ({reason}); {advice}")
+
+
+@contextlib.contextmanager
+def _blaming_the_version(path: pathlib.Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # Orbax raises that very class, among many
+        raise UserError(
+            f"checkpoint {path} cannot be read though it is whole ({orbax_errors.reason(error)}); install the "
+            "version of Orbax that wrote it"
+        ) from error
+
+
+def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str]) -> None:
+    if odd := [name for name in sorted(there.keys() | here.keys()) if there.get(name) != here.get(name)]:
+        raise UserError(
+            f"checkpoint {path} is of another model ({odd[0]} is {there.get(odd[0], 'not')} there, "
+            f"{here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
+        )
 
 
 def on_one_device(state: Any) -> Any:

@@ -1,7 +1,8 @@
 """The shipped form of a model: a folder of config.json, assets.json and model.safetensors; no pickle.
 
-A model is named by "demo", by such a folder, or by the workdir of a training run, whose best checkpoint on the
-validation split is taken. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a checkpoint exactly.
+The config has what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A model is named by
+"demo", by such a folder, or by the workdir of a training run, whose best checkpoint on the validation split is taken.
+WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a checkpoint exactly.
 """
 
 import contextlib
@@ -21,13 +22,13 @@ import safetensors.numpy
 from flax import traverse_util
 
 from ha2g_jax import config as configs
+from ha2g_jax import config_renames
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import Task, example_batch
+from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods.method import Spec
 
 BEST, LATEST, FAILED = "best", "latest", "failed"
 RUN = "run.json"
@@ -39,14 +40,14 @@ _HALF_PRECISION_ABOVE = 20_000_000  # bytes; what a package should not exceed
 class LoadedModel(NamedTuple):
     """A trained generator: `variables` are its {"params", "batch_stats"} as numpy arrays."""
 
-    task: Task
+    spec: Spec
     variables: dict[str, Any]
     assets: Assets
     config: Config
 
 
 def load(spec: str | pathlib.Path) -> LoadedModel:
-    """The model named by "demo", a model folder, a workdir or a checkpoint in it.
+    """Load the model named by "demo", a model folder, a workdir or a checkpoint in it.
 
     Raises:
         UserError: there is none, or it is damaged; in one line.
@@ -68,7 +69,7 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
 
 
 def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: dict[str, Any]) -> pathlib.Path:
-    """Writes a model folder, whole or not at all; the hash of the weights goes into its assets.
+    """Write a model folder, whole or not at all; the hash of the weights goes into its assets.
 
     Weights are float32, or float16 where that would be more than 20 MB.
 
@@ -83,7 +84,7 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
     folder.absolute().parent.mkdir(parents=True, exist_ok=True)
     temporary = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.absolute().parent))
     try:
-        write_description(temporary, config, assets)
+        write_description(temporary, _settings_of_model(config), assets)
         (temporary / WEIGHTS).write_bytes(weights)
         temporary.chmod(0o755)
         temporary.replace(folder)
@@ -93,13 +94,13 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
 
 
 def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Writes the model of a workdir, or of one checkpoint in it, as a model folder; returns the folder."""
+    """Write the model of a workdir, or of one checkpoint in it, as a model folder; return the folder."""
     model = load(workdir)
     return save(out, model.config, model.assets, model.variables)
 
 
 def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> None:
-    """Writes what a model is beside its weights: config.json and assets.json."""
+    """Write the config and the assets of a model, config.json and assets.json."""
     for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
         temporary = folder / f"{name}.new"
         temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
@@ -107,18 +108,20 @@ def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> N
 
 
 def config_to_json(config: Config) -> dict[str, Any]:
-    """The config as plain values, as config.json has it."""
+    """Return the config as plain values, as config.json has it."""
     return json.loads(config.to_json())
 
 
 def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
-    """The config and assets of a model folder or a workdir.
+    """Read the config and assets of a model folder or a workdir.
 
     Raises:
         UserError: one of the files is missing or damaged.
     """
     with _blame(folder / CONFIG):
-        config = configs.from_json(json.loads((folder / CONFIG).read_text()))
+        values = json.loads((folder / CONFIG).read_text())
+        config = configs.from_json(values)
+    config_renames.warn(config_renames.with_new_names(values)[1], str(folder / CONFIG))
     with _blame(folder / ASSETS):
         assets = assets_module.from_json(json.loads((folder / ASSETS).read_text()))
     return config, assets
@@ -126,11 +129,11 @@ def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
 
 def _load_folder(folder: pathlib.Path) -> LoadedModel:
     config, assets = read_description(folder)
-    task = _task(folder, config, assets)
+    spec = _build(folder, config, assets)
     with _blame(folder / WEIGHTS):
         data = (folder / WEIGHTS).read_bytes()
         flat = safetensors.numpy.load(data)
-        _check_tensors(flat, _expected_shapes(task))
+        _check_tensors(flat, _expected_shapes(spec))
     if _hash(data) != assets.hash:
         raise UserError(
             f"{folder / WEIGHTS} has hash {_hash(data)}, {ASSETS} says {assets.hash}: "
@@ -138,42 +141,48 @@ def _load_folder(folder: pathlib.Path) -> LoadedModel:
         )
     flat = {name: array.astype(np.float32) for name, array in flat.items()}
     variables = {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
-    return LoadedModel(task, variables, assets, config)
+    return LoadedModel(spec, variables, assets, config)
 
 
 def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
-    """The checkpoint that `path`, the workdir or a folder below it, stands for."""
+    """Load the checkpoint that `path`, the workdir or a folder below it, stands for."""
     from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does without
 
     config, assets = read_description(workdir)
-    task = _task(workdir, config, assets)
-    kind, step = (*path.relative_to(workdir).parts, "", "")[:2]
+    spec = _build(workdir, config, assets)
+    kind, number = (*path.relative_to(workdir).parts, "", "")[:2]
     for name in (kind,) if kind else (BEST, LATEST):
         checkpoints = checkpoint.Checkpoints(workdir / name) if (workdir / name).is_dir() else None
         steps = [str(number) for number in checkpoints.steps()] if checkpoints else []
-        if checkpoints and steps and step in ("", *steps):
+        if checkpoints and steps and number in ("", *steps):
             break
     else:
         raise UserError(f"no checkpoint in {path} yet; train longer, or use an older run")
-    like = checkpoint.on_one_device(jax.eval_shape(lambda: init_state(task, jax.random.key(0))))
-    state, record = checkpoints.restore(int(step or steps[-1]), like)
+    variables, record = checkpoints.restore_model(int(number or steps[-1]), variable_shapes(spec))
     checkpoints.close()
-    variables = jax.tree.map(np.asarray, state.model)
     with _blame(workdir / name):
         speakers = {speaker: np.asarray(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
     assets = dataclasses.replace(assets, speakers=speakers, hash=_hash(_to_bytes(variables)))
-    return LoadedModel(task, variables, assets, config)
+    return LoadedModel(spec, variables, assets, config)
 
 
-def _task(folder: pathlib.Path, config: Config, assets: Assets) -> Task:
+def _build(folder: pathlib.Path, config: Config, assets: Assets) -> Spec:
     with _blame(folder / CONFIG):
-        return build_task(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
+        return build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
 
 
-def _expected_shapes(task: Task) -> dict[str, tuple[int, ...]]:
-    arguments = task.method.arguments(task, example_batch(task))
-    shapes = jax.eval_shape(lambda: task.generator.init(jax.random.key(0), *arguments, train=False))
-    return {name: leaf.shape for name, leaf in _flatten(shapes).items()}
+def _settings_of_model(config: Config) -> Config:
+    """Return the part of a config that the model is built from."""
+    config = config.copy_and_resolve_references()
+    config.unlock()
+    for part in ("loss", "train"):
+        if part in config:
+            del config[part]
+    return config
+
+
+def _expected_shapes(spec: Spec) -> dict[str, tuple[int, ...]]:
+    return {name: leaf.shape for name, leaf in _flatten(variable_shapes(spec)).items()}
 
 
 def _check_tensors(found: dict[str, np.ndarray], expected: dict[str, tuple[int, ...]]) -> None:

@@ -72,14 +72,17 @@ def run(arguments: argparse.Namespace) -> None:
         pins=tuple(control.read_pin(pin) for pin in arguments.pin),
         mutes=tuple(control.read_mute(mute) for mute in arguments.mute),
     )
+    style = synthesis.Style(
+        speaker=arguments.speaker,
+        mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
+        images=arguments.reference_image,
+        seed=arguments.style_seed,
+    )
     paths = synthesis.generate_files(
         arguments.speech,
         out=arguments.out,
         checkpoint=arguments.checkpoint,
-        speaker=arguments.speaker,
-        reference_images=arguments.reference_image,
-        style_seed=arguments.style_seed,
-        style=synthesis.read_mixture(arguments.style) if arguments.style else None,
+        style=style,
         seed=arguments.seed,
         seed_pose=arguments.seed_pose,
         fps=arguments.fps,

@@ -68,7 +68,7 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
     are pi minus those of the other side.
 
     Args:
-        example: has "directions", "speaker" and, where identities come from images, "frames".
+        example: has "directions", "speaker" and, where identities come from images, "images".
         skeleton: of the directions.
         num_speakers: of the training split; the mirror image of speaker i is speaker i + `num_speakers`.
     """
@@ -76,8 +76,8 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
         "directions": mirror_directions(skeleton, example["directions"]),
         "speaker": np.int32(example["speaker"] + num_speakers),
     }
-    if "frames" in example:
-        mirrored["frames"] = example["frames"][:, :, ::-1]
+    if "images" in example:
+        mirrored["images"] = example["images"][:, :, ::-1]
     return example | mirrored
 
 

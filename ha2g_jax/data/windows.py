@@ -23,7 +23,7 @@ class Windows:
     """The windows of one split by index, as examples without a batch axis.
 
     An example is a dict: of the speech what `inputs` names (see `data.speech.window`), "directions" (N, bones, 3)
-    float32 unit vectors, "speaker" () int32 and, with `image_size`, "frames" (M, S, S, 3) uint8. Its arrays may be
+    float32 unit vectors, "speaker" () int32 and, with `image_size`, "images" (M, S, S, 3) uint8. Its arrays may be
     shared and must not be written to. Threads may share a `Windows`, and pickled it is small: the index without
     decoded clips.
 
@@ -98,7 +98,7 @@ class Windows:
             "speaker": self._index.speakers[number],
         }
         if track.frames is not None:
-            example["frames"] = track.frames
+            example["images"] = track.frames
         return example
 
     def name(self, index: int) -> str:

@@ -4,6 +4,7 @@ The paper says nothing of its training. Ours: mean L1 of the poses and of their 
 between restored vectors, as angles are everywhere here; selected on the validation split.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -13,8 +14,8 @@ from flax import linen as nn
 from ha2g_jax.config import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.forward import Batch, Poses, Variables, apply
-from ha2g_jax.methods.task import Method, Networks, Task, restore, subtract_mean
+from ha2g_jax.methods.forward import Poses, apply
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, subtract_mean
 from ha2g_jax.skeleton import Skeleton, normalize
 
 # Values of the latent per skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
@@ -116,37 +117,49 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
     return jnp.mean(1 - jnp.sum(normalize(directions) * normalize(target_directions), axis=-1))
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The auto-encoder of a skeleton; it has no settings, as values of different ones cannot be compared."""
-    del config, vocabulary_size, num_speakers
-    return Networks(PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name]), None)
+keys: tuple[str, ...] = ("dropout",)
+term_names: tuple[str, ...] = ("reconstruction", "velocity", "cosine")
+has_parts = False
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the auto-encoder of a skeleton; it has no settings, as values of different ones cannot be compared."""
+    del vocabulary_size, num_speakers
+    generator = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name])
+    return make_spec(config, skeleton, generator, inputs=())
+
+
+def init_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[jax.Array]:
+    """Return the poses of a batch; see `Method.init_arguments`."""
+    return (subtract_mean(spec, batch["directions"]),)
 
 
 def run(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[Poses, tuple[Any, None]]:
-    """The windows of a batch through the auto-encoder."""
-    poses = subtract_mean(task, batch["directions"])
-    poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], poses, train=train)
+    """Encode and decode the windows of a batch; see `Method.run`."""
+    (poses,) = init_arguments(spec, batch)
+    poses, batch_stats = apply(spec.generator, variables, keys["dropout"], poses, train=train, compute=compute)
     return Poses((poses,)), (batch_stats, None)
 
 
-def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
-    """The unweighted terms; `targets` are (B, 34, pose_dim), mean-subtracted."""
-    del aux
+def loss_settings(settings: Mapping[str, Any]) -> None:
+    """Return None: the terms have no settings."""
+    del settings
+
+
+def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """Return the unweighted terms; see `Method.terms`."""
+    del settings, aux
     (poses,) = outputs.poses
     return {
         "reconstruction": reconstruction(poses, targets),
         "velocity": velocity(poses, targets),
-        "cosine": cosine(restore(task, poses), restore(task, targets)),
+        "cosine": cosine(restore(spec, poses), restore(spec, targets)),
     }
-
-
-METHOD = Method(
-    terms=("reconstruction", "velocity", "cosine"),
-    inputs=lambda config: (),
-    build=build,
-    run=run,
-    loss_terms=loss_terms,
-    arguments=lambda task, batch: (subtract_mean(task, batch["directions"]),),
-)

@@ -1,13 +1,17 @@
 """Encoders that several methods have in common, from a config."""
 
+import jax
+
 from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import RECEPTIVE_FIELDS, TextEncoder
 from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.method import Spec, Variables
 
 
 def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
-    """E_t, as wide as the features of the audio.
+    """Return E_t, as wide as the features of the audio.
 
     Raises:
         UserError: an unknown receptive field.
@@ -25,9 +29,19 @@ def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
 
 
 def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False) -> SpeakerIdentity:
-    """A table of the speakers; where windows are mirrored it has as many rows again for their mirror images."""
+    """Return a table of the speakers; where windows are mirrored it has as many rows again for their mirror images."""
     return SpeakerIdentity(
         num_speakers=2 * num_speakers if config.data.mirror else num_speakers,
         feature_dim=config.model.identity.feature_dim,
         has_hidden=has_hidden,
     )
+
+
+def no_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Refuse an identity: the `encode_identity` of a method without one.
+
+    Raises:
+        UserError: always.
+    """
+    del variables, identity
+    raise UserError(f"{spec.method} knows no speakers; leave the style out")

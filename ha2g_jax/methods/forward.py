@@ -1,7 +1,7 @@
-"""A network on one batch, in the precision of the task.
+"""Run a network on a batch in the precision of a training step.
 
-Parameters are float32 everywhere outside of the modules. On the way in they and the inputs are rounded to
-`task.dtype`, on the way out results are float32 again; so gradients, statistics and losses are float32 too.
+Parameters are float32 everywhere outside of the modules. On entry they and the inputs are rounded to `Compute.dtype`,
+on exit results are float32 again, so that gradients, statistics and losses are float32 too.
 """
 
 from typing import Any, NamedTuple
@@ -10,33 +10,36 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.methods.task import Task, speech_arguments
-
-Batch = dict[str, jax.Array]
-Variables = dict[str, Any]
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, speech_arguments
 
 
 def apply(
-    task: Task, module: nn.Module, variables: Variables, key: jax.Array, *args: Any, train: bool, method: Any = None
+    module: nn.Module,
+    variables: Variables,
+    key: jax.Array,
+    *args: Any,
+    train: bool,
+    compute: Compute,
+    method: Any = None,
 ) -> tuple[Any, Any]:
-    """Runs a module, or one of its methods.
+    """Run a module, or one of its methods.
 
     Args:
-        task: decides on the precision.
-        module: a network of the task.
-        variables: {"params", "batch_stats"} of it.
-        key: of the stream "dropout".
-        args: what the method takes.
-        train: as the method takes it; statistics move in training alone.
-        method: name or function; `__call__` by default.
+        module: network of a spec.
+        variables: {"params", "batch_stats"} of the module.
+        key: key of the random stream "dropout".
+        args: arguments of the method.
+        train: whether to run in training mode, in which statistics move.
+        compute: precision of the activations.
+        method: function that takes the bound module first; `__call__` by default.
 
     Returns:
         The result in float32, and the batch statistics afterwards.
     """
-    rounded = variables | {"params": _cast(variables["params"], task.dtype)}
+    rounded = variables | {"params": _cast(variables["params"], compute.dtype)}
     result, updates = module.apply(
         rounded,
-        *_cast(args, task.dtype),
+        *_cast(args, compute.dtype),
         mutable=["batch_stats"] if train else [],
         rngs={"dropout": key},
         train=train,
@@ -52,34 +55,47 @@ class Poses(NamedTuple):
 
 
 def run_generator(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[Poses, tuple[Any, None]]:
-    """`Method.run` of a generator that needs nothing but a call on a batch.
+    """Run a generator that needs nothing but a call on a batch; see `Method.run`.
 
     Args:
-        task: static.
+        spec: static.
         variables: {"params", "batch_stats"} of the generator.
-        batch: as in `train_step`.
-        keys: "dropout".
-        train: False is evaluation mode.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        keys: the key "dropout".
+        train: whether to run in training mode; False is evaluation mode.
+        compute: precision of the activations.
 
     Returns:
         The outputs, and (batch statistics after the run, None).
     """
-    arguments = speech_arguments(task, batch)
-    poses, batch_stats = apply(task, task.generator, variables, keys["dropout"], *arguments, train=train)
+    arguments = speech_arguments(spec, batch)
+    poses, batch_stats = apply(spec.generator, variables, keys["dropout"], *arguments, train=train, compute=compute)
     return Poses(poses), (batch_stats, None)
 
 
 def discriminate(
-    task: Task, variables: Variables, poses: jax.Array, key: jax.Array, *, train: bool = True
+    spec: Spec,
+    variables: Variables,
+    poses: jax.Array,
+    key: jax.Array,
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[jax.Array, Any]:
-    """Logits (B, ...) of poses (B, N, pose_dim), and the batch statistics after this pass."""
-    return apply(task, task.discriminator, variables, key, poses, train=train)
+    """Return logits (B, ...) of poses (B, N, pose_dim), and the batch statistics after this pass."""
+    return apply(spec.discriminator, variables, key, poses, train=train, compute=compute)
 
 
 def _cast(tree: Any, dtype: jnp.dtype) -> Any:
-    """Floating numbers and bytes of pixels as `dtype`; bfloat16 has all numbers of a byte. Indices stay."""
+    """Return floating numbers and bytes of pixels as `dtype`; bfloat16 holds every byte exactly. Indices stay."""
 
     def cast(x: jax.Array) -> jax.Array:
         return x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) or x.dtype == jnp.uint8 else x

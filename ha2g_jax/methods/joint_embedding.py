@@ -1,5 +1,6 @@
 """Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -15,9 +16,18 @@ from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.autoencoder import PoseEncoder
 from ha2g_jax.methods.choices import choice
-from ha2g_jax.methods.encoders import text_encoder
-from ha2g_jax.methods.forward import Batch, Poses, Variables, apply
-from ha2g_jax.methods.task import Method, Networks, Task, subtract_mean
+from ha2g_jax.methods.encoders import no_identity, text_encoder
+from ha2g_jax.methods.forward import Poses, apply
+from ha2g_jax.methods.method import (
+    FLOAT32,
+    Batch,
+    Compute,
+    Spec,
+    Variables,
+    make_spec,
+    speech_arguments,
+    subtract_mean,
+)
 from ha2g_jax.skeleton import Skeleton
 
 _SEED_DIM = 32
@@ -72,7 +82,7 @@ class JointEmbedding(nn.Module):
     """Speech audio, its words and M seed poses to N poses, by way of one latent a window.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All methods
-    use "batch_stats"; `listen`, `decode` and `infer` draw from the stream "dropout" in training.
+    use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training.
 
     Attributes:
         audio: encoder of the samples.
@@ -95,30 +105,23 @@ class JointEmbedding(nn.Module):
     layers: int = 4
     dropout: float = 0.3
 
-    inputs = ("audio", "words")
-
     def setup(self) -> None:
         self.context = ContextEncoder(self.latent_dim, self.context_dim, self.context_layers)
         self.pose_encoder = LatentPoseEncoder(self.latent_dim)
         self.seed_encoder = SeedEncoder()
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
 
-    @property
-    def style_dim(self) -> int:
-        """Values of the noise that a latent is sampled with; there are no speakers."""
-        return self.latent_dim
-
     def __call__(
         self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, without noise; returns the poses, as `infer`."""
         del identity  # None; the argument is that of the other methods.
-        heard = self.listen(inputs, train=train)
-        poses = self.infer(heard, jnp.zeros_like(heard[0]), seed, train=train)
+        features = self.encode_speech(inputs, train=train)
+        poses = self.infer(features, jnp.zeros_like(features[0]), seed, train=train)
         self.encode_pose(poses[-1], train=train)
         return poses
 
-    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> tuple[jax.Array, jax.Array]:
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Maps "audio" (B, 36267) and "words" (B, N) to mean and log-variance of the latent, each (B, 32)."""
         audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
         return self.context(jnp.concatenate([audio, text], axis=-1), train=train)
@@ -133,22 +136,22 @@ class JointEmbedding(nn.Module):
         return self.decoder(jnp.repeat(x[:, None], self.num_frames, axis=1), train=train)
 
     def infer(
-        self, heard: tuple[jax.Array, jax.Array], style: jax.Array, seed: jax.Array, *, train: bool
+        self, features: tuple[jax.Array, jax.Array], noise: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Samples the latent of the speech and decodes it.
 
         Args:
-            heard: mean and log-variance of `listen`.
-            style: (B, 32) noise; from N(0, I) it gives a sample, zeros give the mean.
+            features: mean and log-variance of `encode_speech`.
+            noise: (B, 32) noise; from N(0, I) it gives a sample, zeros give the mean.
             seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
 
         Returns:
             One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
         """
-        return (self.decode(sample(heard, style), seed, train=train),)
+        return (self.decode(sample_latent(features, noise), seed, train=train),)
 
 
-def sample(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
+def sample_latent(distribution: tuple[jax.Array, jax.Array], noise: jax.Array) -> jax.Array:
     """mean + exp(0.5 log-variance) noise, all (B, latent_dim)."""
     mean, log_variance = distribution
     return mean + jnp.exp(0.5 * log_variance) * noise
@@ -171,23 +174,22 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
     return jnp.sum(jnp.mean(jnp.abs(poses - targets), axis=(1, 2)))
 
 
-TERMS = ("l1",)
+keys: tuple[str, ...] = ("dropout", "latent", "coin")
+term_names: tuple[str, ...] = ("l1",)
+has_parts = False
+init_arguments = speech_arguments
+encode_identity = no_identity
 
 
-def inputs(config: Config) -> tuple[str, ...]:
-    """What a training example has of the speech."""
-    del config
-    return JointEmbedding.inputs
-
-
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The networks of `config.model`.
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`; see `Method.build`.
 
     Raises:
         UserError: an unknown choice.
     """
     del num_speakers
     choice("model.identity.kind", config.model.identity.kind, ("none",))
+    choice("model.audio.kind", config.model.audio.kind, ("waveform",))
     context, inferer = config.model.context, config.model.inferer
     generator = JointEmbedding(
         audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
@@ -200,35 +202,67 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
-    return Networks(generator, None)
+    return make_spec(config, skeleton, generator, inputs=("audio", "words"))
+
+
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> tuple[jax.Array, jax.Array]:
+    """Encode the speech of windows to mean and log-variance of their latents; see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method=JointEmbedding.encode_speech)
+
+
+def sample(
+    spec: Spec,
+    variables: Variables,
+    features: tuple[jax.Array, jax.Array],
+    style: jax.Array,
+    seed_pose: jax.Array,
+    key: jax.Array,
+) -> jax.Array:
+    """Generate the poses of windows, each from a sample of its latent; without style. See `GeneratingMethod`."""
+    del style
+    noise = jax.random.normal(key, features[0].shape)
+    (poses,) = spec.generator.apply(variables, features, noise, seed_pose, train=False, method=JointEmbedding.infer)
+    return poses
 
 
 def run(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[Poses, tuple[Any, None]]:
-    """The poses of the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
+    """Decode the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
 
     There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
     speech is always a sample, in evaluation too, that of the poses never.
 
     Args:
-        task: static.
+        spec: static.
         variables: {"params", "batch_stats"} of the generator.
-        batch: as in `train_step`.
-        keys: "dropout", "identity" for the sample and "permutation" for the coin.
-        train: False is evaluation mode, with the latent of the speech.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        keys: keys "dropout", "latent" and "coin".
+        train: whether to run in training mode; evaluation mode takes the latent of the speech.
+        compute: precision of the activations.
 
     Returns:
         The outputs, and (batch statistics after the run, None).
     """
-    speech = {name: batch[name] for name in task.inputs}
-    poses = subtract_mean(task, batch["directions"])
-    seed = poses[:, : task.num_seed_frames]
-    noise = jax.random.normal(keys["identity"], (len(poses), task.generator.latent_dim))
-    from_speech = jax.random.bernoulli(keys["permutation"]) if train else jnp.ones((), bool)
+    speech, _, seed = speech_arguments(spec, batch)
+    poses = subtract_mean(spec, batch["directions"])
+    noise = jax.random.normal(keys["latent"], (len(poses), spec.generator.latent_dim))
+    from_speech = jax.random.bernoulli(keys["coin"]) if train else jnp.ones((), bool)
     clips = (speech, poses, seed, noise, from_speech)
     decoded, batch_stats = apply(
-        task, task.generator, variables, keys["dropout"], *clips, train=train, method=_encode_and_decode
+        spec.generator,
+        variables,
+        keys["dropout"],
+        *clips,
+        train=train,
+        compute=compute,
+        method=_encode_and_decode,
     )
     return Poses((decoded,)), (batch_stats, None)
 
@@ -244,14 +278,16 @@ def _encode_and_decode(
     train: bool,
 ) -> jax.Array:
     latent, _ = model.encode_pose(poses, train=train)
-    latent = jnp.where(from_speech, sample(model.listen(speech, train=train), noise), latent)
+    latent = jnp.where(from_speech, sample_latent(model.encode_speech(speech, train=train), noise), latent)
     return model.decode(latent, seed, train=train)
 
 
-def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
-    """The one term; `targets` are (B, N, pose_dim), mean-subtracted."""
-    del task, aux
+def loss_settings(settings: Mapping[str, Any]) -> None:
+    """Return None: the term has no settings."""
+    del settings
+
+
+def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """Return the one term; see `Method.terms`."""
+    del spec, settings, aux
     return {"l1": l1(outputs.poses[-1], targets)}
-
-
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms)

@@ -4,7 +4,8 @@ In the published comparison a cubic per channel replaced the first 12 frames of 
 the borders of all methods are treated alike, see `motion.windows`.
 """
 
-from typing import ClassVar, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +16,9 @@ from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import BiGRU, GRUCells
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import no_identity
 from ha2g_jax.methods.forward import Poses, run_generator
-from ha2g_jax.methods.task import Method, Networks, Task
+from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
 # W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
@@ -145,9 +147,6 @@ class Seq2Seq(nn.Module):
     layers: int = 2
     dropout: float = 0.1
 
-    inputs: ClassVar = ("plain_words",)
-    style_dim: ClassVar = 0
-
     def setup(self) -> None:
         self.text = SentenceEncoder(self.num_words, self.embedding_dim, self.hidden_dim, self.layers, self.dropout)
         self.attention_words = nn.Dense(self.hidden_dim, use_bias=False, kernel_init=_HALF_LINEAR)
@@ -156,22 +155,22 @@ class Seq2Seq(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
-        """Runs every part once; returns the poses, as `infer`."""
-        return self.infer(self.listen(inputs, train=train), identity, seed, train=train)
+        """Run every part once and return the poses of `infer`; there is no identity."""
+        del identity
+        return self.infer(self.encode_speech(inputs, train=train), seed, train=train)
 
-    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Sentence:
         """Maps "plain_words" (B, T), word indices and then 0, to a sentence."""
         return self.text(inputs["plain_words"], train=train)
 
-    def infer(self, sentence: Sentence, style: jax.Array | None, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+    def infer(self, sentence: Sentence, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
         """The roll-out, the same in training and in synthesis.
 
         Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the
         pose decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames.
 
         Args:
-            sentence: of `listen`.
-            style: not used; the method has none.
+            sentence: of `encode_speech`.
             seed: (B, M, pose_dim) true poses of the first M frames.
 
         Returns:
@@ -236,19 +235,18 @@ def variance(poses: jax.Array) -> jax.Array:
     return -jnp.sum(jnp.sqrt(jnp.maximum(square, _MIN_SQUARE))) / poses.size
 
 
-TERMS = ("mse", "continuity", "variance")
+keys: tuple[str, ...] = ("dropout",)
+term_names: tuple[str, ...] = ("mse", "continuity", "variance")
+has_parts = False
+init_arguments = speech_arguments
+run = run_generator
+encode_identity = no_identity
 # The marks of a sentence's start and end, which follow the words of the vocabulary.
 _NUM_MARKS = 2
 
 
-def inputs(config: Config) -> tuple[str, ...]:
-    """What a training example has of the speech."""
-    del config
-    return Seq2Seq.inputs
-
-
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The network of `config.model`; there is no discriminator.
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the network of `config.model`; there is no discriminator. See `Method.build`.
 
     Raises:
         UserError: an unknown choice.
@@ -265,14 +263,30 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
-    return Networks(generator, None)
+    return make_spec(config, skeleton, generator, inputs=("plain_words",))
 
 
-def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
-    """The unweighted terms; `targets` are (B, N, pose_dim), mean-subtracted."""
-    del task, aux
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Sentence:
+    """Encode the words of windows; see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method=Seq2Seq.encode_speech)
+
+
+def sample(
+    spec: Spec, variables: Variables, features: Sentence, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
+    del style, key
+    (poses,) = spec.generator.apply(variables, features, seed_pose, train=False, method=Seq2Seq.infer)
+    return poses
+
+
+def loss_settings(settings: Mapping[str, Any]) -> None:
+    """Return None: the terms have no settings."""
+    del settings
+
+
+def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """Return the unweighted terms; see `Method.terms`."""
+    del spec, settings, aux
     (poses,) = outputs.poses
     return {"mse": mse(poses, targets), "continuity": continuity(poses), "variance": variance(poses)}
-
-
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)

@@ -1,14 +1,11 @@
 """Speech2Gesture (Ginosar et al., CVPR 2019): a spectrogram to poses, with a discriminator of motion.
 
-`LEGACY` is the method as the authors of HA2G compared with it: frequency lies where time belongs, and the
-discriminator sees differences of differences.
-
 Arrays have the channels last. "SAME" padding is that of XLA and TensorFlow: an odd remainder goes to the right and the
 bottom.
 """
 
-import functools
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +15,9 @@ from ha2g_jax.config import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import no_identity
 from ha2g_jax.methods.forward import Poses, run_generator
-from ha2g_jax.methods.task import Method, Networks, Task
+from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
 _SLOPE = 0.2
@@ -148,9 +146,6 @@ class Speech2Gesture(nn.Module):
     downs: int = 5
     swapped_axes: bool = False
 
-    inputs: ClassVar = ("mel",)
-    style_dim: ClassVar = 0
-
     def setup(self) -> None:
         self.audio = SpectrogramEncoder(self.audio_channels, self.num_frames, self.swapped_axes)
         self.unet = UNet(self.channels, self.downs)
@@ -163,19 +158,19 @@ class Speech2Gesture(nn.Module):
     def __call__(
         self, inputs: dict[str, jax.Array], identity: None, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array]:
-        """Runs every part once; returns the poses, as `infer`."""
-        return self.infer(self.listen(inputs, train=train), identity, seed, train=train)
+        """Run every part once and return the poses of `infer`; there is no identity."""
+        del identity
+        return self.infer(self.encode_speech(inputs, train=train), seed, train=train)
 
-    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
         """Maps "mel" (B, 128, 70) in dB to features on frames (B, N, channels)."""
         return self.unet(self.audio(inputs["mel"], train=train), train=train)
 
-    def infer(self, features: jax.Array, style: jax.Array | None, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
+    def infer(self, features: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
         """Decodes features and seed poses.
 
         Args:
-            features: (B, N, channels) of `listen`.
-            style: not used; the method has none.
+            features: (B, N, channels) of `encode_speech`.
             seed: (B, M, pose_dim) true poses of the first M frames.
 
         Returns:
@@ -221,42 +216,59 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
     return jnp.mean(jnp.abs(poses - targets))
 
 
-TERMS = ("gan", "l1")
+keys: tuple[str, ...] = ("dropout",)
+term_names: tuple[str, ...] = ("gan", "l1")
+has_parts = False
+init_arguments = speech_arguments
+run = run_generator
+encode_identity = no_identity
 
 
-def inputs(config: Config) -> tuple[str, ...]:
-    """What a training example has of the speech."""
-    del config
-    return Speech2Gesture.inputs
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`; see `Method.build`.
 
-
-def build(
-    config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, *, legacy: bool = False
-) -> Networks:
-    """The networks of `config.model`; `legacy` ones have as many parameters, but other inputs.
+    With `config.model.legacy` they have as many parameters, but frequency lies where time belongs and the
+    discriminator sees differences of differences, as the authors of HA2G compared with it.
 
     Raises:
         UserError: an unknown choice.
     """
     del vocabulary_size, num_speakers
     choice("model.identity.kind", config.model.identity.kind, ("none",))
+    choice("model.audio.kind", config.model.audio.kind, ("spectrogram",))
+    legacy = config.model.legacy
     generator = Speech2Gesture(
         pose_dim=skeleton.pose_dim,
         num_frames=config.data.num_frames,
-        audio_channels=tuple(config.model.audio.channels),
+        audio_channels=tuple(config.model.audio.spectrogram.channels),
         channels=config.model.inferer.hidden_dim,
         downs=config.model.inferer.layers,
         swapped_axes=legacy,
     )
-    channels = config.model.discriminator.hidden_dim
-    return Networks(generator, PatchDiscriminator(channels, differences=2 if legacy else 1))
+    discriminator = PatchDiscriminator(config.model.discriminator.hidden_dim, differences=2 if legacy else 1)
+    return make_spec(config, skeleton, generator, discriminator, inputs=("mel",))
 
 
-def loss_terms(task: Task, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
-    """The terms but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
-    del task, aux
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:
+    """Encode the spectrograms of windows; see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method=Speech2Gesture.encode_speech)
+
+
+def sample(
+    spec: Spec, variables: Variables, features: jax.Array, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
+    del style, key
+    (poses,) = spec.generator.apply(variables, features, seed_pose, train=False, method=Speech2Gesture.infer)
+    return poses
+
+
+def loss_settings(settings: Mapping[str, Any]) -> None:
+    """Return None: the terms have no settings."""
+    del settings
+
+
+def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+    """Return the terms but the adversarial one; see `Method.terms`."""
+    del spec, settings, aux
     return {"l1": l1(outputs.poses[-1], targets)}
-
-
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run_generator, loss_terms=loss_terms)
-LEGACY = METHOD._replace(build=functools.partial(build, legacy=True))

@@ -1,5 +1,6 @@
 """Trimodal (Yoon et al. 2020): speech, words and speaker to poses, with an adversary and a style that diverges."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -15,9 +16,9 @@ from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
-from ha2g_jax.methods.forward import Batch, Variables, apply
+from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g.losses import huber
-from ha2g_jax.methods.task import Method, Networks, Task, subtract_mean
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
 
@@ -25,7 +26,7 @@ class Trimodal(nn.Module):
     """Speech audio, its words, a speaker and M seed poses to N poses.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). Only
-    `listen` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
+    `encode_speech` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
 
     Attributes:
         audio: encoder of the samples.
@@ -43,24 +44,17 @@ class Trimodal(nn.Module):
     layers: int = 4
     dropout: float = 0.3
 
-    inputs = ("audio", "words")
-
     def setup(self) -> None:
         self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
-
-    @property
-    def style_dim(self) -> int:
-        """Values of the style z."""
-        return self.identity.feature_dim
 
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for the style; returns the poses, as `infer`."""
         mean, _ = self.encode_identity(identity, train=train)
-        return self.infer(self.listen(inputs, train=train), mean, seed, train=train)
+        return self.infer(self.encode_speech(inputs, train=train), mean, seed, train=train)
 
-    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
         """Maps "audio" (B, 36267) and "words" (B, N) to the features of both, (B, N, 32 + 32)."""
         audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
         return jnp.concatenate([audio, text], axis=-1)
@@ -69,22 +63,22 @@ class Trimodal(nn.Module):
         """Maps speaker indices (B,) to mean and log-variance of z, each (B, style_dim)."""
         return self.identity(speaker, train=train)
 
-    def infer(self, heard: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
+    def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
         """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
 
         Args:
-            heard: (B, N, features) of `listen`.
+            features: (B, N, features) of `encode_speech`.
             style: (B, style_dim), z.
             seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
 
         Returns:
             One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
         """
-        (batch, num_frames), num_seed_frames = heard.shape[:2], seed.shape[1]
+        (batch, num_frames), num_seed_frames = features.shape[:2], seed.shape[1]
         marked = jnp.concatenate([seed, jnp.ones_like(seed[..., :1])], axis=-1)
         known = jnp.pad(marked, ((0, 0), (0, num_frames - num_seed_frames), (0, 0)))
         styles = jnp.broadcast_to(style[:, None], (batch, num_frames, style.shape[-1]))
-        return (self.decoder(jnp.concatenate([known, heard, styles], axis=-1), train=train),)
+        return (self.decoder(jnp.concatenate([known, features, styles], axis=-1), train=train),)
 
 
 _STYLE_DELTA = 0.05
@@ -121,11 +115,26 @@ def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
     return -0.5 * jnp.mean(1 + log_variance - mean**2 - jnp.exp(log_variance))
 
 
-TERMS = ("gan", "huber", "style", "kld")
+keys: tuple[str, ...] = ("dropout", "identity", "permutation")
+term_names: tuple[str, ...] = ("gan", "huber", "style", "kld")
+has_parts = False
+init_arguments = speech_arguments
+
+
+class LossSettings(NamedTuple):
+    """Settings of the terms, `config.loss.trimodal`.
+
+    Attributes:
+        huber_delta: where Huber's parabola becomes a line.
+        style_clip: epsilon of the style diverging term.
+    """
+
+    huber_delta: float
+    style_clip: float
 
 
 class Outputs(NamedTuple):
-    """What the objective is differentiated by.
+    """Results of the generator that the objective is differentiated by.
 
     Attributes:
         poses: one level, (B, N, pose_dim), mean-subtracted.
@@ -151,20 +160,15 @@ class Contrast(NamedTuple):
     other_z: jax.Array
 
 
-def inputs(config: Config) -> tuple[str, ...]:
-    """What a training example has of the speech."""
-    del config
-    return Trimodal.inputs
-
-
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The networks of `config.model`; the discriminator is HA2G's with more layers.
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`; the discriminator is that of HA2G with more layers. See `Method.build`.
 
     Raises:
         UserError: an unknown choice.
     """
     choice("model.identity.kind", config.model.identity.kind, ("speakers",))
-    inferer, discriminator = config.model.inferer, config.model.discriminator
+    choice("model.audio.kind", config.model.audio.kind, ("waveform",))
+    inferer = config.model.inferer
     generator = Trimodal(
         audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
         text=text_encoder(config, vocabulary_size),
@@ -174,29 +178,57 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
-    return Networks(generator, Discriminator(hidden_dim=discriminator.hidden_dim, layers=discriminator.layers))
+    discriminator = Discriminator(**config.model.discriminator)
+    return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words"))
+
+
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:
+    """Encode the samples and words of windows, (B, N, 32 + 32); see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method=Trimodal.encode_speech)
+
+
+def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Encode speaker indices to the mean of z, (B, 16); see `GeneratingMethod`."""
+    mean, _ = spec.generator.apply(variables, identity, train=False, method=Trimodal.encode_identity)
+    return mean
+
+
+def sample(
+    spec: Spec, variables: Variables, features: jax.Array, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows; without noise. See `GeneratingMethod`."""
+    del key
+    (poses,) = spec.generator.apply(variables, features, style, seed_pose, train=False, method=Trimodal.infer)
+    return poses
 
 
 def run(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[Outputs, tuple[Any, Contrast]]:
-    """The generator on one batch, for its own speakers and, in the same run, for a permutation of them.
+    """Run the generator on one batch, for its own speakers and, in the same run, for a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
 
     Args:
-        task: static.
+        spec: static.
         variables: {"params", "batch_stats"} of the generator.
-        batch: as in `train_step`.
-        keys: "dropout", "identity" and "permutation".
-        train: False is evaluation mode, with the mean of each style instead of a sample.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        keys: keys "dropout", "identity" and "permutation".
+        train: whether to run in training mode; evaluation mode takes the mean of each style instead of a sample.
+        compute: precision of the activations.
 
     Returns:
         The outputs, and (batch statistics after the run, the run with the other styles).
     """
-    speech = {name: batch[name] for name in task.inputs}
-    (heard, (mean, log_variance)), batch_stats = apply(
-        task, task.generator, variables, keys["dropout"], speech, batch["speaker"], train=train, method=_encode
+    speech, speaker, seed = speech_arguments(spec, batch)
+    (features, (mean, log_variance)), batch_stats = apply(
+        spec.generator, variables, keys["dropout"], speech, speaker, train=train, compute=compute, method=_encode
     )
     order = jax.random.permutation(keys["permutation"], len(mean))
     z, other_z = mean, mean[order]
@@ -207,26 +239,32 @@ def run(
     other_z = jax.lax.stop_gradient(other_z)
 
     # The two of a clip lie side by side on the batch axis, so that a batch split over devices stays where it is.
-    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
     styles = jnp.stack([z, other_z], axis=1).reshape(2 * len(z), -1)
-    twice = jnp.repeat(heard, 2, axis=0), styles, jnp.repeat(seed, 2, axis=0)
-    (poses,), _ = apply(task, task.generator, variables, keys["dropout"], *twice, train=train, method="infer")
+    twice = jnp.repeat(features, 2, axis=0), styles, jnp.repeat(seed, 2, axis=0)
+    (poses,), _ = apply(
+        spec.generator, variables, keys["dropout"], *twice, train=train, compute=compute, method=Trimodal.infer
+    )
     pairs = poses.reshape(len(z), 2, *poses.shape[1:])
     return Outputs((pairs[:, 0],), mean, log_variance), (batch_stats, Contrast(pairs[:, 1], z, other_z))
 
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
-    return model.listen(speech, train=train), model.encode_identity(speaker, train=train)
+    return model.encode_speech(speech, train=train), model.encode_identity(speaker, train=train)
 
 
-def loss_terms(task: Task, outputs: Outputs, contrast: Contrast, targets: jax.Array) -> dict[str, jax.Array]:
-    """The unweighted terms but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
-    (poses,), settings = outputs.poses, task.losses
+def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
+    """Return the numbers of the terms; see `Method.loss_settings`."""
+    return LossSettings(**settings)
+
+
+def terms(
+    spec: Spec, settings: LossSettings, outputs: Outputs, aux: Contrast, targets: jax.Array
+) -> dict[str, jax.Array]:
+    """Return the unweighted terms but the adversarial one; see `Method.terms`."""
+    del spec
+    (poses,) = outputs.poses
     return {
         "huber": huber((poses,), (targets,), settings.huber_delta),
-        "style": style(poses, *contrast, clip=settings.style_clip),
+        "style": style(poses, *aux, clip=settings.style_clip),
         "kld": kld(outputs.mean, outputs.log_variance),
     }
-
-
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms)

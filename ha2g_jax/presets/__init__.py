@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ha2g_jax import config as configs
+from ha2g_jax import config_renames
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.presets.ablations import ABLATIONS
@@ -19,7 +20,7 @@ __all__ = ["ABLATIONS", "DATA", "METHODS", "make", "parse"]
 
 
 def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, Any] | None = None) -> Config:
-    """The config of a method on a kind of data.
+    """Return the config of a method on a kind of data.
 
     Args:
         data: a key of `DATA`.
@@ -37,8 +38,10 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
     config = configs.sized(configs.paper(preset.skeleton), size)
     preset.adapt(config, size)
     METHODS[method](config, size)
+    names = {name: config_renames.new_name(name, config.method) for name in changes or {}}
+    config_renames.warn([(old, new) for old, new in names.items() if old != new], "the list of changes")
     for name, value in (changes or {}).items():
-        *path, last = name.split(".")
+        *path, last = names[name].split(".")
         part = config
         for key in path:
             part = part[key]
@@ -49,6 +52,6 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
 
 
 def parse(spec: str, method: str) -> Config:
-    """The config of a method for "DATA" or "DATA:SIZE", as experiments/configs takes it from the command line."""
+    """Return the config of a method for "DATA" or "DATA:SIZE", as the files of experiments/configs take it."""
     data, _, size = spec.partition(":")
     return make(data, size, method)

@@ -4,15 +4,15 @@ from typing import Any
 
 FULL = "HA2G Full"
 
-_ASR = {"model.audio.kind": "whisper", "loss.weights.contrastive": 0.0}
+_ASR = {"model.audio.kind": "whisper", "loss.ha2g.weights.contrastive": 0.0}
 
 AUDIO_LEARNER: dict[str, dict[str, Any]] = {
     "low-level feature only": {"model.audio.levels": ("low",)},
     "mid-level feature only": {"model.audio.levels": ("mid",)},
     "high-level feature only": {"model.audio.levels": ("high",)},
-    "HA2G without high-level negatives": {"loss.negatives": ("low", "mid")},
-    "HA2G without low/mid-level negatives": {"loss.negatives": ("high",)},
-    "HA2G without text": {"loss.weights.contrastive": 0.0},
+    "HA2G without high-level negatives": {"loss.ha2g.negatives": ("low", "mid")},
+    "HA2G without low/mid-level negatives": {"loss.ha2g.negatives": ("high",)},
+    "HA2G without text": {"loss.ha2g.weights.contrastive": 0.0},
     "HA2G-ASR": _ASR,
     FULL: {},
 }
@@ -22,12 +22,12 @@ POSE_INFERER: dict[str, dict[str, Any]] = {
     "without hand hierarchy": {"model.inferer.levels": (1, 2, 3, 6)},
     "without body hierarchy": {"model.inferer.levels": (3, 4, 5, 6)},
     "same audio feature for all levels": {"model.inferer.coordinator": "tied"},
-    "without physical loss": {"loss.weights.physical": 0.0},
+    "without physical loss": {"loss.ha2g.weights.physical": 0.0},
     FULL: {},
 }
 # Corpora with images hold four of a speaker, so that M = 7 is a matter of the seed pose alone.
 SEED_FRAMES: dict[str, dict[str, Any]] = {
-    "1": {"data.num_seed_frames": 1, "data.num_reference_frames": 1},
+    "1": {"data.num_seed_frames": 1, "data.num_reference_images": 1},
     "4": {},
     "7": {"data.num_seed_frames": 7},
 }
@@ -35,7 +35,7 @@ SEED_FRAMES: dict[str, dict[str, Any]] = {
 GESTURE: dict[str, dict[str, Any]] = {
     "high-level only": {"model.audio.levels": ("high",)},
     "Holistic": {"model.inferer.levels": (3,)},
-    "without physical loss": {"loss.weights.physical": 0.0},
+    "without physical loss": {"loss.ha2g.weights.physical": 0.0},
     "HA2G-ASR": _ASR,
     FULL: {},
 }

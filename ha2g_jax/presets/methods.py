@@ -20,7 +20,7 @@ def ha2g(config: Config, size: str) -> None:
 
 def seq2seq(config: Config, size: str) -> None:
     """Attention Seq2Seq (Yoon et al. 2019): words to poses."""
-    _rename(config, "seq2seq", "mse", {"mse": 250.0, "continuity": 0.1, "variance": 25.0})
+    _rename(config, "seq2seq", "mse", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}, audio="none")
     config.model.identity.kind = "none"
     _widths(config, size, hidden_dim=200, layers=2, dropout=0.1)
     config.model.text.receptive_field = "causal"
@@ -30,10 +30,12 @@ def seq2seq(config: Config, size: str) -> None:
 
 def speech2gesture(config: Config, size: str) -> None:
     """Speech2Gesture (Ginosar et al. 2019): a spectrogram to poses by convolutions, with a discriminator of motion."""
-    _rename(config, "speech2gesture", "l1", {"l1": 100.0, "gan": 10.0})
-    config.loss.gan = "least_squares"
+    settings = {"gan": "least_squares"}
+    _rename(config, "speech2gesture", "l1", {"l1": 100.0, "gan": 10.0}, audio="spectrogram", **settings)
+    config.model.legacy = False  # as the authors of HA2G compared with it: swapped axes, second differences
     config.model.identity.kind = "none"
-    config.model.audio.channels = _of(size, (64, 128, 256), (16, 32, 64), (4, 4, 8))
+    channels = _of(size, (64, 128, 256), (16, 32, 64), (4, 4, 8))
+    config.model.audio.spectrogram = ml_collections.ConfigDict({"channels": channels})
     _widths(config, size, hidden_dim=256, layers=5, dropout=0.0)
     config.model.inferer.layers = 5
     config.model.discriminator.hidden_dim = _of(size, 64, 64, 8)
@@ -43,7 +45,7 @@ def speech2gesture(config: Config, size: str) -> None:
 
 def joint_embedding(config: Config, size: str) -> None:
     """Joint Embedding (Ahuja and Morency 2019): speech and poses through one latent space."""
-    _rename(config, "joint_embedding", "l1", {"l1": 1.0})
+    _rename(config, "joint_embedding", "l1", {"l1": 1.0}, audio="waveform")
     config.model.identity.kind = "none"
     config.model.context = ml_collections.ConfigDict()
     config.model.context.hidden_dim = _of(size, 256, 64, 8)
@@ -57,7 +59,9 @@ def joint_embedding(config: Config, size: str) -> None:
 
 def trimodal(config: Config, size: str) -> None:
     """Trimodal (Yoon et al. 2020): audio, words and the speaker's identity to poses, with a discriminator."""
-    _rename(config, "trimodal", "huber", {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1})
+    settings = {name: config.loss.ha2g[name] for name in ("gan", "huber_delta", "style_clip")}
+    weights = {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1}
+    _rename(config, "trimodal", "huber", weights, audio="waveform", **settings)
     config.model.identity.kind = "speakers"
     config.model.identity.feature_dim = 16
     _widths(config, size, hidden_dim=300, layers=4, dropout=0.3)
@@ -68,7 +72,8 @@ def trimodal(config: Config, size: str) -> None:
 
 def autoencoder(config: Config, size: str) -> None:
     """The pose auto-encoder of the Frechet gesture distance; one size for all, so that distances can be compared."""
-    _rename(config, "autoencoder", "total", {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001})
+    weights = {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001}
+    _rename(config, "autoencoder", "total", weights, audio="none")
     config.model.identity.kind = "none"
     config.train.batch_size = _of(size, 64, 64, 16)
     config.train.steps = _of(size, 100_000, 4000, 60)
@@ -88,9 +93,12 @@ METHODS = {
 }
 
 
-def _rename(config: Config, method: str, best_by: str, weights: dict[str, float]) -> None:
+def _rename(
+    config: Config, method: str, best_by: str, weights: dict[str, float], *, audio: str, **settings: Any
+) -> None:
     config.name = config.method = method
-    config.loss.weights = ml_collections.ConfigDict(weights)
+    config.model.audio.kind = audio
+    config.loss = ml_collections.ConfigDict({method: {"weights": weights, **settings}})
     config.train.best_by = f"loss/{best_by}"
 
 

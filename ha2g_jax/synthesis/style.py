@@ -1,101 +1,126 @@
-"""The style that a motion is generated in: a speaker's, a mixture of speakers', of images, or one drawn."""
+"""The style that a motion is generated in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
 import math
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from PIL import Image, ImageOps
 
+from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.data.windows import resize_frames
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.build import encode_identity
+from ha2g_jax.methods.method import Spec, Variables
 
-if TYPE_CHECKING:
-    from ha2g_jax.synthesis.model import Model
+ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
+
+
+class Style(NamedTuple):
+    """A request for a style: at most one of the four; without any, the style is drawn from the prior N(0, I).
+
+    Attributes:
+        speaker: name of a speaker of the training data.
+        mixture: weights by the names of speakers; they are divided by their sum.
+        images: one or more pictures of a person, like the images the model was trained with.
+        seed: seed of a random style; by default the seed of the motion.
+    """
+
+    speaker: str | None = None
+    mixture: Mapping[str, float] | None = None
+    images: ImagePaths | None = None
+    seed: int | None = None
+
+
+FROM_PRIOR = Style()
 
 
 def choose_style(
-    model: "Model",
-    speaker: str | None = None,
-    reference_images: str | pathlib.Path | Sequence[str | pathlib.Path] | None = None,
-    style_seed: int | None = None,
-    seed: int = 0,
-    *,
-    style: Mapping[str, float] | None = None,
+    spec: Spec, variables: Variables, assets: Assets, style: Style = FROM_PRIOR, seed: int = 0
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """The identity f_id (18,) that `Model.generate` takes for these arguments, and a description of it for the record.
+    """Return the f_id of a requested style, and a description of it for the metadata of a motion.
+
+    Args:
+        spec, variables: the generator.
+        assets: styles of its speakers.
+        style: request.
+        seed: seed of a random style for which `style` has none.
+
+    Returns:
+        (style_dim,) float32, and plain values.
 
     Raises:
-        UserError: more than one source, an unknown speaker, an impossible share, an image that cannot be read, or a
-            negative seed.
+        UserError: more than one request, an unknown speaker, an impossible weight, an image that cannot be read, a
+            negative seed, or a request to a model without styles.
     """
-    if sum(source is not None for source in (speaker, reference_images, style_seed, style)) > 1:
+    if sum(part is not None for part in style) > 1:
         raise UserError(
             "the style has more than one source; give a speaker, a mixture, reference images or a style seed"
         )
-    if min(seed, style_seed or 0) < 0:
-        raise UserError(f"seed {min(seed, style_seed or 0)} is negative; give 0 or more")
-    if speaker is not None:
-        return _speaker(model, speaker), {"kind": "speaker", "speaker": speaker}
-    if style is not None:
-        shares = _shares(style)
-        f_id = np.sum([share * _speaker(model, name).astype(np.float64) for name, share in shares.items()], axis=0)
-        return f_id.astype(np.float32), {"kind": "mixture", "speakers": shares}
-    if reference_images is not None:
-        if isinstance(reference_images, str | pathlib.Path):
-            reference_images = [reference_images]
-        names = [pathlib.Path(path).name for path in reference_images]
-        return _encode_images(model, reference_images), {"kind": "images", "images": names}
-    style_seed = seed if style_seed is None else style_seed
-    style_dim = model.task.generator.style_dim
-    f_id = np.random.default_rng(style_seed).standard_normal(style_dim, np.float32)
+    if min(seed, style.seed or 0) < 0:
+        raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
+    if style.speaker is not None:
+        return _speaker(assets, style.speaker), {"kind": "speaker", "speaker": style.speaker}
+    if style.mixture is not None:
+        weights = _normalized(style.mixture)
+        f_id = sum(weight * _speaker(assets, name).astype(np.float64) for name, weight in weights.items())
+        return np.asarray(f_id, np.float32), {"kind": "mixture", "speakers": weights}
+    if style.images is not None:
+        images = [style.images] if isinstance(style.images, str | pathlib.Path) else style.images
+        names = [pathlib.Path(path).name for path in images]
+        return _encode_images(spec, variables, assets, images), {"kind": "images", "images": names}
+    if not spec.style_dim:
+        if style.seed is not None:
+            raise UserError(f"this model, {spec.method}, has no styles; leave the style seed out")
+        return np.zeros(0, np.float32), {"kind": "none"}
+    style_seed = seed if style.seed is None else style.seed
+    f_id = np.random.default_rng(style_seed).standard_normal(spec.style_dim, np.float32)
     return f_id, {"kind": "prior", "seed": style_seed}
 
 
 def read_mixture(text: str) -> dict[str, float]:
-    """Shares by speaker of A:0.3,B:0.7; a name without a share has 1.
+    """Return the weights by speaker of a text such as A:0.3,B:0.7; a name without a weight has 1.
 
     Raises:
-        UserError: it is written in another way, or names a speaker twice.
+        UserError: the text has another form, or names a speaker twice.
     """
-    shares: dict[str, float] = {}
+    weights: dict[str, float] = {}
     for part in text.split(","):
-        name, _, share = part.rpartition(":") if ":" in part else (part, "", "1")
+        name, _, weight = part.rpartition(":") if ":" in part else (part, "", "1")
         try:
-            value = float(share)
+            value = float(weight)
         except ValueError:
             name, value = part, 1.0  # a name with a colon in it
-        if not name.strip() or name.strip() in shares:
+        if not name.strip() or name.strip() in weights:
             raise UserError(f"the style {text!r} names a speaker twice, or none; expected one such as A:0.3,B:0.7")
-        shares[name.strip()] = value
-    return shares
+        weights[name.strip()] = value
+    return weights
 
 
-def _shares(style: Mapping[str, float]) -> dict[str, float]:
-    """Shares whose sum is 1."""
-    total = sum(style.values())
-    if not (math.isfinite(total) and total > 0 and min(style.values()) >= 0):
-        found = ", ".join(f"{name} {share:g}" for name, share in style.items()) or "none"
-        raise UserError(f"the shares of the style are {found}; expected numbers from 0 on, not all of them 0")
-    return {name: share / total for name, share in style.items()}
+def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
+    """Return weights whose sum is 1."""
+    total = sum(weights.values())
+    if not (math.isfinite(total) and total > 0 and min(weights.values()) >= 0):
+        found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
+        raise UserError(f"the weights of the style are {found}; expected numbers from 0 on, not all of them 0")
+    return {name: weight / total for name, weight in weights.items()}
 
 
-def _speaker(model: "Model", name: str) -> np.ndarray:
-    """The mean of f_id (18,) of a speaker of the training data."""
-    if name not in model.assets.speakers:
-        known = ", ".join(model.assets.speakers)
-        expected = f"expected one of: {known}" if known else "it knows none"
+def _speaker(assets: Assets, name: str) -> np.ndarray:
+    """Return the style (style_dim,) of a speaker of the training data."""
+    if name not in assets.speakers:
+        known = ", ".join(assets.speakers)
+        expected = f"expected one of: {known}" if known else "the model has no speakers"
         raise UserError(f"no speaker {name!r} in the model; {expected}")
-    return np.asarray(model.assets.speakers[name], np.float32)
+    return np.asarray(assets.speakers[name], np.float32)
 
 
-def _encode_images(model: "Model", paths: Sequence[str | pathlib.Path]) -> np.ndarray:
-    """The mean of f_id (18,) for pictures of any size, cut to a square about the middle."""
-    if model.task.identity_input != "frames":
-        names = ", ".join(model.assets.speakers)
-        known = f"knows speakers by name, not by images; expected one of: {names}" if names else "knows no speakers"
+def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
+    """Return the style (style_dim,) of pictures of any size, each cut to a square about its middle."""
+    if spec.identity != "images":
+        names = ", ".join(assets.speakers)
+        known = f"knows speakers by name, not by images; expected one of: {names}" if names else "has no speakers"
         raise UserError(f"this model {known}")
     if not paths:
         raise UserError("an empty list of reference images; give one or more pictures")
@@ -108,8 +133,5 @@ def _encode_images(model: "Model", paths: Sequence[str | pathlib.Path]) -> np.nd
             raise UserError(f"{path} cannot be read as an image; expected a PNG or JPEG of a person") from error
         side = min(picture.size)
         square = np.asarray(ImageOps.fit(picture, (side, side)))
-        images.append(resize_frames(square[None], model.task.image_size))
-    frames = jnp.asarray(np.concatenate(images))[None]
-    outputs: Any = model.task.generator.apply(model.variables, frames, train=False, method="encode_identity")
-    mean, _ = outputs
-    return np.asarray(mean[0])
+        images.append(resize_frames(square[None], spec.image_size))
+    return np.asarray(encode_identity(spec, variables, np.concatenate(images)))

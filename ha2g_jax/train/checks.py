@@ -1,4 +1,4 @@
-"""What is refused before a run starts, rather than after hours."""
+"""Checks before a run starts, so that it does not fail after hours."""
 
 import json
 import pathlib
@@ -13,7 +13,9 @@ from ha2g_jax.checkpoint.assets import STATISTICS, Assets
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.building import find_method
+from ha2g_jax.methods import METHODS, TRAINABLE
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.method import Spec
 
 # Settings that may differ from those a workdir was made with: they leave the updates as they are. A corpus may have
 # moved; that it is the same one is seen by `check_corpus`.
@@ -35,7 +37,7 @@ _AT_LEAST |= {"sample_every": 0, "devices": 0}
 
 
 def check_settings(config: Config) -> None:
-    """Looks at the settings of `config.train` and `config.data` that no other part looks at in time.
+    """Check the settings of `config.train` and `config.data` that no other part checks in time.
 
     Raises:
         UserError: one of them cannot be used.
@@ -45,7 +47,8 @@ def check_settings(config: Config) -> None:
             raise UserError(
                 f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
             )
-    terms = [f"loss/{name}" for name in (*find_method(config).terms, "total")]
+    method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
+    terms = [f"loss/{name}" for name in (*method.term_names, "total")]
     if config.train.best_by not in terms:
         raise UserError(f"config.train.best_by is {config.train.best_by!r}, expected one of {', '.join(terms)}")
     devices = jax.device_count()
@@ -59,11 +62,19 @@ def check_settings(config: Config) -> None:
             "devices: set --config.train.devices=0"
         )
     _check_data(config.data)
-    if config.train.sample_every and config.method == "autoencoder":
-        raise UserError("the auto-encoder generates no samples: set --config.train.sample_every=0")
-    if (config.data.noise or config.data.gain_db) and "mel" not in find_method(config).inputs(config):
+    if config.train.sample_every and config.method not in METHODS:
+        raise UserError(f"{config.method} generates no motion to show: set --config.train.sample_every=0")
+
+
+def check_augmentation(config: Config, spec: Spec) -> None:
+    """Check that the model takes the inputs that augmentation changes.
+
+    Raises:
+        UserError: noise or gain are asked for, but the model takes no mel spectrogram.
+    """
+    if (config.data.noise or config.data.gain_db) and "mel" not in spec.training_inputs:
         raise UserError(
-            f"{config.method} hears no mel, which noise and gain are of: "
+            f"{config.method} takes no mel spectrogram, which noise and gain change: "
             "set --config.data.noise=0 --config.data.gain_db=0"
         )
 
@@ -85,13 +96,13 @@ def _check_data(data: Config) -> None:
 
 
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:
-    """Sees that the folder of a run is new or was made with the same config.
+    """Check that the folder of a run is new or was made with the same config.
 
     Raises:
         UserError: it was made with another config, whose differing settings are named, or cannot be a folder.
     """
     if not workdir.is_dir() and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
-        raise UserError(f"{workdir} is no folder; choose another --workdir")
+        raise UserError(f"{workdir} is not a folder; choose another --workdir")
     path = workdir / model_folder.CONFIG
     if not path.exists():
         return
@@ -111,12 +122,12 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
 
 
 def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
-    """Sees that a run goes on with the corpus that it started with.
+    """Check that a run goes on with the corpus that it started with.
 
     Args:
-        workdir: of the run.
-        assets: that the run stored when it started.
-        corpus: that it is to go on with.
+        workdir: folder of the run.
+        assets: assets that the run stored when it started.
+        corpus: corpus that it is to go on with.
 
     Raises:
         UserError: it is another one.

@@ -1,4 +1,4 @@
-"""What a config builds: shapes and parameter counts of every module, without computing anything."""
+"""Shapes and parameter counts of the modules that a config builds, without computing anything."""
 
 import math
 from typing import Any
@@ -13,8 +13,8 @@ from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.resnet import ResNet18
 from ha2g_jax.layers.resnet_se import Head, Stage, Stem
 from ha2g_jax.methods.autoencoder import LATENT_DIMS, PoseAutoencoder
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import example_batch
+from ha2g_jax.methods.build import build, method_of
+from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
 
 Row = dict[str, Any]
@@ -25,7 +25,7 @@ _CHANNELS_FIRST = (Stem, Stage, Head, ResNet18, BatchNorm, nn.Conv, nn.ConvTrans
 
 
 def describe(config: Config) -> list[Row]:
-    """Rows for the generator, the discriminator and the pose auto-encoder, and for their parts, two levels down.
+    """Return rows for the generator, the discriminator and the pose auto-encoder, and for their parts, two levels down.
 
     Feature maps and convolutions are channels first, as in Tables 6 to 9; sequences are frames x values; the batch
     axis is left out. Tables of words and speakers grow with the data and are not counted.
@@ -35,17 +35,17 @@ def describe(config: Config) -> list[Row]:
         "input_shapes" and "output_shapes" (lists) and "parameters" (of the module with its parts).
     """
     skeleton = load_skeleton(config.skeleton)
-    task = build_task(config, skeleton, vocabulary_size=1, num_speakers=1)
-    poses = jnp.zeros((1, task.num_frames, skeleton.pose_dim))
-    rows = _rows("generator", task.generator, *task.method.arguments(task, example_batch(task)))
-    if task.discriminator is not None:
-        rows += _rows("discriminator", task.discriminator, poses)
+    spec = build(config, skeleton, vocabulary_size=1, num_speakers=1)
+    poses = jnp.zeros((1, spec.num_frames, skeleton.pose_dim))
+    rows = _rows("generator", spec.generator, *method_of(spec).init_arguments(spec, example_batch(spec)))
+    if spec.discriminator is not None:
+        rows += _rows("discriminator", spec.discriminator, poses)
     autoencoder = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name])
     return rows + _rows("autoencoder", autoencoder, poses)
 
 
 def as_table(rows: list[Row]) -> str:
-    """The rows of `describe` as aligned text, with the total of all networks below."""
+    """Format the rows of `describe` as aligned text, with the total of all networks below."""
     header = ("module", "input", "output", "parameters")
     cells = [
         ("  " * row["module"].count(".") + row["module"].rpartition(".")[2], row["input"], row["output"], _count(row))

@@ -16,6 +16,7 @@ from ha2g_jax.data.talk import speech
 from ha2g_jax.data.talk.build import talk_folder
 from ha2g_jax.data.talk.voices import Voice
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
 from ha2g_jax.train.checks import check_settings
 from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
@@ -115,7 +116,9 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
         _ = clips[:1], clips[-1:]
         values |= {"clips": len(clips), "hours": frames / corpus.fps / 3600}
         if len(clips) and split in (TRAIN, inputs.VALIDATION):
-            windows = inputs.open_windows(config, corpus, corpus.vocabulary(), split)
+            vocabulary = corpus.vocabulary()
+            spec = build(config, corpus.skeleton, len(vocabulary), len(corpus.speakers_of(TRAIN)))
+            windows = inputs.open_windows(config, spec, corpus, vocabulary, split)
             values["windows"] = len(windows)
     except UserError as error:
         return Finding("data", split, str(error), values)

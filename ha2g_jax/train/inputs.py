@@ -1,8 +1,9 @@
-"""What a run reads, as its config asks for it: corpus, windows, batches and pretrained parameters."""
+"""Inputs of a run as its config states them: corpus, windows, batches and pretrained parameters."""
 
 from typing import Any
 
 import grain
+import numpy as np
 
 from ha2g_jax.config import Config
 from ha2g_jax.data.augment import Augmentation
@@ -14,13 +15,13 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
 from ha2g_jax.methods import whisper_weights
-from ha2g_jax.methods.building import find_method, word_table
+from ha2g_jax.methods.method import Spec
 
 VALIDATION = "val"
 
 
 def open_corpus(config: Config) -> Corpus:
-    """The corpus of a config; "talk" is made where there is none yet.
+    """Open the corpus of a config; "talk" is made where there is none yet.
 
     Raises:
         UserError: there is none, it is damaged, or it has another skeleton or frame rate than the config.
@@ -37,30 +38,29 @@ def open_corpus(config: Config) -> Corpus:
     return corpus
 
 
-def open_windows(config: Config, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
-    """The windows of a split in the shapes that the config asks for.
+def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
+    """Return the windows of a split in the shapes that a model takes.
 
     A table of speakers knows those of training alone: with it, the clips of others are left out.
 
     Raises:
         UserError: the split does not have them.
     """
-    kind = config.model.identity.kind
     return Windows(
         corpus,
         split,
         vocabulary,
-        num_frames=config.data.num_frames,
-        inputs=find_method(config).inputs(config),
-        num_reference_frames=config.data.num_reference_frames,
-        image_size=config.data.image_size if kind == "images" else None,
-        among=frozenset(corpus.speakers_of(TRAIN)) if kind == "speakers" else None,
+        num_frames=spec.num_frames,
+        inputs=spec.training_inputs,
+        num_reference_frames=spec.num_reference_images,
+        image_size=spec.image_size if spec.identity == "images" else None,
+        among=frozenset(corpus.speakers_of(TRAIN)) if spec.identity == "speaker" else None,
         cache_bytes=int(config.data.cache_gib * 2**30),
     )
 
 
-def open_validation(config: Config, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
-    """The windows of the validation split, None where the corpus has none of a speaker that the model can know.
+def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
+    """Return the windows of the validation split, None where the corpus has none of a speaker that the model can know.
 
     Raises:
         UserError: the split cannot be used.
@@ -68,15 +68,15 @@ def open_validation(config: Config, corpus: Corpus, vocabulary: Vocabulary) -> W
     if not corpus.has_clips(VALIDATION):
         return None
     is_known = set(corpus.speakers_of(VALIDATION)) & set(corpus.speakers_of(TRAIN))
-    if config.model.identity.kind == "speakers" and not is_known:
+    if spec.identity == "speaker" and not is_known:
         return None
-    return open_windows(config, corpus, vocabulary, VALIDATION)
+    return open_windows(config, spec, corpus, vocabulary, VALIDATION)
 
 
 def training_batches(
     config: Config, windows: Windows, first: int, host: int = 0, num_hosts: int = 1
 ) -> grain.DatasetIterator:
-    """This host's part of the batches of training, from batch `first` on; see `ha2g_jax.data.batches`."""
+    """Return this host's part of the batches of training, from batch `first` on; see `ha2g_jax.data.batches`."""
     data = config.data
     return batches(
         windows,
@@ -90,8 +90,8 @@ def training_batches(
     )
 
 
-def pretrained(config: Config, vocabulary: Vocabulary) -> dict[str, Any]:
-    """The parameters to start from that the config names files of; {} where it names none.
+def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
+    """Return the parameters to start from that the config names files of; {} where it names none.
 
     Raises:
         UserError: a file cannot be used, or does not fit the model.
@@ -99,13 +99,33 @@ def pretrained(config: Config, vocabulary: Vocabulary) -> dict[str, Any]:
     text, audio = config.model.text, config.model.audio
     parts = {}
     if text.vectors:
-        if not {"words", "plain_words"} & set(find_method(config).inputs(config)):
+        if not {"words", "plain_words"} & set(spec.training_inputs):
             raise UserError(f"{config.method} reads no words: leave --config.model.text.vectors out")
         vectors = read_word_vectors(text.vectors, vocabulary, text.embedding_dim)
         parts |= word_table(config, len(vocabulary), vectors)
     if audio.kind == "whisper":
         parts |= {"audio": {"whisper": _whisper(audio)}}
     return parts
+
+
+def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:
+    """Return pretrained parameters of a generator whose table of words starts from word vectors.
+
+    Args:
+        config: settings of the model.
+        vocabulary_size: number of words.
+        word_vectors: (vocabulary_size, embedding_dim).
+
+    Raises:
+        UserError: the vectors have another size than the table.
+    """
+    table = (vocabulary_size, config.model.text.embedding_dim)
+    if word_vectors.shape != table:
+        raise UserError(
+            f"word vectors have shape {word_vectors.shape}, expected {table}: "
+            f"set --config.model.text.embedding_dim={word_vectors.shape[-1]}"
+        )
+    return {"text": {"embedding": {"embedding": word_vectors}}}
 
 
 def _whisper(audio: Config) -> dict[str, Any]:

@@ -16,19 +16,19 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.checkpoint import model_folder
-from ha2g_jax.checkpoint.assets import Assets, calm_starts, speaker_identities
+from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoint import Checkpoints
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.config import Config
 from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.building import build_task
 from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog
+from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.profiling import Profile
 from ha2g_jax.train.signals import Stop, stop_signals
+from ha2g_jax.train.starts import calm_starts, speaker_identities
 from ha2g_jax.train.validation import Validation
 from ha2g_jax.train.writers import open_writers
 
@@ -72,8 +72,11 @@ def _train(
     checks.check_workdir(workdir, config)
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), list(corpus.speakers_of(TRAIN))
-    windows = inputs.open_windows(config, corpus, vocabulary, TRAIN)
-    held_out = inputs.open_validation(config, corpus, vocabulary)
+    objective = build_objective(config, corpus.skeleton, len(vocabulary), len(speakers))
+    spec = objective.spec
+    checks.check_augmentation(config, spec)
+    windows = inputs.open_windows(config, spec, corpus, vocabulary, TRAIN)
+    held_out = inputs.open_validation(config, spec, corpus, vocabulary)
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
             f"{corpus.path} has no split {inputs.VALIDATION!r} for this model, so there will be no best checkpoint "
@@ -81,25 +84,20 @@ def _train(
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
+    pretrained = inputs.pretrained(config, spec, vocabulary)
 
     stop.enter_compiler()
-    task = build_task(
-        config,
-        corpus.skeleton,
-        len(vocabulary),
-        len(speakers),
-        steps_per_epoch=len(windows) // batch_size,
-        pretrained=inputs.pretrained(config, vocabulary),
-    )
+    warmup_steps = config.train.warmup_epochs * (len(windows) // batch_size)
+    objective = dataclasses.replace(objective, warmup_steps=warmup_steps)
     mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
     init_key, key = jax.random.split(jax.random.key(config.seed))
-    validate = Validation(task, mesh, held_out, batch_size) if held_out else None
-    step_function = sharding.compile_step(task, mesh)
+    validate = Validation(objective, mesh, held_out, batch_size) if held_out else None
+    step_function = sharding.compile_step(objective, mesh)
     assets = _assets(config, workdir, corpus, windows)
 
     latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
     best = Checkpoints(workdir / model_folder.BEST)
-    fresh = functools.partial(init_state, task, init_key)
+    fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
     state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
     step, best_score = int(state.step), record.get("best_score", math.inf)
@@ -134,7 +132,7 @@ def _train(
     def trained() -> tuple[Any, Assets]:
         """The weights as this host's arrays, and what belongs to them."""
         variables = jax.device_get(state.model)
-        return variables, dataclasses.replace(assets, speakers=speaker_identities(task, variables, windows, speakers))
+        return variables, dataclasses.replace(assets, speakers=speaker_identities(spec, variables, windows, speakers))
 
     def save(checkpoints: Checkpoints, **more: Any) -> None:
         taken = int(state.step)  # less than `step` after one that was not finite
@@ -165,7 +163,7 @@ def _train(
                             best_score = scores[config.train.best_by]
                             save(best)
                     if draw_sample and sample_every and _is_due(step, sample_every, num_steps):
-                        draw_sample(workdir / SAMPLES, step, task, *trained(), config, sample_clip)
+                        draw_sample(workdir / SAMPLES, step, spec, *trained(), config, sample_clip)
                     if _is_due(step, config.train.checkpoint_every, num_steps):
                         log.flush()
                         save(latest)

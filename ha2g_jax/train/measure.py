@@ -1,4 +1,4 @@
-"""The train step of a config by itself, on random data: time, speed and memory."""
+"""Measure the train step of a config by itself, on random data: time, speed and memory."""
 
 import time
 from typing import Any, NamedTuple
@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import Task, example_batch
+from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import build_objective, init_state
 
 # Of TED, about; where no data say how large the tables of words and speakers are.
 _NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
@@ -58,18 +57,18 @@ class TimedStep:
         skeleton = corpus.skeleton if corpus else load_skeleton(config.skeleton)
         num_words = len(corpus.vocabulary()) if corpus else _NUM_WORDS
         num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else _NUM_SPEAKERS
-        task = build_task(config, skeleton, num_words, num_speakers)
+        objective = build_objective(config, skeleton, num_words, num_speakers)
         self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
         self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size
-        data = random_batch(task, self.batch_size, num_words, num_speakers)
+        data = random_batch(objective.spec, self.batch_size, num_words, num_speakers)
         self._batch = sharding.shard_batch(self._mesh, data)
         self._key = jax.random.key(config.seed)
         self._state: Any = None
 
         started = time.perf_counter()
-        self._shapes = jax.eval_shape(lambda key: init_state(task, key), self._key)
+        self._shapes = jax.eval_shape(lambda key: init_state(objective, key), self._key)
         # What `compile_step` gives compiles when it is called; this compiles the same without an argument at hand.
-        step = jax.jit(sharding.compile_step(task, self._mesh), donate_argnums=0)
+        step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
         self._step = step.lower(self._shapes, self._batch, self._key).compile()
         self.compile_seconds = time.perf_counter() - started
         self.memory = _memory(self._step)
@@ -86,8 +85,8 @@ class TimedStep:
         return time.perf_counter() - started
 
 
-def random_batch(task: Task, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
-    """Noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
+def random_batch(spec: Spec, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
+    """Return noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
     random = np.random.default_rng(0)
 
     def draw(name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -96,13 +95,13 @@ def random_batch(task: Task, size: int, num_words: int, num_speakers: int) -> di
                 low, high = {"mel": (-80, 0), "asr_mel": (-1.5, 1.5), "audio": (-1, 1)}[name]
                 return random.uniform(low, high, shape).astype(np.float32)
             case "directions":
-                directions = random.normal(0, 0.3, shape) + task.skeleton.mean_directions
+                directions = random.normal(0, 0.3, shape) + spec.skeleton.mean_directions
                 return normalize(directions.astype(np.float32))
-            case "frames":
+            case "images":
                 return random.integers(256, size=shape, dtype=np.uint8)
         return random.integers(num_speakers if name == "speaker" else num_words, size=shape, dtype=np.int32)
 
-    one = jax.eval_shape(lambda: example_batch(task))
+    one = jax.eval_shape(lambda: example_batch(spec))
     return {name: draw(name, (size, *array.shape[1:])) for name, array in one.items()}
 
 

@@ -16,7 +16,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.task import Task
+from ha2g_jax.train.objective import Objective
 from ha2g_jax.train.step import Metrics, train_step, validation_step
 
 AXIS = "data"
@@ -84,7 +84,7 @@ def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array
     return {name: jax.make_array_from_process_local_data(sharding, array) for name, array in batch.items()}
 
 
-def compile_step(task: Task, mesh: Mesh) -> Callable[..., tuple[TrainState, Metrics]]:
+def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainState, Metrics]]:
     """`train_step` as (state, batch, key, stop=False) -> (state, metrics), compiled; the state passed in is given up.
 
     `stop` is this host's wish to end the run. metrics["stop"] is () bool, on all hosts the same: whether any of them
@@ -93,7 +93,7 @@ def compile_step(task: Task, mesh: Mesh) -> Callable[..., tuple[TrainState, Metr
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
 
     def step(state, batch, key, stops):
-        state, metrics = train_step(task, state, batch, key)
+        state, metrics = train_step(objective, state, batch, key)
         return state, metrics | {"stop": jnp.any(stops)}
 
     compiled = jax.jit(step, in_shardings=(copied, split, copied, split), out_shardings=copied, donate_argnums=0)
@@ -103,7 +103,9 @@ def compile_step(task: Task, mesh: Mesh) -> Callable[..., tuple[TrainState, Metr
     return lambda state, batch, key, stop=False: compiled(state, batch, key, end if stop else go_on)
 
 
-def compile_validation_step(task: Task, mesh: Mesh) -> Callable[..., Metrics]:
+def compile_validation_step(objective: Objective, mesh: Mesh) -> Callable[..., Metrics]:
     """`validation_step` as (state, batch, key) -> metrics, compiled."""
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
-    return jax.jit(functools.partial(validation_step, task), in_shardings=(copied, split, copied), out_shardings=copied)
+    return jax.jit(
+        functools.partial(validation_step, objective), in_shardings=(copied, split, copied), out_shardings=copied
+    )

@@ -1,10 +1,11 @@
-"""One training step of any method: the generator runs forward once, its output trains both networks.
+"""One training step of any method: the generator runs forward once, and its output trains both networks.
 
 The output, detached, first feeds the update of the discriminator. Then the gradient of the objective with
 respect to the output is taken through the updated discriminator and pulled back through the generator. This
 equals the alternation of two separate updates with the same dropout keys at half the forward cost.
 """
 
+import functools
 from typing import Any
 
 import jax
@@ -13,51 +14,57 @@ import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.methods import adversarial
-from ha2g_jax.methods.forward import Batch, discriminate
-from ha2g_jax.methods.task import Task, subtract_mean
+from ha2g_jax.methods.build import method_of
+from ha2g_jax.methods.forward import discriminate
+from ha2g_jax.methods.method import Batch, Spec, subtract_mean
+from ha2g_jax.train.objective import Objective
 
 Metrics = dict[str, jax.Array]
 
 
-def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
-    """Updates the discriminator, then the generator.
+def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
+    """Update the discriminator, then the generator.
 
     BatchNorm: the generator's statistics take in this batch once. The discriminator's take in the real and
     then the generated poses of its own update; the pass that carries the generator's gradient normalises by
-    its batch like them but leaves no trace. During warm-up (`task.warmup_steps`) the GAN term has weight 0
+    its batch like them but leaves no trace. During warm-up (`objective.warmup_steps`) the GAN term has weight 0
     and the discriminator stays as it is.
 
     Where a loss or the norm of a gradient is not finite, in warm-up those of the discriminator too, the state,
     step number included, stays as it was before the step but for `is_finite`; the same call would then give the same
-    metrics. From there on every step leaves it so.
+    metrics, and all later steps leave the state unchanged.
 
-    `task.num_parts` changes the memory that a step takes and not the update: statistics and candidates are always
-    those of the whole batch. Only the parts' dropout masks are other draws than those of the whole.
+    `objective.compute.num_parts` changes the memory that a step takes and not the update: statistics and candidates
+    are always those of the whole batch. Only the dropout masks of the parts are other draws than those of the whole.
 
-    With `task.average_decay` D the average moves after t steps as
+    With `objective.average_decay` D the average moves after t steps as
 
         average <- d average + (1 - d) generator,   d = min(D, (1 + t) / (10 + t))
 
     so that it starts from the initial variables and has soon forgotten them.
 
     Args:
-        task: static.
-        state: before the step.
-        batch: what `task.inputs` names of the speech, such as "mel" (B, 128, 70) and "words" (B, N), "directions"
-            (B, N, bones, 3), "speaker" (B,) and, where identities come from images, "frames" (B, M, S, S, 3).
-        key: of the run; the step number is folded in.
+        objective: static.
+        state: state before the step.
+        batch: arrays by name: the speech inputs in `objective.spec.training_inputs`, such as "mel" (B, 128, 70) and
+            "words" (B, N); "directions" (B, N, bones, 3), "speaker" (B,) and, where identities come from images,
+            "images" (B, M, S, S, 3) uint8.
+        key: key of the run; the step number is folded in.
 
     Returns:
         The state after the step, and scalars: "loss/<term>" (unweighted), "loss/total" (weighted),
         "grad_norm/generator" (before it is limited) and "learning_rate/generator"; where there is a discriminator
         "loss/discriminator", "grad_norm/discriminator" and "learning_rate/discriminator".
     """
-    keys = step_keys(key, state.step)
-    targets = subtract_mean(task, batch["directions"])
-    is_warm = state.step >= task.warmup_steps
+    spec, compute = objective.spec, objective.compute
+    method, keys = method_of(spec), step_keys(spec, key, state.step)
+    targets = subtract_mean(spec, batch["directions"])
+    is_warm = state.step >= objective.warmup_steps
 
     outputs, pull_back, (generator_stats, aux) = jax.vjp(
-        lambda params: task.method.run(task, state.generator.variables | {"params": params}, batch, keys, train=True),
+        lambda params: method.run(
+            spec, state.generator.variables | {"params": params}, batch, keys, train=True, compute=compute
+        ),
         state.generator.params,
         has_aux=True,
     )
@@ -65,56 +72,61 @@ def train_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> t
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
         discriminator, discriminator_metrics = _update_discriminator(
-            task, discriminator, state.step, targets, jax.lax.stop_gradient(outputs.poses[-1]), keys["discriminator"]
+            objective,
+            discriminator,
+            state.step,
+            targets,
+            jax.lax.stop_gradient(outputs.poses[-1]),
+            keys["discriminator"],
         )
         discriminator = _where(is_warm, discriminator, state.discriminator)
 
-    def objective(outputs):
-        terms = _terms(task, discriminator, outputs, aux, targets, keys["gan"], train=True)
-        return _total(task, terms, is_warm), terms
+    def loss(outputs):
+        terms = _terms(objective, discriminator, outputs, aux, targets, keys["gan"], train=True)
+        return _total(objective, terms, is_warm), terms
 
-    (total, terms), cotangent = jax.value_and_grad(objective, has_aux=True)(outputs)
+    (total, terms), cotangent = jax.value_and_grad(loss, has_aux=True)(outputs)
     (gradient,) = pull_back(cotangent)
-    generator = _update(state.generator, gradient, task.generator_optimizer, state.step)
+    generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
     generator = generator.replace(batch_stats=generator_stats)
 
     metrics = {f"loss/{name}": term for name, term in terms.items()}
     metrics |= {"loss/total": total, "grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
-    average = _move_average(task, state, generator)
+    average = _move_average(objective, state, generator)
     after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
-    rates = {"generator": task.generator_rate}
+    rates = {"generator": objective.generator_rate}
     if discriminator is not None:
-        rates["discriminator"] = task.discriminator_rate
+        rates["discriminator"] = objective.discriminator_rate
     metrics |= {f"learning_rate/{name}": jnp.asarray(rate(state.step), jnp.float32) for name, rate in rates.items()}
     return _where(is_finite, after, state).replace(is_finite=is_finite), metrics
 
 
-def validation_step(task: Task, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
-    """The terms of the objective for `state.model` in evaluation mode, with the mean identity instead of a sample.
+def validation_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
+    """Return the terms of the objective for `state.model` in evaluation mode, with the mean of each identity.
 
     Args:
-        task, state, batch: as in `train_step`.
-        key: permutes the identities of the style term.
+        objective, state, batch: as in `train_step`.
+        key: key of all noise, such as the permutation of the identities of the style term.
 
     Returns:
         "loss/<term>" and "loss/total", the latter with all weights at once.
     """
-    keys = step_keys(key, state.step)
-    targets = subtract_mean(task, batch["directions"])
-    outputs, (_, aux) = task.method.run(task, state.model, batch, keys, train=False)
-    terms = _terms(task, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
-    return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": _total(task, terms, True)}
+    spec, keys = objective.spec, step_keys(objective.spec, key, state.step)
+    targets = subtract_mean(spec, batch["directions"])
+    outputs, (_, aux) = method_of(spec).run(spec, state.model, batch, keys, train=False, compute=objective.compute)
+    terms = _terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
+    return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": _total(objective, terms, True)}
 
 
-def step_keys(key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
-    """The keys of one step, one for each use of chance."""
-    uses = ("dropout", "identity", "permutation", "discriminator", "gan")
+def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
+    """Return the keys of one step, one for each random stream of the method and of the adversarial loss."""
+    uses = (*method_of(spec).keys, "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
 
 
 def _terms(
-    task: Task,
+    objective: Objective,
     discriminator: Network | None,
     outputs: Any,
     aux: Any,
@@ -123,36 +135,40 @@ def _terms(
     *,
     train: bool,
 ) -> dict[str, jax.Array]:
-    """The unweighted terms of the method's objective, the adversarial one included where it has one."""
-    terms = task.method.loss_terms(task, outputs, aux, targets)
+    """Return the unweighted terms of the method's objective, the adversarial one included where it has one."""
+    spec = objective.spec
+    terms = method_of(spec).terms(spec, objective.settings, outputs, aux, targets)
     if discriminator is not None:
-        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], key, train=train)
-        terms["gan"] = adversarial.gan_generator(fake_logits, kind=task.losses.gan)
+        poses, variables = outputs.poses[-1], discriminator.variables
+        fake_logits, _ = discriminate(spec, variables, poses, key, train=train, compute=objective.compute)
+        terms["gan"] = adversarial.gan_generator(fake_logits, kind=objective.gan)
     return terms
 
 
-def _total(task: Task, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
-    weights: dict[str, float | jax.Array] = dict(task.losses.weights)
-    assert weights.keys() == terms.keys()
+def _total(objective: Objective, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
+    weights: dict[str, float | jax.Array] = dict(objective.weights)
+    if odd := sorted(weights.keys() ^ terms.keys()):
+        raise ValueError(f"`terms` of {objective.spec.method} and its `term_names` differ in {', '.join(odd)}")
     if "gan" in weights:
         weights["gan"] = jnp.where(is_warm, weights["gan"], 0.0)
     return sum((weights[name] * term for name, term in terms.items()), jnp.zeros(()))
 
 
 def _update_discriminator(
-    task: Task, network: Network, step: jax.Array, real: jax.Array, fake: jax.Array, key: jax.Array
+    objective: Objective, network: Network, step: jax.Array, real: jax.Array, fake: jax.Array, key: jax.Array
 ) -> tuple[Network, Metrics]:
     real_key, fake_key = jax.random.split(key)
+    logits = functools.partial(discriminate, objective.spec, compute=objective.compute)
 
-    def objective(params):
+    def loss(params):
         variables = network.variables | {"params": params}
-        real_logits, batch_stats = discriminate(task, variables, real, real_key)
-        fake_logits, batch_stats = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
-        return adversarial.gan_discriminator(real_logits, fake_logits, kind=task.losses.gan), batch_stats
+        real_logits, batch_stats = logits(variables, real, real_key)
+        fake_logits, batch_stats = logits(variables | {"batch_stats": batch_stats}, fake, fake_key)
+        return adversarial.gan_discriminator(real_logits, fake_logits, kind=objective.gan), batch_stats
 
-    (loss, batch_stats), gradient = jax.value_and_grad(objective, has_aux=True)(network.params)
-    updated = _update(network, gradient, task.discriminator_optimizer, step).replace(batch_stats=batch_stats)
-    return updated, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
+    (value, batch_stats), gradient = jax.value_and_grad(loss, has_aux=True)(network.params)
+    updated = _update(network, gradient, objective.discriminator_optimizer, step).replace(batch_stats=batch_stats)
+    return updated, {"loss/discriminator": value, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
 
 def _update(network: Network, gradient: Any, optimizer: optax.GradientTransformation, step: jax.Array) -> Network:
@@ -161,10 +177,10 @@ def _update(network: Network, gradient: Any, optimizer: optax.GradientTransforma
     return network.replace(params=optax.apply_updates(network.params, updates), opt_state=opt_state)
 
 
-def _move_average(task: Task, state: TrainState, generator: Network) -> Any:
+def _move_average(objective: Objective, state: TrainState, generator: Network) -> Any:
     if state.average is None:
         return None
-    kept = jnp.minimum(task.average_decay, (1 + state.step) / (10 + state.step))
+    kept = jnp.minimum(objective.average_decay, (1 + state.step) / (10 + state.step))
     return jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, state.average, generator.variables)
 
 

@@ -7,15 +7,15 @@ from jax.sharding import Mesh
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.task import Task
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import Objective
 
 
 class Validation:
     """The mean terms of the objective over a split, in the same batches every time.
 
     Args:
-        task: static.
+        objective: static.
         mesh: from `sharding.data_mesh`.
         windows: of the split; those that do not fill a batch are left out.
         batch_size: at most; less where there are fewer windows.
@@ -24,9 +24,9 @@ class Validation:
         UserError: there are fewer windows than devices.
     """
 
-    def __init__(self, task: Task, mesh: Mesh, windows: Windows, batch_size: int):
+    def __init__(self, objective: Objective, mesh: Mesh, windows: Windows, batch_size: int):
         self._mesh, self._windows = mesh, windows
-        self._step = sharding.compile_validation_step(task, mesh)
+        self._step = sharding.compile_validation_step(objective, mesh)
         size = min(batch_size, len(windows) // mesh.size * mesh.size)
         if not size:
             raise UserError(

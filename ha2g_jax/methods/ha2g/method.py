@@ -1,5 +1,6 @@
 """HA2G: the hierarchical audio learner and pose inferer with the objective of Eq. 9."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -11,25 +12,44 @@ from ha2g_jax.features.asr_mel import ASR_COLUMNS, ASR_COLUMNS_PER_SECOND, NUM_A
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder
 from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.whisper import WhisperEncoder
 from ha2g_jax.methods.choices import choice, some_of
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
-from ha2g_jax.methods.forward import Batch, Variables, apply
+from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.ha2g.model import HA2G
-from ha2g_jax.methods.task import Method, Networks, Task, restore, subtract_mean
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, speech_arguments
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
-TERMS = ("gan", "huber", "physical", "style", "kld", "contrastive")
+keys: tuple[str, ...] = ("dropout", "identity", "permutation")
+term_names: tuple[str, ...] = ("gan", "huber", "physical", "style", "kld", "contrastive")
+has_parts = True
+init_arguments = speech_arguments
 
-# What each kind of E_a hears.
+# The input of each kind of E_a.
 _AUDIO_INPUTS = {"resnet_se": "mel", "whisper": "asr_mel"}
 _COORDINATORS = ("levels", "tied")
 
 
+class LossSettings(NamedTuple):
+    """Settings of the terms, `config.loss.ha2g`.
+
+    Attributes:
+        huber_delta: where Huber's parabola becomes a line (D8).
+        temperature: tau of the contrastive term.
+        negatives: levels of the audio in the denominator of Eq. 2.
+        style_clip: epsilon of the style diverging term.
+    """
+
+    huber_delta: float
+    temperature: float
+    negatives: tuple[str, ...]
+    style_clip: float
+
+
 class Outputs(NamedTuple):
-    """What the objective is differentiated by.
+    """Results of the generator that the objective is differentiated by.
 
     Attributes:
         poses: H arrays (B, N, d^h), mean-subtracted.
@@ -59,13 +79,8 @@ class Contrast(NamedTuple):
     other_f_id: jax.Array
 
 
-def inputs(config: Config) -> tuple[str, ...]:
-    """What a training example has of the speech: E_t's words too, which generation does without."""
-    return _AUDIO_INPUTS[choice("model.audio.kind", config.model.audio.kind, tuple(_AUDIO_INPUTS))], "words"
-
-
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Networks:
-    """The networks of `config.model`, the ablations of Tables 3 and 4 included.
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`, the ablations of Tables 3 and 4 included; see `Method.build`.
 
     Raises:
         UserError: an unknown choice.
@@ -83,13 +98,15 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         layers=inferer.layers,
         dropout=inferer.dropout,
     )
-    settings = config.model.discriminator
-    return Networks(generator, Discriminator(hidden_dim=settings.hidden_dim, layers=settings.layers))
+    discriminator = Discriminator(**config.model.discriminator)
+    speech = (_AUDIO_INPUTS[audio.kind],)
+    # The words serve the contrastive loss alone, so that generation does without them.
+    return make_spec(config, skeleton, generator, discriminator, inputs=speech, training_inputs=(*speech, "words"))
 
 
 def _audio_encoder(config: Config) -> AudioEncoder | AsrAudioEncoder:
     audio = config.model.audio
-    if audio.kind == "whisper":
+    if choice("model.audio.kind", audio.kind, tuple(_AUDIO_INPUTS)) == "whisper":
         _check_window(config)
         return AsrAudioEncoder(
             whisper=WhisperEncoder(**audio.whisper),
@@ -97,12 +114,11 @@ def _audio_encoder(config: Config) -> AudioEncoder | AsrAudioEncoder:
             num_frames=config.data.num_frames,
             fps=config.data.fps,
         )
+    settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
     return AudioEncoder(
-        blocks=tuple(audio.blocks),
-        channels=tuple(audio.channels),
-        stem_stride=tuple(audio.stem_stride),
+        **settings,
         feature_dim=audio.feature_dim,
-        is_recomputed=config.train.accumulate > 1,
+        is_recomputed=config.model.recompute,
     )
 
 
@@ -125,8 +141,7 @@ def _identity_encoder(config: Config, num_speakers: int) -> ImageIdentity | Spea
     kind = choice("model.identity.kind", identity.kind, ("images", "speakers"))
     if kind == "speakers":
         return speaker_table(config, num_speakers)
-    is_recomputed = config.train.accumulate > 1
-    return ImageIdentity(width=identity.width, feature_dim=identity.feature_dim, is_recomputed=is_recomputed)
+    return ImageIdentity(**identity.images, feature_dim=identity.feature_dim, is_recomputed=config.model.recompute)
 
 
 def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
@@ -140,49 +155,68 @@ def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[
     return tuple(skeleton.level_channels[number - 1] for number in numbers)
 
 
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features:
+    """Encode the spectrograms of windows to f_low, f_mid and f_high, each (B, N, 32); see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method=HA2G.encode_speech)
+
+
+def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Encode images or speaker indices to the mean of f_id, (B, 18); see `GeneratingMethod`."""
+    mean, _ = spec.generator.apply(variables, identity, train=False, method=HA2G.encode_identity)
+    return mean
+
+
+def sample(
+    spec: Spec, variables: Variables, features: Features, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
+    del key
+    levels = spec.generator.apply(variables, features, style, seed_pose, train=False, method=HA2G.infer)
+    return levels[-1]
+
+
 def run(
-    task: Task, variables: Variables, batch: Batch, keys: dict[str, jax.Array], *, train: bool = True
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
 ) -> tuple[Outputs, tuple[Any, Contrast]]:
-    """The generator on one batch, for its own identities and, in the same run, for a permutation of them.
+    """Run the generator on one batch, for its own identities and, in the same run, for a permutation of them.
 
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
-    inferer treats each clip by itself, so that in training it can take the batch in `task.num_parts` parts.
+    inferer treats each clip by itself, so that in training it can take the batch in `compute.num_parts` parts.
 
     Args:
-        task: static.
+        spec: static.
         variables: {"params", "batch_stats"} of the generator.
-        batch: as in `train_step`.
-        keys: "dropout", "identity" and "permutation".
-        train: False is evaluation mode, with the mean of each identity instead of a sample.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        keys: keys "dropout", "identity" and "permutation".
+        train: whether to run in training mode; evaluation mode takes the mean of each identity instead of a sample.
+        compute: precision and number of parts.
 
     Returns:
         The outputs, and (batch statistics after the run, the run with the other identities).
     """
-    speech = {name: batch[name] for name in task.inputs}
+    speech, identity, seed = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
-        task,
-        task.generator,
-        variables,
-        keys["dropout"],
-        speech,
-        batch[task.identity_input],
-        train=train,
-        method=_encode,
+        spec.generator, variables, keys["dropout"], speech, identity, train=train, compute=compute, method=_encode
     )
     f_id = mean
     if train:
         f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
-    # A turn of the batch: a permutation in which no clip, unless alone, keeps its own identity.
-    turn = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
-    other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, turn, axis=0))
-    seed = subtract_mean(task, batch["directions"])[:, : task.num_seed_frames]
+    # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
+    shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
+    other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, shift, axis=0))
 
     def infer(key: jax.Array, clips: Any) -> tuple[jax.Array, ...]:
-        return _infer_both(task, variables, key, *clips, train=train)
+        return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
 
     clips = (tuple(features), f_id, other_f_id, seed)
-    if train and task.num_parts > 1:
-        pairs = _in_parts(infer, task.num_parts, keys["dropout"], clips)
+    if train and compute.num_parts > 1:
+        pairs = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
     else:
         pairs = infer(keys["dropout"], clips)
     outputs = Outputs(tuple(pair[:, 0] for pair in pairs), tuple(features), text, mean, log_variance)
@@ -191,14 +225,14 @@ def run(
 
 def _encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
     return (
-        model.listen(speech, train=train),
+        model.encode_speech(speech, train=train),
         model.encode_text(speech["words"], train=train),
         model.encode_identity(identity, train=train),
     )
 
 
 def _infer_both(
-    task: Task,
+    spec: Spec,
     variables: Variables,
     key: jax.Array,
     features: tuple[jax.Array, ...],
@@ -207,15 +241,17 @@ def _infer_both(
     seed: jax.Array,
     *,
     train: bool,
+    compute: Compute,
 ) -> tuple[jax.Array, ...]:
-    """Per level (B, 2, N, d^h): the poses with the own and with the other identity.
+    """Return for each level (B, 2, N, d^h): the poses with the own and with the other identity.
 
     The two of a clip lie side by side on the batch axis of the pose inferer, so that a batch split over devices
     stays where it is.
     """
     both = jnp.stack([f_id, other_f_id], axis=1).reshape(2 * len(seed), -1)
     *twice, seeds = (jnp.repeat(array, 2, axis=0) for array in (*features, seed))
-    levels, _ = apply(task, task.generator, variables, key, tuple(twice), both, seeds, train=train, method="infer")
+    arguments = (tuple(twice), both, seeds)
+    levels, _ = apply(spec.generator, variables, key, *arguments, train=train, compute=compute, method=HA2G.infer)
     return tuple(level.reshape(len(seed), 2, *level.shape[1:]) for level in levels)
 
 
@@ -240,20 +276,29 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
     return jax.tree.map(join, jax.lax.scan(jax.checkpoint(part, prevent_cse=False), None, inputs)[1])
 
 
-def loss_terms(task: Task, outputs: Outputs, contrast: Contrast, targets: jax.Array) -> dict[str, jax.Array]:
-    """The unweighted terms of Eq. 9 but the adversarial one; `targets` are (B, N, pose_dim), mean-subtracted."""
-    skeleton, settings = task.skeleton, task.losses
-    angles = joint_angles(skeleton, restore(task, outputs.poses[-1])) / jnp.pi
-    levels = tuple(targets[..., jnp.array(channels)] for channels in task.generator.level_channels)
+def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
+    """Return the numbers and choices of the terms; see `Method.loss_settings`.
+
+    Raises:
+        UserError: negatives of an unknown level.
+    """
+    negatives = some_of("loss.ha2g.negatives", settings["negatives"], losses.AUDIO_LEVELS)
+    return LossSettings(**{**settings, "negatives": negatives})
+
+
+def terms(
+    spec: Spec, settings: LossSettings, outputs: Outputs, aux: Contrast, targets: jax.Array
+) -> dict[str, jax.Array]:
+    """Return the unweighted terms of Eq. 9 but the adversarial one; see `Method.terms`."""
+    skeleton = spec.skeleton
+    angles = joint_angles(skeleton, restore(spec, outputs.poses[-1])) / jnp.pi
+    levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
     return {
         "huber": losses.huber(outputs.poses, levels, settings.huber_delta),
         "physical": losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
-        "style": losses.style(outputs.poses[-1], *contrast, delta=settings.huber_delta, clip=settings.style_clip),
+        "style": losses.style(outputs.poses[-1], *aux, delta=settings.huber_delta, clip=settings.style_clip),
         "kld": losses.kld(outputs.mean, outputs.log_variance),
         "contrastive": losses.contrastive(
             outputs.text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
         ),
     }
-
-
-METHOD = Method(terms=TERMS, inputs=inputs, build=build, run=run, loss_terms=loss_terms, has_parts=True)

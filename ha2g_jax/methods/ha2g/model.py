@@ -64,8 +64,8 @@ class HA2G(nn.Module):
     """Speech audio, an identity and M seed poses to N poses on each level of the motion hierarchy.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1).
-    Only `listen` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream "dropout"
-    in training.
+    Only `encode_speech` and `encode_identity` use "batch_stats"; `encode_text` and `infer` draw from the stream
+    "dropout" in training.
 
     Attributes:
         audio: E_a.
@@ -96,26 +96,16 @@ class HA2G(nn.Module):
             for level, channels in enumerate(self.level_channels, 1)
         ]
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """What `listen` hears of a window."""
-        return self.audio.inputs
-
-    @property
-    def style_dim(self) -> int:
-        """Values of f_id."""
-        return self.identity.feature_dim
-
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
         """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
-        features = self.listen(inputs, train=train)
+        features = self.encode_speech(inputs, train=train)
         self.encode_text(inputs["words"], train=train)
         mean, _ = self.encode_identity(identity, train=train)
         return self.infer(features, mean, seed, train=train)
 
-    def listen(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> Features:
         """Maps the spectrogram of windows, such as "mel" (B, 128, 70) in dB, to f_low, f_mid, f_high (B, N, 32)."""
         (name,) = self.audio.inputs
         return self.audio(inputs[name], train=train)

@@ -16,7 +16,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.autoencoder import PoseAutoencoder
-from ha2g_jax.methods.task import Task, subtract_mean
+from ha2g_jax.methods.method import Spec, subtract_mean
 from ha2g_jax.skeleton import Skeleton
 
 _BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
@@ -26,7 +26,7 @@ class PoseFeatures:
     """A pose auto-encoder as `ha2g train` made it (HA2G, Table 9), in evaluation mode.
 
     Args:
-        spec: a workdir or a model folder.
+        source: a workdir or a model folder.
 
     Attributes:
         id: SHA-256 of the weights. Distances in the latent spaces of two auto-encoders cannot be compared.
@@ -40,20 +40,20 @@ class PoseFeatures:
         UserError: there is no model, or it is no pose auto-encoder.
     """
 
-    def __init__(self, spec: str | pathlib.Path):
-        loaded = model_folder.load(spec)
-        generator = loaded.task.generator
+    def __init__(self, source: str | pathlib.Path):
+        loaded = model_folder.load(source)
+        generator = loaded.spec.generator
         if not isinstance(generator, PoseAutoencoder):
             raise UserError(
-                f"{spec} is a model of the method {loaded.config.get('method', 'ha2g')}, not a pose auto-encoder; "
+                f"{source} is a model of the method {loaded.config.get('method', 'ha2g')}, not a pose auto-encoder; "
                 "train one with `ha2g train --config experiments/configs/autoencoder.py:DATA`"
             )
-        self._task, self._variables = loaded.task, jax.device_put(loaded.variables)
+        self._spec, self._variables = loaded.spec, jax.device_put(loaded.variables)
         self.id = weights_id(loaded.variables)
         self.name: str = loaded.config.name
         self.data = pathlib.PurePath(loaded.config.data.path).name
         self.latent_dim = generator.latent_dim
-        self.skeleton: Skeleton = loaded.task.skeleton
+        self.skeleton: Skeleton = loaded.spec.skeleton
         self.fps = float(loaded.config.data.fps)
 
     def __call__(self, windows: np.ndarray) -> np.ndarray:
@@ -72,7 +72,7 @@ class PoseFeatures:
         for start in range(0, len(windows), _BATCH):
             part = np.asarray(windows[start : start + _BATCH], np.float32)
             filled = np.pad(part, ((0, _BATCH - len(part)), (0, 0), (0, 0), (0, 0)))
-            yield np.asarray(function(self._task, self._variables, filled))[: len(part)]
+            yield np.asarray(function(self._spec, self._variables, filled))[: len(part)]
 
 
 def weights_id(variables: dict[str, Any]) -> str:
@@ -82,15 +82,15 @@ def weights_id(variables: dict[str, Any]) -> str:
     return hashlib.sha256(safetensors.numpy.save(arrays)).hexdigest()
 
 
-@functools.partial(jax.jit, static_argnames="task")
-def _encode(task: Task, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
-    poses = subtract_mean(task, jnp.asarray(windows))
-    latents: Any = task.generator.apply(variables, poses, train=False, method="encode")
+@functools.partial(jax.jit, static_argnums=0)
+def _encode(spec: Spec, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
+    poses = subtract_mean(spec, jnp.asarray(windows))
+    latents: Any = spec.generator.apply(variables, poses, train=False, method=PoseAutoencoder.encode)
     return latents
 
 
-@functools.partial(jax.jit, static_argnames="task")
-def _errors(task: Task, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
-    poses = subtract_mean(task, jnp.asarray(windows))
-    restored: Any = task.generator.apply(variables, poses, train=False)
+@functools.partial(jax.jit, static_argnums=0)
+def _errors(spec: Spec, variables: dict[str, Any], windows: jax.Array) -> jax.Array:
+    poses = subtract_mean(spec, jnp.asarray(windows))
+    restored: Any = spec.generator.apply(variables, poses, train=False)
     return jnp.abs(restored - poses).mean(axis=(1, 2))

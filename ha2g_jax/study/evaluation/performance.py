@@ -114,13 +114,11 @@ def generated(
     from ha2g_jax.study.identity import clip_identity
 
     _check_fit(model, corpus)
-    seed_frames, stride = model.task.num_seed_frames, model.task.num_frames - model.task.num_seed_frames
+    seed_frames, stride = model.spec.num_seed_frames, model.spec.num_frames - model.spec.num_seed_frames
 
     def perform(clips: Clips, index: int) -> Performance:
         clip = clips[index]
         style = clip_identity(model, clip)
-        if not model.task.identity_input:  # what such a model takes for a style is noise (Joint Embedding)
-            style = np.random.default_rng([seed, index]).standard_normal(len(style)).astype(np.float32)
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
         directions = synthesis.generate_directions(
@@ -166,7 +164,7 @@ def _directions(corpus: Corpus, positions: np.ndarray) -> np.ndarray:
 
 
 def _check_fit(model: "Model", corpus: Corpus) -> None:
-    skeleton = model.task.skeleton.name
+    skeleton = model.spec.skeleton.name
     if skeleton != corpus.skeleton.name or model.fps != corpus.fps:
         raise UserError(
             f"{corpus.path} has the skeleton {corpus.skeleton.name} at {corpus.fps:g} frames per second, the model "

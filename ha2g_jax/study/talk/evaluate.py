@@ -102,7 +102,7 @@ def _sample(count: int, size: int, seed: int) -> list[int]:
 
 
 def _check(model: Model, corpus: Corpus, chosen: dict[str, list[Clip]]) -> None:
-    skeleton = model.task.skeleton.name
+    skeleton = model.spec.skeleton.name
     if skeleton != corpus.skeleton.name or model.fps != corpus.fps:
         raise UserError(
             f"{corpus.path} has the skeleton {corpus.skeleton.name} at {corpus.fps:g} frames per second, the model "
@@ -114,7 +114,7 @@ def _check(model: Model, corpus: Corpus, chosen: dict[str, list[Clip]]) -> None:
 
 
 def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, progress: tqdm) -> dict[str, Any]:
-    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.task.num_seed_frames
+    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.spec.num_seed_frames
 
     generated, wordless, taught, still = [], [], [], []
     truths = [scores.truth(skeleton, clip, fps) for clip in clips]

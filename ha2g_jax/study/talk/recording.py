@@ -39,9 +39,9 @@ def evaluate_recording(
     if len(audio) < MIN_SECONDS * SAMPLE_RATE:
         raise UserError(f"{speech} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
     model = synthesis.load(checkpoint)
-    motion = model.generate(audio, speaker=speaker, seed=seed)
-    wrists = beats.wrists(model.task.skeleton, motion.directions)
-    first_frame = model.task.num_seed_frames
+    motion = model.generate(audio, style=synthesis.Style(speaker=speaker), seed=seed)
+    wrists = beats.wrists(model.spec.skeleton, motion.directions)
+    first_frame = model.spec.num_seed_frames
     return {"speech": pathlib.Path(speech).name} | alignment_gain(audio, wrists, motion.fps, first_frame)
 
 

@@ -1,0 +1,63 @@
+"""A spec from a config: the entry to all methods by name."""
+
+import functools
+from typing import Any
+
+import jax
+
+from ha2g_jax.config import Config
+from ha2g_jax.methods import METHODS, TRAINABLE
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
+from ha2g_jax.skeleton import Skeleton
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of a config; `config.loss` and `config.train` are not read.
+
+    Args:
+        config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
+        skeleton: skeleton with the statistics of the training split.
+        vocabulary_size: number of words of the training split.
+        num_speakers: number of speakers of the training split. Where windows are mirrored, a table of speakers has
+            as many rows again for their mirror images, in the same order.
+
+    Raises:
+        UserError: an unknown choice, or a setting that the method cannot use.
+    """
+    method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
+    choice("model.identity.kind", config.model.identity.kind, tuple(IDENTITIES))
+    return method.build(config, skeleton, vocabulary_size, num_speakers)
+
+
+def method_of(spec: Spec) -> Method:
+    """Return the functions with which a spec is trained."""
+    return TRAINABLE[spec.method]
+
+
+def generating_method_of(spec: Spec) -> GeneratingMethod:
+    """Return the functions with which a spec generates motion.
+
+    Raises:
+        KeyError: the method generates none, as the pose auto-encoder.
+    """
+    return METHODS[spec.method]
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Return the style (style_dim,) of one person: the mean of f_id.
+
+    Args:
+        spec: static; of a method with identities.
+        variables: {"params", "batch_stats"} of the generator.
+        identity: images (num_images, S, S, 3), or the index () of a speaker, see `Spec.identity`.
+    """
+    return generating_method_of(spec).encode_identity(spec, variables, identity[None])[0]
+
+
+def variable_shapes(spec: Spec) -> Any:
+    """Return {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`."""
+    arguments = method_of(spec).init_arguments(spec, example_batch(spec))
+    shapes = jax.eval_shape(lambda key: spec.generator.init(key, *arguments, train=False), jax.random.key(0))
+    return {"params": shapes["params"], "batch_stats": shapes.get("batch_stats", {})}

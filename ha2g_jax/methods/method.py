@@ -1,0 +1,275 @@
+"""The contract between a method and the rest of the package: what generation, training and storage need of it.
+
+A method is a module of this package whose functions have the names and arguments of `Method`, and of
+`GeneratingMethod` if it generates motion from speech. `ha2g_jax.methods.METHODS` lists them by name. `Spec` holds
+everything that generation needs; weights of losses, optimisers and schedules are in `ha2g_jax.train.objective`.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.features.asr_mel import ASR_COLUMNS, NUM_ASR_MELS
+from ha2g_jax.features.audio import NUM_MELS, WINDOW_COLUMNS, WINDOW_SAMPLES
+from ha2g_jax.features.text import MAX_PLAIN_WORDS
+from ha2g_jax.skeleton import Skeleton, normalize
+
+Batch = dict[str, jax.Array]
+Variables = dict[str, Any]
+
+# The batch key that identities are read from, for each kind of `config.model.identity`.
+IDENTITIES = {"images": "images", "speakers": "speaker", "none": ""}
+
+
+class Spec(NamedTuple):
+    """The networks of a model and the sizes they work with; equal specs are equal static arguments of `jax.jit`.
+
+    Attributes:
+        method: name in `ha2g_jax.methods.METHODS`.
+        generator: network that generates poses.
+        discriminator: network of the adversarial loss, None for a method without one.
+        skeleton: skeleton with the statistics of the training split.
+        num_frames: frames of a window, N.
+        num_seed_frames: frames of the seed pose, M.
+        fps: frames per second.
+        inputs: names of the speech inputs of `encode_speech`, as in `ha2g_jax.data.speech`.
+        training_inputs: names of the speech inputs of a training example.
+        identity: batch key that identities are read from, "images" or "speaker"; "" for a method without identities.
+        style_dim: number of values of a style, 0 for a method without identities.
+        num_reference_images: images of a speaker in one example.
+        image_size: height and width of an image in pixels.
+    """
+
+    method: str
+    generator: Any
+    discriminator: Any
+    skeleton: Skeleton
+    num_frames: int
+    num_seed_frames: int
+    fps: int
+    inputs: tuple[str, ...]
+    training_inputs: tuple[str, ...]
+    identity: str
+    style_dim: int
+    num_reference_images: int
+    image_size: int
+
+
+class Compute(NamedTuple):
+    """How a training step computes the networks, which changes its memory and speed but not its objective.
+
+    Attributes:
+        dtype: type of the activations. Parameters, statistics and losses are float32 in any case.
+        num_parts: parts of the batch that go through the pose decoder one after the other.
+    """
+
+    dtype: Any = jnp.dtype(jnp.float32)
+    num_parts: int = 1
+
+
+FLOAT32 = Compute()
+
+
+class Method(Protocol):
+    """Functions that training calls; the pose auto-encoder of the Frechet gesture distance has only these.
+
+    Attributes:
+        keys: names of the random streams of `run`.
+        term_names: names of the terms of the objective; "gan" is among them if and only if there is a discriminator.
+        has_parts: whether `run` can take the batch in `Compute.num_parts` parts.
+    """
+
+    @property
+    def keys(self) -> tuple[str, ...]: ...
+
+    @property
+    def term_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def has_parts(self) -> bool: ...
+
+    def build(self, config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+        """Build the networks that `config.model` and `config.data` describe.
+
+        Args:
+            config: settings, see `ha2g_jax.config.paper`; `config.loss` and `config.train` are not read.
+            skeleton: skeleton with the statistics of the training split.
+            vocabulary_size: number of words of the training split.
+            num_speakers: number of speakers of the training split.
+
+        Raises:
+            UserError: a setting that the method cannot use.
+        """
+        ...
+
+    def init_arguments(self, spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+        """Return the arguments of `spec.generator` that run every part of it once, for its initialisation."""
+        ...
+
+    def run(
+        self,
+        spec: Spec,
+        variables: Variables,
+        batch: Batch,
+        keys: dict[str, jax.Array],
+        *,
+        train: bool,
+        compute: Compute,
+    ) -> tuple[Any, tuple[Any, Any]]:
+        """Run the generator on a training batch.
+
+        Args:
+            spec: static.
+            variables: {"params", "batch_stats"} of the generator.
+            batch: arrays as in `ha2g_jax.train.step.train_step`.
+            keys: a key for each name in `keys`.
+            train: whether to run in training mode; False is evaluation mode.
+            compute: precision and number of parts.
+
+        Returns:
+            (outputs, (batch statistics after the run, aux)). The objective is differentiated by `outputs`, a
+            NamedTuple whose field `poses` ends with (B, N, pose_dim), mean-subtracted, but not by `aux`.
+        """
+        ...
+
+    def loss_settings(self, settings: Mapping[str, Any]) -> Any:
+        """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`.
+
+        Raises:
+            UserError: an unknown choice.
+        """
+        ...
+
+    def terms(self, spec: Spec, settings: Any, outputs: Any, aux: Any, targets: jax.Array) -> dict[str, jax.Array]:
+        """Return the unweighted terms of the objective but "gan", by the names in `term_names`.
+
+        Args:
+            spec: static.
+            settings: value of `loss_settings`.
+            outputs, aux: results of `run`.
+            targets: (B, N, pose_dim) true poses, mean-subtracted.
+        """
+        ...
+
+
+class GeneratingMethod(Method, Protocol):
+    """Functions of a method that generates motion from speech; generation calls nothing else of it."""
+
+    def encode_speech(self, spec: Spec, variables: Variables, speech: Batch) -> Any:
+        """Encode the speech of B windows.
+
+        Args:
+            spec: static.
+            variables: {"params", "batch_stats"} of the generator.
+            speech: arrays with a leading batch axis, by the names in `spec.inputs`.
+
+        Returns:
+            Features as a tree of arrays with a leading axis (B, ...).
+        """
+        ...
+
+    def encode_identity(self, spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+        """Encode identities: images (B, num_images, S, S, 3) or speaker indices (B,) to styles (B, style_dim).
+
+        Generation calls it only where `spec.identity` is not empty.
+        """
+        ...
+
+    def sample(
+        self, spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+    ) -> jax.Array:
+        """Generate the poses of B windows.
+
+        Args:
+            spec: static.
+            variables: {"params", "batch_stats"} of the generator.
+            features: result of `encode_speech`.
+            style: (B, style_dim) styles.
+            seed_pose: (B, M, pose_dim) poses of the first M frames, mean-subtracted.
+            key: key of all noise; a method without noise ignores it.
+
+        Returns:
+            (B, N, pose_dim) poses, mean-subtracted.
+        """
+        ...
+
+
+def make_spec(
+    config: Config,
+    skeleton: Skeleton,
+    generator: nn.Module,
+    discriminator: nn.Module | None = None,
+    *,
+    inputs: tuple[str, ...],
+    training_inputs: tuple[str, ...] | None = None,
+) -> Spec:
+    """Return the spec of networks that a method has built, with the sizes that `config.data` states.
+
+    Args:
+        config: settings.
+        skeleton: skeleton with the statistics of the training split.
+        generator, discriminator: networks.
+        inputs: names of the speech inputs of `encode_speech`.
+        training_inputs: names of the speech inputs of a training example, `inputs` by default.
+    """
+    identity = config.model.identity
+    return Spec(
+        method=config.method,
+        generator=generator,
+        discriminator=discriminator,
+        skeleton=skeleton,
+        num_frames=config.data.num_frames,
+        num_seed_frames=config.data.num_seed_frames,
+        fps=config.data.fps,
+        inputs=inputs,
+        training_inputs=inputs if training_inputs is None else training_inputs,
+        identity=IDENTITIES[identity.kind],
+        style_dim=0 if identity.kind == "none" else identity.feature_dim,
+        num_reference_images=config.data.num_reference_images,
+        image_size=config.data.image_size,
+    )
+
+
+def speech_arguments(spec: Spec, batch: Mapping[str, jax.Array]) -> tuple[Any, ...]:
+    """Return the arguments of a generator called with the speech, the identities and the seed poses of a batch."""
+    speech = {name: batch[name] for name in spec.training_inputs}
+    seed = subtract_mean(spec, batch["directions"])[:, : spec.num_seed_frames]
+    return speech, batch[spec.identity] if spec.identity else None, seed
+
+
+def subtract_mean(spec: Spec, directions: jax.Array) -> jax.Array:
+    """Return direction vectors (..., bones, 3) less their mean, flat (..., pose_dim), as networks take them (D1)."""
+    mean = jnp.asarray(spec.skeleton.mean_directions)
+    centred = directions - jnp.expand_dims(mean, tuple(range(directions.ndim - 2)))
+    return centred.reshape(*directions.shape[:-2], spec.skeleton.pose_dim)
+
+
+def restore(spec: Spec, poses: jax.Array) -> jax.Array:
+    """Return flat poses (..., pose_dim) plus the mean as unit vectors (..., bones, 3), the inverse of D1."""
+    mean = jnp.asarray(spec.skeleton.mean_directions)
+    vectors = poses.reshape(*poses.shape[:-1], spec.skeleton.num_bones, 3)
+    return normalize(vectors + jnp.expand_dims(mean, tuple(range(vectors.ndim - 2))))
+
+
+def example_batch(spec: Spec) -> Batch:
+    """Return a batch of one empty window in the shapes of a real one."""
+    shapes = {
+        "mel": ((1, NUM_MELS, WINDOW_COLUMNS), jnp.float32),
+        "asr_mel": ((1, NUM_ASR_MELS, ASR_COLUMNS), jnp.float32),
+        "audio": ((1, WINDOW_SAMPLES), jnp.float32),
+        "words": ((1, spec.num_frames), jnp.int32),
+        "plain_words": ((1, MAX_PLAIN_WORDS), jnp.int32),
+    }
+    batch = {name: jnp.zeros(*shapes[name]) for name in spec.training_inputs}
+    batch |= {
+        "directions": jnp.zeros((1, spec.num_frames, spec.skeleton.num_bones, 3)),
+        "speaker": jnp.zeros((1,), jnp.int32),
+    }
+    if spec.identity == "images":
+        shape = (1, spec.num_reference_images, spec.image_size, spec.image_size, 3)
+        batch["images"] = jnp.zeros(shape, jnp.uint8)
+    return batch
