@@ -45,23 +45,21 @@ def debug_model():
     from ha2g_jax import config as configs
     from ha2g_jax.checkpoint.assets import Assets
     from ha2g_jax.features.text import Vocabulary
-    from ha2g_jax.methods.building import build_task
-    from ha2g_jax.methods.task import example_batch, speech_arguments
+    from ha2g_jax.methods.build import build, variable_shapes
     from ha2g_jax.skeleton import load_skeleton, normalize
     from ha2g_jax.synthesis import Model
 
     skeleton = load_skeleton("ted_expressive")
     config = configs.debug(configs.paper("ted_expressive"))
     vocabulary = Vocabulary(("one", "two"))
-    task = build_task(config, skeleton, len(vocabulary), 2)
-    arguments = speech_arguments(task, example_batch(task))
-    shapes = jax.eval_shape(lambda key: task.generator.init(key, *arguments, train=False), jax.random.key(0))
+    spec = build(config, skeleton, len(vocabulary), 2)
+    shapes = variable_shapes(spec)
     random = np.random.default_rng(0)  # drawn here, because compiling the initialisation takes long
     variables = {
         "params": jax.tree.map(lambda x: random.normal(0, 0.1, x.shape).astype(np.float32), shapes["params"]),
         "batch_stats": jax.tree.map(lambda x: np.ones(x.shape, np.float32), shapes["batch_stats"]),
     }
-    starts = skeleton.mean_directions + random.normal(0, 0.05, (3, task.num_seed_frames, skeleton.num_bones, 3))
+    starts = skeleton.mean_directions + random.normal(0, 0.05, (3, spec.num_seed_frames, skeleton.num_bones, 3))
     assets = Assets(
         skeleton=skeleton,
         vocabulary=vocabulary,
@@ -69,4 +67,4 @@ def debug_model():
         seed_poses=normalize(starts.astype(np.float32)),
         hash="0123456789abcdef",
     )
-    return Model(task, variables, assets, config)
+    return Model(spec, variables, assets, config)

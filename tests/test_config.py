@@ -9,11 +9,10 @@ import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax import launch, presets
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import example_batch
+from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.step import train_step
 
 FILES = sorted((pathlib.Path(__file__).parent.parent / "experiments" / "configs").glob("*.py"))
@@ -27,24 +26,24 @@ SPECS = [f"{path}:talk" if path.stem in presets.METHODS else str(path) for path 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: pathlib.Path(spec).name)
 def test_every_config_builds_a_task(spec, size):
     config = launch.load_config(f"{spec}:{size}")
-    task = build_task(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
+    objective = build_objective(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
     if config.method == "ha2g":
-        assert len(task.generator.level_channels) == {"ted_expressive": 6, "ted_gesture": 3}[config.skeleton]
-    assert task.num_frames == 34 and task.num_seed_frames == 4
+        assert len(objective.spec.generator.level_channels) == {"ted_expressive": 6, "ted_gesture": 3}[config.skeleton]
+    assert objective.spec.num_frames == 34 and objective.spec.num_seed_frames == 4
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: pathlib.Path(spec).name)
 def test_every_debug_config_gives_a_step(spec):
     config = launch.load_config(f"{spec}:debug")
-    task = build_task(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
+    objective = build_objective(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
     key = jax.random.key(0)
-    batch = {name: jnp.repeat(array, 2, axis=0) for name, array in example_batch(task).items()}
-    state = jax.eval_shape(functools.partial(init_state, task), key)
-    after, metrics = jax.eval_shape(functools.partial(train_step, task), state, batch, key)
+    batch = {name: jnp.repeat(array, 2, axis=0) for name, array in example_batch(objective.spec).items()}
+    state = jax.eval_shape(functools.partial(init_state, objective), key)
+    after, metrics = jax.eval_shape(functools.partial(train_step, objective), state, batch, key)
     assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), after) == jax.tree.map(
         lambda leaf: (leaf.shape, leaf.dtype), state
     )
-    assert {f"loss/{name}" for name in config.loss.weights} < metrics.keys()
+    assert {f"loss/{name}" for name in config.loss[config.method].weights} < metrics.keys()
 
 
 def test_an_unknown_size_is_named():

@@ -25,7 +25,7 @@ def write(debug_model, clip, tmp_path, monkeypatch):
     monkeypatch.setattr(samples, "_SIZE", 64)
 
     def write(step=1, **changes):
-        arguments = {name: getattr(debug_model, name) for name in ("task", "variables", "assets", "config")}
+        arguments = {name: getattr(debug_model, name) for name in ("spec", "variables", "assets", "config")}
         arguments |= {"folder": tmp_path, "clip": clip} | changes
         samples.write_sample(step=step, **arguments)
 
@@ -57,7 +57,7 @@ def test_other_weights_move_the_generated_figure_alone_and_compile_nothing(write
     drawn = []
     monkeypatch.setattr(samples, "write_video", lambda path, motions, *_, **__: drawn.append(motions))
     write(step=1)
-    programs: list[Any] = [scan._infer, scan._listen]
+    programs: list[Any] = [scan._sample, scan._encode_speech]
     compiled = [program._cache_size() for program in programs]
     write(step=2, variables=jax.tree.map(lambda x: 3 * x, debug_model.variables))
     assert [program._cache_size() for program in programs] == compiled
@@ -78,8 +78,8 @@ def test_the_style_is_the_speaker_s_then_the_images_then_the_prior(debug_model, 
     seen = style(known, assets=unfinished)
     np.testing.assert_array_equal(seen, style(clip))
     prior = style(dataclasses.replace(clip, reference_frames=None))
-    table = dataclasses.replace(debug_model.task, identity_input="speaker")
-    np.testing.assert_array_equal(prior, style(clip, task=table))
+    table = debug_model.spec._replace(identity="speaker")
+    np.testing.assert_array_equal(prior, style(clip, spec=table))
     assert seen.shape == prior.shape == ada.shape
     assert np.abs(seen - prior).max() > 1e-3 and np.abs(seen - ada).max() > 1e-3
 

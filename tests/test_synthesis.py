@@ -10,8 +10,10 @@ from PIL import Image
 from ha2g_jax import synthesis
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import log_mel, mel_window
+from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.metrics.seams import WIDTH, seam_score
 from ha2g_jax.motion.resample import resample
+from ha2g_jax.synthesis import Style
 from ha2g_jax.synthesis.scan import bucket
 
 
@@ -49,9 +51,7 @@ def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
     heard = synthesis.encode_features(debug_model, audio)
     mel = log_mel(audio)
     windows = np.stack([mel_window(mel, 30 * window) for window in range(5)])
-    stand_alone = debug_model.task.generator.apply(
-        debug_model.variables, {"mel": windows}, train=False, method="listen"
-    )
+    stand_alone = ha2g.encode_speech(debug_model.spec, debug_model.variables, {"mel": windows})
     for level, alone in zip(heard, stand_alone, strict=True):
         for window in range(5):
             part = level[30 * window + 2 : 30 * window + 32]
@@ -87,7 +87,7 @@ def performed():
     model, eased, joined = synthesis.load("demo"), [], []
     for seed in range(3):
         audio = speech(61, seed, pace=1.87)  # no multiple of the windows' 2 s, or strokes would come at their borders
-        f_id, _ = synthesis.choose_style(model, seed=seed)
+        f_id, _ = synthesis.choose_style(model.spec, model.variables, model.assets, seed=seed)
         eased.append(model.generate(audio, seed=seed).directions)
         joined.append(synthesis.generate_directions(model, audio, f_id, seed))
     return eased, joined
@@ -121,7 +121,7 @@ def test_frames_past_the_models_last_one_move_on(debug_model):
 
 
 def test_within_one_window_the_frames_are_those_of_the_model(debug_model):
-    f_id, _ = synthesis.choose_style(debug_model, seed=2)
+    f_id, _ = chosen(debug_model, seed=2)
     frames = synthesis.generate_directions(debug_model, speech(2.2), f_id, 2)
     np.testing.assert_allclose(debug_model.generate(speech(2.2), seed=2).directions, frames, atol=1e-7)
 
@@ -134,35 +134,42 @@ def test_the_seed_decides_everything_random(debug_model):
     assert first.meta["seed"] == 1
 
 
+def chosen(model, *arguments, **options):
+    return synthesis.choose_style(model.spec, model.variables, model.assets, *arguments, **options)
+
+
 def test_the_style_comes_from_one_source(debug_model, tmp_path):
     Image.new("RGB", (90, 50), (200, 30, 90)).save(tmp_path / "wide.png")
     Image.new("L", (20, 300), 40).save(tmp_path / "tall.jpg")
     images = [tmp_path / "wide.png", str(tmp_path / "tall.jpg")]
     choices = {
-        "ada": {"speaker": "ada"},
-        "ben": {"speaker": "ben"},
-        "images": {"reference_images": images},
-        "image": {"reference_images": images[0]},
-        "seed": {"style_seed": 7},
-        "default": {},
+        "ada": Style(speaker="ada"),
+        "ben": Style(speaker="ben"),
+        "images": Style(images=images),
+        "image": Style(images=images[0]),
+        "seed": Style(seed=7),
+        "default": Style(),
     }
-    styles = {name: synthesis.choose_style(debug_model, **choice) for name, choice in choices.items()}
+    styles = {name: chosen(debug_model, choice) for name, choice in choices.items()}
     assert all(f_id.shape == (18,) for f_id, _ in styles.values())
     assert len({f_id.tobytes() for f_id, _ in styles.values()}) == len(choices)
     assert styles["images"][1] == {"kind": "images", "images": ["wide.png", "tall.jpg"]}
-    assert debug_model.generate(speech(1), speaker="ada").meta["style"] == {"kind": "speaker", "speaker": "ada"}
-    np.testing.assert_array_equal(styles["seed"][0], synthesis.choose_style(debug_model, seed=7)[0])
+    assert debug_model.generate(speech(1), style=Style(speaker="ada")).meta["style"] == {
+        "kind": "speaker",
+        "speaker": "ada",
+    }
+    np.testing.assert_array_equal(styles["seed"][0], chosen(debug_model, seed=7)[0])
     with pytest.raises(UserError, match="more than one source"):
-        synthesis.choose_style(debug_model, speaker="ada", style_seed=1)
+        chosen(debug_model, Style(speaker="ada", seed=1))
 
 
 BAD_ARGUMENTS = {
-    "speaker": ({"speaker": "eve"}, "expected one of: ada, ben"),
+    "speaker": ({"style": Style(speaker="eve")}, "expected one of: ada, ben"),
     "negative seed": ({"seed": -1}, "negative"),
-    "negative style seed": ({"style_seed": -1}, "negative"),
-    "no images": ({"reference_images": []}, "empty list"),
-    "missing image": ({"reference_images": ["missing.png"]}, "missing.png cannot be read"),
-    "not an image": ({"reference_images": [__file__]}, "cannot be read as an image"),
+    "negative style seed": ({"style": Style(seed=-1)}, "negative"),
+    "no images": ({"style": Style(images=[])}, "empty list"),
+    "missing image": ({"style": Style(images=["missing.png"])}, "missing.png cannot be read"),
+    "not an image": ({"style": Style(images=[__file__])}, "cannot be read as an image"),
     "no fps": ({"fps": 0}, "1 to 240"),
     "nan fps": ({"fps": float("nan")}, "1 to 240"),
     "high fps": ({"fps": 241}, "1 to 240"),
@@ -185,9 +192,9 @@ def test_bad_samples_are_refused(debug_model, samples):
 
 
 def test_a_speaker_table_takes_no_images(debug_model):
-    model = dataclasses.replace(debug_model, task=dataclasses.replace(debug_model.task, identity_input="speaker"))
+    model = dataclasses.replace(debug_model, spec=debug_model.spec._replace(identity="speaker"))
     with pytest.raises(UserError, match="speakers by name"):
-        model.generate(speech(1), reference_images=[__file__])
+        model.generate(speech(1), style=Style(images=[__file__]))
 
 
 def test_broken_weights_are_noticed(debug_model):

@@ -12,6 +12,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import resample, sample
 from ha2g_jax.motion.smoothing import smooth
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.synthesis import Style
 
 SPEECH = np.random.default_rng(0).normal(0, 0.1, 80000).astype(np.float32)  # 5 s
 
@@ -25,7 +26,7 @@ def waving(debug_model) -> Motion:
 
 
 def test_neutral_settings_change_no_byte(debug_model, tmp_path):
-    neutral = {"style": None, "seed_pose": None, "smoothing": 0.0, "controls": Controls()}
+    neutral = {"style": Style(), "seed_pose": None, "smoothing": 0.0, "controls": Controls()}
     debug_model.generate(SPEECH, seed=1).save(tmp_path / "without.npz")
     debug_model.generate(SPEECH, seed=1, **neutral).save(tmp_path / "with.npz")
     assert (tmp_path / "without.npz").read_bytes() == (tmp_path / "with.npz").read_bytes()
@@ -33,16 +34,17 @@ def test_neutral_settings_change_no_byte(debug_model, tmp_path):
 
 def test_a_mixture_lies_between_its_speakers(debug_model):
     ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
-    f_id, described = synthesis.choose_style(debug_model, style={"ada": 3, "ben": 1})
+    parts = (debug_model.spec, debug_model.variables, debug_model.assets)
+    f_id, described = synthesis.choose_style(*parts, Style(mixture={"ada": 3, "ben": 1}))
     np.testing.assert_allclose(f_id, 0.75 * ada + 0.25 * ben, atol=1e-6)
     assert described == {"kind": "mixture", "speakers": {"ada": 0.75, "ben": 0.25}}
-    np.testing.assert_array_equal(synthesis.choose_style(debug_model, style={"ada": 0.3, "ben": 0})[0], ada)
+    np.testing.assert_array_equal(synthesis.choose_style(*parts, Style(mixture={"ada": 0.3, "ben": 0}))[0], ada)
 
 
 def test_a_mixture_moves_in_a_style_of_its_own(debug_model):
-    mixed = debug_model.generate(SPEECH, style={"ada": 0.5, "ben": 0.5})
-    alone = debug_model.generate(SPEECH, style={"ada": 1})
-    np.testing.assert_array_equal(alone.directions, debug_model.generate(SPEECH, speaker="ada").directions)
+    mixed = debug_model.generate(SPEECH, style=Style(mixture={"ada": 0.5, "ben": 0.5}))
+    alone = debug_model.generate(SPEECH, style=Style(mixture={"ada": 1}))
+    np.testing.assert_array_equal(alone.directions, debug_model.generate(SPEECH, style=Style(speaker="ada")).directions)
     assert np.abs(mixed.directions - alone.directions).max() > 1e-4
     assert mixed.meta["style"]["speakers"] == {"ada": 0.5, "ben": 0.5}
 

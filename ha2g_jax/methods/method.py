@@ -18,7 +18,7 @@ from ha2g_jax.features.audio import NUM_MELS, WINDOW_COLUMNS, WINDOW_SAMPLES
 from ha2g_jax.features.text import MAX_PLAIN_WORDS
 from ha2g_jax.skeleton import Skeleton, normalize
 
-Batch = dict[str, jax.Array]
+Batch = Mapping[str, Any]
 Variables = dict[str, Any]
 
 # The batch key that identities are read from, for each kind of `config.model.identity`.
@@ -117,8 +117,8 @@ class Method(Protocol):
         batch: Batch,
         keys: dict[str, jax.Array],
         *,
-        train: bool,
-        compute: Compute,
+        train: bool = True,
+        compute: Compute = FLOAT32,
     ) -> tuple[Any, tuple[Any, Any]]:
         """Run the generator on a training batch.
 

@@ -8,8 +8,9 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
+from ha2g_jax.methods.build import method_of
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
 METHODS = ("joint_embedding", "trimodal")
@@ -17,27 +18,29 @@ SIZE = 16
 
 
 @pytest.fixture(scope="module")
-def make_plain(make_task):
-    """A function from a method's name to its task under gradient descent and without dropout."""
+def make_plain(make_objective):
+    """A function from a method's name to its objective under gradient descent and without dropout."""
 
     def make(method, **changes):
         changes |= {"model__text__dropout": 0.0, "model__inferer__dropout": 0.0, "train__batch_size": SIZE}
-        task = make_task(method, **changes)
-        task = dataclasses.replace(task, generator_optimizer=optax.sgd(1e-3), discriminator_optimizer=optax.sgd(1e-2))
-        if task.discriminator is not None:
-            task = dataclasses.replace(task, discriminator=task.discriminator.clone(dropout=0.0))
-        return task
+        objective = make_objective(method, **changes)
+        sgd = {"generator_optimizer": optax.sgd(1e-3), "discriminator_optimizer": optax.sgd(1e-2)}
+        objective = dataclasses.replace(objective, **sgd)
+        if objective.spec.discriminator is not None:
+            discriminator = objective.spec.discriminator.clone(dropout=0.0)
+            objective = dataclasses.replace(objective, spec=objective.spec._replace(discriminator=discriminator))
+        return objective
 
     return make
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batch):
-    task = make_plain(method)
-    batch, start, ends = make_motion_batch(task, SIZE), init_state(task, jax.random.key(0)), []
+    objective = make_plain(method)
+    batch, start, ends = make_motion_batch(objective, SIZE), init_state(objective, jax.random.key(0)), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
-        step = jax.jit(functools.partial(train_step, task))
+        step = jax.jit(functools.partial(train_step, objective))
         arguments = (sharding.replicate(mesh, start), sharding.shard_batch(mesh, jax.tree.map(np.asarray, batch)))
         ends.append(jax.device_get(step(*arguments, jax.random.key(1))))
     (one, one_metrics), (eight, metrics) = ends
@@ -53,16 +56,19 @@ def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batc
 
 @pytest.mark.parametrize("method", METHODS)
 def test_half_precision_is_near_single_precision(method, make_plain, make_motion_batch):
-    tasks = [make_plain(method, train__dtype=dtype) for dtype in ("float32", "bfloat16")]
-    start, ends = init_state(tasks[0], jax.random.key(0)), []
-    keys = step_keys(jax.random.key(1), start.step)
-    for task in tasks:
+    objectives = [make_plain(method, train__dtype=dtype) for dtype in ("float32", "bfloat16")]
+    start, ends = init_state(objectives[0], jax.random.key(0)), []
+    keys = step_keys(objectives[0].spec, jax.random.key(1), start.step)
+    for objective in objectives:
 
-        def run(batch, variables, task=task):
-            outputs, (batch_stats, _) = task.method.run(task, variables, batch, keys, train=True)
+        def run(batch, variables, objective=objective):
+            spec = objective.spec
+            outputs, (batch_stats, _) = method_of(spec).run(
+                spec, variables, batch, keys, train=True, compute=objective.compute
+            )
             return outputs.poses[-1], batch_stats
 
-        ends.append(jax.jit(run)(make_motion_batch(task, 4), start.generator.variables))
+        ends.append(jax.jit(run)(make_motion_batch(objective, 4), start.generator.variables))
     (single, _), (half, batch_stats) = ends
     assert half.dtype == np.float32 and {leaf.dtype for leaf in jax.tree.leaves(batch_stats)} == {np.dtype("float32")}
     distance = np.max(np.abs(single - half)) / np.max(np.abs(single))

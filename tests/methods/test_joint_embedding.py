@@ -7,42 +7,45 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.joint_embedding import METHOD, l1
+from ha2g_jax.methods import joint_embedding
+from ha2g_jax.methods.joint_embedding import l1
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS = 300
 
 
 @pytest.fixture(scope="module")
-def task(make_task):
+def objective(make_objective):
     """Wide enough to learn a batch by heart: the decoder makes all motion of one latent."""
     changes = {"model__inferer__hidden_dim": 64, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
-    return make_task("joint_embedding", train__steps=STEPS, **changes)
+    return make_objective("joint_embedding", train__steps=STEPS, **changes)
 
 
 @pytest.fixture(scope="module")
-def state(task):
-    return init_state(task, jax.random.key(0))
+def state(objective):
+    return init_state(objective, jax.random.key(0))
 
 
 @pytest.fixture(scope="module")
-def run(task, state):
+def run(objective, state):
     """The generator in training mode: (batch, keys) -> its poses, and the batch statistics afterwards."""
 
     def run(batch, keys):
-        outputs, (batch_stats, _) = METHOD.run(task, state.generator.variables, batch, keys, train=True)
+        outputs, (batch_stats, _) = joint_embedding.run(
+            objective.spec, state.generator.variables, batch, keys, train=True
+        )
         return outputs.poses[-1], batch_stats
 
     return jax.jit(run)
 
 
-def keys_of(from_speech):
+def keys_of(spec, from_speech):
     """Keys of a step whose coin falls on one side."""
     for number in range(64):
-        keys = step_keys(jax.random.key(number), jnp.int32(0))
-        if bool(jax.random.bernoulli(keys["permutation"])) == from_speech:
+        keys = step_keys(spec, jax.random.key(number), jnp.int32(0))
+        if bool(jax.random.bernoulli(keys["coin"])) == from_speech:
             return keys
     raise AssertionError("64 tosses on one side")
 
@@ -53,20 +56,20 @@ def test_l1_sums_the_windows_and_averages_inside_them():
     assert float(l1(poses, targets)) == (1 + 2 + 0 + 1) / 4 + (1 + 0 + 0.5 + 0.5) / 4
 
 
-def test_there_is_a_table_of_words_but_none_of_speakers_and_no_discriminator(task, state, make_task):
-    assert task.discriminator is None and task.identity_input == ""
+def test_there_is_a_table_of_words_but_none_of_speakers_and_no_discriminator(objective, state, make_objective):
+    assert objective.spec.discriminator is None and objective.spec.identity == ""
     assert state.generator.params["text"]["embedding"]["embedding"].shape[0] == 11
     with pytest.raises(UserError, match=r"identity.kind is 'speakers', expected one of none"):
-        make_task("joint_embedding", model__identity__kind="speakers")
+        make_objective("joint_embedding", model__identity__kind="speakers")
 
 
 @pytest.mark.parametrize("from_speech", [True, False])
-def test_a_coin_decides_which_latent_is_decoded(from_speech, task, state, run, make_motion_batch):
-    batch, keys = make_motion_batch(task, 3), keys_of(from_speech)
-    late = jnp.roll(batch["directions"][:, task.num_seed_frames :], 5, axis=1)
+def test_a_coin_decides_which_latent_is_decoded(from_speech, objective, state, run, make_motion_batch):
+    batch, keys = make_motion_batch(objective, 3), keys_of(objective.spec, from_speech)
+    late = jnp.roll(batch["directions"][:, objective.spec.num_seed_frames :], 5, axis=1)
     changed = {
         "audio": batch | {"audio": -batch["audio"]},
-        "directions": batch | {"directions": batch["directions"].at[:, task.num_seed_frames :].set(late)},
+        "directions": batch | {"directions": batch["directions"].at[:, objective.spec.num_seed_frames :].set(late)},
     }
     poses, batch_stats = run(batch, keys)
     influences = {name for name, other in changed.items() if not np.array_equal(run(other, keys)[0], poses)}
@@ -77,29 +80,31 @@ def test_a_coin_decides_which_latent_is_decoded(from_speech, task, state, run, m
         assert all(not np.array_equal(one, other) for one, other in zip(before, after, strict=True))
 
 
-def test_evaluation_samples_the_latent_of_the_speech(task, state, make_motion_batch):
+def test_evaluation_samples_the_latent_of_the_speech(objective, state, make_motion_batch):
     """A batch of one, on either side of the coin."""
     evaluate = jax.jit(
-        lambda batch, keys: METHOD.run(task, state.generator.variables, batch, keys, train=False)[0].poses[-1]
+        lambda batch, keys: joint_embedding.run(objective.spec, state.generator.variables, batch, keys, train=False)[
+            0
+        ].poses[-1]
     )
-    batch = make_motion_batch(task, 1)
-    late = jnp.roll(batch["directions"][:, task.num_seed_frames :], 5, axis=1)
-    other = batch | {"directions": batch["directions"].at[:, task.num_seed_frames :].set(late)}
-    sides = [evaluate(batch, keys_of(from_speech)) for from_speech in (True, False)]
-    assert sides[0].shape == (1, task.num_frames, task.skeleton.pose_dim)
+    batch = make_motion_batch(objective, 1)
+    late = jnp.roll(batch["directions"][:, objective.spec.num_seed_frames :], 5, axis=1)
+    other = batch | {"directions": batch["directions"].at[:, objective.spec.num_seed_frames :].set(late)}
+    sides = [evaluate(batch, keys_of(objective.spec, from_speech)) for from_speech in (True, False)]
+    assert sides[0].shape == (1, objective.spec.num_frames, objective.spec.skeleton.pose_dim)
     assert not np.array_equal(*sides)  # each has its own noise
-    np.testing.assert_array_equal(evaluate(other, keys_of(False)), sides[1])
-    assert not np.array_equal(evaluate(batch | {"audio": -batch["audio"]}, keys_of(False)), sides[1])
+    np.testing.assert_array_equal(evaluate(other, keys_of(objective.spec, False)), sides[1])
+    assert not np.array_equal(evaluate(batch | {"audio": -batch["audio"]}, keys_of(objective.spec, False)), sides[1])
 
 
-def test_one_batch_is_learnt_by_heart(task, state, make_motion_batch):
-    batch = make_motion_batch(task, 4)
-    step = jax.jit(functools.partial(train_step, task))
+def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
+    batch = make_motion_batch(objective, 4)
+    step = jax.jit(functools.partial(train_step, objective))
     history = []
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/l1"])
     # Twenty steps, so that both latents are among them.
     assert np.max(history[-20:]) < 0.15 * history[0]
-    evaluated = jax.jit(functools.partial(validation_step, task))(state, batch, jax.random.key(2))
+    evaluated = jax.jit(functools.partial(validation_step, objective))(state, batch, jax.random.key(2))
     assert evaluated["loss/l1"] < 0.2 * history[0]

@@ -9,10 +9,11 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.seq2seq import METHOD, continuity, mse, variance
+from ha2g_jax.methods import seq2seq
+from ha2g_jax.methods.seq2seq import continuity, mse, variance
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 300, 16
@@ -36,60 +37,62 @@ def test_variance_of_a_value_at_its_mean_has_a_gradient():
     np.testing.assert_array_equal(gradient[..., 1], 0)
 
 
-def test_an_identity_is_refused(make_task):
+def test_an_identity_is_refused(make_objective):
     with pytest.raises(UserError, match=r"config\.model\.identity\.kind is 'speakers', expected one of none"):
-        make_task("seq2seq", model__identity__kind="speakers")
+        make_objective("seq2seq", model__identity__kind="speakers")
 
 
-def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_task):
-    assert make_task("seq2seq").generator.num_words == 11 + 2
+def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
+    assert make_objective("seq2seq").generator.num_words == 11 + 2
 
 
-def test_one_batch_is_learnt_by_heart(make_task, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch):
     changes = {"model__inferer__hidden_dim": 16, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
-    task = make_task("seq2seq", train__steps=STEPS, **changes)
-    batch, state, history = make_motion_batch(task, 4), init_state(task, jax.random.key(0)), []
-    step = jax.jit(functools.partial(train_step, task), donate_argnums=0)
+    objective = make_objective("seq2seq", train__steps=STEPS, **changes)
+    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
+    step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics)
     first, metrics = history[0], history[-1]
     assert metrics["loss/mse"] < 0.03 * first["loss/mse"]
-    terms = {name: float(metrics[f"loss/{name}"]) for name in METHOD.terms}
+    terms = {name: float(metrics[f"loss/{name}"]) for name in seq2seq.term_names}
     total = 250 * terms["mse"] + 0.1 * terms["continuity"] + 25 * terms["variance"]
     assert float(metrics["loss/total"]) == pytest.approx(total, rel=1e-4)
 
 
 @pytest.fixture(scope="module")
-def make_plain(make_task):
-    """A function from changes to a task of some width under gradient descent and without dropout."""
+def make_plain(make_objective):
+    """A function from changes to a objective of some width under gradient descent and without dropout."""
 
     def make(**changes):
-        task = make_task("seq2seq", model__inferer__dropout=0.0, train__batch_size=SIZE, **WIDE, **changes)
-        return dataclasses.replace(task, generator_optimizer=optax.sgd(1e-4))
+        objective = make_objective("seq2seq", model__inferer__dropout=0.0, train__batch_size=SIZE, **WIDE, **changes)
+        return dataclasses.replace(objective, generator_optimizer=optax.sgd(1e-4))
 
     return make
 
 
 def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch):
-    task = make_plain()
-    batch, state = make_motion_batch(task, 3), init_state(task, jax.random.key(0))
-    keys = step_keys(jax.random.key(1), state.step)
-    run = jax.jit(lambda batch: METHOD.run(task, state.generator.variables, batch, keys, train=False)[0].poses[-1])
+    objective = make_plain()
+    batch, state = make_motion_batch(objective, 3), init_state(objective, jax.random.key(0))
+    keys = step_keys(objective.spec, jax.random.key(1), state.step)
+    run = jax.jit(
+        lambda batch: seq2seq.run(objective.spec, state.generator.variables, batch, keys, train=False)[0].poses[-1]
+    )
     single = jax.tree.map(lambda x: x[1:2], batch)
     np.testing.assert_allclose(run(single), run(batch)[1:2], rtol=1e-4, atol=1e-5)
-    metrics = jax.jit(functools.partial(validation_step, task))(state, single, jax.random.key(1))
+    metrics = jax.jit(functools.partial(validation_step, objective))(state, single, jax.random.key(1))
     assert set(metrics) == {"loss/mse", "loss/continuity", "loss/variance", "loss/total"}
     assert np.isfinite(list(metrics.values())).all()
 
 
 def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
-    task = make_plain()
-    batch = jax.tree.map(np.asarray, make_motion_batch(task, SIZE))
-    start, ends = init_state(task, jax.random.key(0)), []
+    objective = make_plain()
+    batch = jax.tree.map(np.asarray, make_motion_batch(objective, SIZE))
+    start, ends = init_state(objective, jax.random.key(0)), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
-        step = jax.jit(functools.partial(train_step, task))
+        step = jax.jit(functools.partial(train_step, objective))
         arguments = (sharding.replicate(mesh, start), sharding.shard_batch(mesh, batch), jax.random.key(1))
         ends.append(jax.device_get(step(*arguments)))
     (one, one_metrics), (eight, metrics) = ends
@@ -105,17 +108,19 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
 
 
 def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
-    tasks, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(tasks[0], jax.random.key(0))
-    keys = step_keys(jax.random.key(1), state.step)
-    for task in tasks:
+    objectives, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
+    state = init_state(objectives[0], jax.random.key(0))
+    keys = step_keys(objectives[0].spec, jax.random.key(1), state.step)
+    for objective in objectives:
 
-        def loss(params, batch, task=task):
+        def loss(params, batch, objective=objective):
             variables = state.generator.variables | {"params": params}
-            outputs, (batch_stats, _) = METHOD.run(task, variables, batch, keys, train=True)
+            outputs, (batch_stats, _) = seq2seq.run(
+                objective.spec, variables, batch, keys, train=True, compute=objective.compute
+            )
             return jnp.mean(jnp.square(outputs.poses[-1][:, :12])), (outputs.poses[-1], batch_stats)
 
-        found.append(jax.jit(jax.grad(loss, has_aux=True))(state.generator.params, make_motion_batch(task, SIZE)))
+        found.append(jax.jit(jax.grad(loss, has_aux=True))(state.generator.params, make_motion_batch(objective, SIZE)))
     (gradient, (poses, _)), (half_gradient, (half_poses, batch_stats)) = found
     assert {leaf.dtype for leaf in jax.tree.leaves((half_poses, batch_stats, half_gradient))} == {np.dtype("float32")}
     assert 0 < np.abs(poses - half_poses)[:, :12].max() < 0.03 * np.abs(poses).max()

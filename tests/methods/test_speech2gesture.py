@@ -9,11 +9,12 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods import speech2gesture
 from ha2g_jax.methods.forward import discriminate
-from ha2g_jax.methods.speech2gesture import METHOD, l1
+from ha2g_jax.methods.speech2gesture import l1
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 150, 16
@@ -22,12 +23,13 @@ SHALLOW = {"model__audio__channels": (4,), "model__inferer__layers": 1, "model__
 
 
 @pytest.fixture(scope="module")
-def make_plain(make_task):
-    """A function from changes to a task of few layers under gradient descent."""
+def make_plain(make_objective):
+    """A function from changes to a objective of few layers under gradient descent."""
 
     def make(**changes):
-        task = make_task("speech2gesture", train__batch_size=SIZE, **(SHALLOW | changes))
-        return dataclasses.replace(task, generator_optimizer=optax.sgd(1e-4), discriminator_optimizer=optax.sgd(1e-2))
+        objective = make_objective("speech2gesture", train__batch_size=SIZE, **(SHALLOW | changes))
+        sgd = {"generator_optimizer": optax.sgd(1e-4), "discriminator_optimizer": optax.sgd(1e-2)}
+        return dataclasses.replace(objective, **sgd)
 
     return make
 
@@ -37,30 +39,30 @@ def test_l1_is_the_mean_over_all_frames():
     assert float(l1(poses, targets)) == pytest.approx((1 + 0 + 2 + 1) / 4)
 
 
-def test_an_identity_is_refused(make_task):
+def test_an_identity_is_refused(make_objective):
     with pytest.raises(UserError, match=r"config\.model\.identity\.kind is 'images', expected one of none"):
-        make_task("speech2gesture", model__identity__kind="images")
+        make_objective("speech2gesture", model__identity__kind="images")
 
 
-def test_legacy_trains_as_the_published_comparison_did(make_task, make_motion_batch):
-    """A step of the other method, with the same parameters; it hears and judges otherwise."""
-    methods = ("speech2gesture", "speech2gesture_legacy")
-    tasks = [make_task("speech2gesture", method=method, **SHALLOW) for method in methods]
-    assert [task.generator.swapped_axes for task in tasks] == [False, True]
-    assert [task.discriminator.differences for task in tasks] == [1, 2]
-    state, batch = init_state(tasks[0], jax.random.key(0)), make_motion_batch(tasks[0], 3)
-    new, legacy = (jax.jit(functools.partial(train_step, task))(state, batch, jax.random.key(1))[1] for task in tasks)
+def test_legacy_trains_as_the_published_comparison_did(make_objective, make_motion_batch):
+    """A step with the same parameters takes another input and has another discriminator."""
+    objectives = [make_objective("speech2gesture", model__legacy=legacy, **SHALLOW) for legacy in (False, True)]
+    assert [objective.spec.generator.swapped_axes for objective in objectives] == [False, True]
+    assert [objective.spec.discriminator.differences for objective in objectives] == [1, 2]
+    state, batch = init_state(objectives[0], jax.random.key(0)), make_motion_batch(objectives[0], 3)
+    steps = [jax.jit(functools.partial(train_step, objective)) for objective in objectives]
+    new, legacy = (step(state, batch, jax.random.key(1))[1] for step in steps)
     for name in ("loss/l1", "loss/discriminator"):
         assert jnp.isfinite(legacy[name]) and legacy[name] != pytest.approx(float(new[name]), rel=1e-3)
 
 
-def test_one_batch_is_learnt_by_heart_against_the_adversary(make_task, make_motion_batch):
+def test_one_batch_is_learnt_by_heart_against_the_adversary(make_objective, make_motion_batch):
     changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
-    task = make_task("speech2gesture", train__steps=STEPS, **(SHALLOW | changes))
-    assert task.warmup_steps == 0
-    batch, state, history = make_motion_batch(task, 4), init_state(task, jax.random.key(0)), []
+    objective = make_objective("speech2gesture", train__steps=STEPS, **(SHALLOW | changes))
+    assert objective.warmup_steps == 0
+    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
     before = jax.tree.map(np.asarray, state.discriminator.params)
-    step = jax.jit(functools.partial(train_step, task))
+    step = jax.jit(functools.partial(train_step, objective))
     for number in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics)
@@ -74,31 +76,31 @@ def test_one_batch_is_learnt_by_heart_against_the_adversary(make_task, make_moti
 
 
 def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_plain, make_motion_batch):
-    task = make_plain()
-    batch, state = make_motion_batch(task, 3), init_state(task, jax.random.key(0))
-    keys = step_keys(jax.random.key(1), state.step)
+    objective = make_plain()
+    batch, state = make_motion_batch(objective, 3), init_state(objective, jax.random.key(0))
+    keys = step_keys(objective.spec, jax.random.key(1), state.step)
 
     @jax.jit
     def run(batch):
-        poses = METHOD.run(task, state.generator.variables, batch, keys, train=False)[0].poses[-1]
-        scores, _ = discriminate(task, state.discriminator.variables, poses, keys["gan"], train=False)
+        poses = speech2gesture.run(objective.spec, state.generator.variables, batch, keys, train=False)[0].poses[-1]
+        scores, _ = discriminate(objective.spec, state.discriminator.variables, poses, keys["gan"], train=False)
         return poses, scores
 
     single = jax.tree.map(lambda x: x[1:2], batch)
     poses, scores = run(single)
     np.testing.assert_allclose(poses, run(batch)[0][1:2], rtol=1e-4, atol=1e-5)
     assert scores.shape == (1, 9)
-    metrics = jax.jit(functools.partial(validation_step, task))(state, single, jax.random.key(1))
+    metrics = jax.jit(functools.partial(validation_step, objective))(state, single, jax.random.key(1))
     assert float(metrics["loss/gan"]) == pytest.approx(np.mean((1 - np.asarray(scores)) ** 2), rel=1e-4)
 
 
 def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
-    task = make_plain()
-    batch = jax.tree.map(np.asarray, make_motion_batch(task, SIZE))
-    start, ends = init_state(task, jax.random.key(0)), []
+    objective = make_plain()
+    batch = jax.tree.map(np.asarray, make_motion_batch(objective, SIZE))
+    start, ends = init_state(objective, jax.random.key(0)), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
-        step = jax.jit(functools.partial(train_step, task))
+        step = jax.jit(functools.partial(train_step, objective))
         arguments = (sharding.replicate(mesh, start), sharding.shard_batch(mesh, batch), jax.random.key(1))
         ends.append(jax.device_get(step(*arguments)))
     (one, one_metrics), (eight, metrics) = ends
@@ -113,17 +115,19 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
 
 
 def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
-    tasks, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(tasks[0], jax.random.key(0))
-    keys = step_keys(jax.random.key(1), state.step)
-    for task in tasks:
+    objectives, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
+    state = init_state(objectives[0], jax.random.key(0))
+    keys = step_keys(objectives[0].spec, jax.random.key(1), state.step)
+    for objective in objectives:
 
-        def loss(params, batch, task=task):
+        def loss(params, batch, objective=objective):
             variables = state.generator.variables | {"params": params}
-            outputs, (batch_stats, _) = METHOD.run(task, variables, batch, keys, train=True)
+            outputs, (batch_stats, _) = speech2gesture.run(
+                objective.spec, variables, batch, keys, train=True, compute=objective.compute
+            )
             return jnp.mean(jnp.square(outputs.poses[-1])), (outputs.poses[-1], batch_stats)
 
-        found.append(jax.jit(jax.grad(loss, has_aux=True))(state.generator.params, make_motion_batch(task, SIZE)))
+        found.append(jax.jit(jax.grad(loss, has_aux=True))(state.generator.params, make_motion_batch(objective, SIZE)))
     (gradient, (poses, _)), (half_gradient, (half_poses, batch_stats)) = found
     assert {leaf.dtype for leaf in jax.tree.leaves((half_poses, batch_stats, half_gradient))} == {np.dtype("float32")}
     assert 0 < np.std(poses - half_poses) < 0.05 * np.std(poses)

@@ -7,28 +7,29 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.trimodal import METHOD, kld, style
+from ha2g_jax.methods import trimodal
+from ha2g_jax.methods.trimodal import kld, style
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS = 300
 
 
 @pytest.fixture(scope="module")
-def task(make_task):
+def objective(make_objective):
     """Wide enough to learn a batch by heart."""
     changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
-    return make_task("trimodal", train__steps=STEPS, **changes)
+    return make_objective("trimodal", train__steps=STEPS, **changes)
 
 
 @pytest.fixture(scope="module")
-def state(task):
-    return init_state(task, jax.random.key(0))
+def state(objective):
+    return init_state(objective, jax.random.key(0))
 
 
-def keys_of(number):
-    return step_keys(jax.random.key(number), jnp.int32(0))
+def keys_of(spec, number):
+    return step_keys(spec, jax.random.key(number), jnp.int32(0))
 
 
 def test_style_equals_its_formula():
@@ -60,48 +61,54 @@ def test_kld_is_the_mean_over_batch_and_values():
     assert float(kld(mean, log_variance)) == pytest.approx(by_hand, rel=1e-6)
 
 
-def test_evaluation_compares_with_the_mean_styles_of_a_permutation(task, state, make_motion_batch):
-    batch = make_motion_batch(task, 5)
+def test_evaluation_compares_with_the_mean_styles_of_a_permutation(objective, state, make_motion_batch):
+    batch = make_motion_batch(objective, 5)
     batch["speaker"] = jnp.arange(5)
-    evaluate = jax.jit(lambda batch, keys: METHOD.run(task, state.generator.variables, batch, keys, train=False))
-    outputs, (_, contrast) = evaluate(batch, keys_of(0))
+    evaluate = jax.jit(
+        lambda batch, keys: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=False)
+    )
+    outputs, (_, contrast) = evaluate(batch, keys_of(objective.spec, 0))
     np.testing.assert_array_equal(contrast.z, outputs.mean)
     order = [
         int(np.argmin(np.abs(np.asarray(outputs.mean) - row).max(axis=-1))) for row in np.asarray(contrast.other_z)
     ]
     np.testing.assert_array_equal(contrast.other_z, outputs.mean[np.array(order)])
     assert sorted(order) == list(range(5)) != order
-    other, _ = evaluate(batch | {"speaker": jnp.array(order)}, keys_of(1))
+    other, _ = evaluate(batch | {"speaker": jnp.array(order)}, keys_of(objective.spec, 1))
     np.testing.assert_allclose(contrast.poses, other.poses[-1], atol=1e-6)
     assert not np.allclose(contrast.poses, outputs.poses[-1], atol=1e-6)
 
 
-def test_training_samples_both_styles(task, state, make_motion_batch):
+def test_training_samples_both_styles(objective, state, make_motion_batch):
     """Even a clip that keeps its speaker, such as that of a batch of one, gets another style."""
-    batch, keys = make_motion_batch(task, 1), keys_of(0)
-    outputs, (_, contrast) = jax.jit(lambda: METHOD.run(task, state.generator.variables, batch, keys, train=True))()
+    batch, keys = make_motion_batch(objective, 1), keys_of(objective.spec, 0)
+    outputs, (_, contrast) = jax.jit(
+        lambda: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=True)
+    )()
     assert len({tuple(np.asarray(z[0])) for z in (outputs.mean, contrast.z, contrast.other_z)}) == 3
 
 
-def test_validation_of_one_window_is_finite_and_has_all_terms(task, state, make_motion_batch):
-    terms = jax.jit(functools.partial(validation_step, task))(state, make_motion_batch(task, 1), jax.random.key(0))
-    assert set(terms) == {f"loss/{name}" for name in (*METHOD.terms, "total")}
+def test_validation_of_one_window_is_finite_and_has_all_terms(objective, state, make_motion_batch):
+    terms = jax.jit(functools.partial(validation_step, objective))(
+        state, make_motion_batch(objective, 1), jax.random.key(0)
+    )
+    assert set(terms) == {f"loss/{name}" for name in (*trimodal.term_names, "total")}
     assert all(np.isfinite(value) for value in terms.values())
     assert terms["loss/style"] == 0  # its only speaker against itself
 
 
-def test_mirrored_windows_double_the_table_of_speakers(make_task):
-    rows = [make_task("trimodal", data__mirror=share).generator.identity.num_speakers for share in (0.0, 0.5)]
+def test_mirrored_windows_double_the_table_of_speakers(make_objective):
+    rows = [make_objective("trimodal", data__mirror=share).generator.identity.num_speakers for share in (0.0, 0.5)]
     assert rows == [5, 10]
     with pytest.raises(UserError, match=r"identity.kind is 'images', expected one of speakers"):
-        make_task("trimodal", model__identity__kind="images")
+        make_objective("trimodal", model__identity__kind="images")
 
 
-def test_one_batch_is_learnt_by_heart(task, state, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
     """With all terms, the adversary included."""
-    batch = make_motion_batch(task, 4)
-    step = jax.jit(functools.partial(train_step, task))
-    assert task.warmup_steps == 0
+    batch = make_motion_batch(objective, 4)
+    step = jax.jit(functools.partial(train_step, objective))
+    assert objective.warmup_steps == 0
     history = []
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))

@@ -20,11 +20,10 @@ import numpy as np
 import optax
 
 from ha2g_jax import config as configs
-from ha2g_jax.checkpoint.state import TrainState, init_state
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import Task
+from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import hosts, sharding
+from ha2g_jax.train.objective import Objective, build_objective, init_state
 
 STOP_AT = 2  # the step at which the last process asks to end
 
@@ -32,23 +31,27 @@ _ROOT = pathlib.Path(__file__).parent.parent.parent
 _TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without a cache
 
 
-def sgd_task() -> Task:
+def sgd_objective() -> Objective:
     """TED-Gesture at debug size with dropout and the GAN term, under plain gradient descent."""
     config = configs.debug(configs.paper("ted_gesture"))
     config.model.identity.kind = "speakers"
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.3
     config.train.warmup_epochs = 1
-    task = build_task(config, load_skeleton("ted_gesture"), 11, 5, steps_per_epoch=2)
-    return dataclasses.replace(task, generator_optimizer=optax.sgd(1e-4), discriminator_optimizer=optax.sgd(1e-2))
+    objective = build_objective(config, load_skeleton("ted_gesture"), 11, 5, steps_per_epoch=2)
+    return dataclasses.replace(objective, generator_optimizer=optax.sgd(1e-4), discriminator_optimizer=optax.sgd(1e-2))
 
 
 def train(
-    task: Task, state: TrainState, batches: Sequence[dict[str, np.ndarray]], devices: list[Any], stop_at: int = -1
+    objective: Objective,
+    state: TrainState,
+    batches: Sequence[dict[str, np.ndarray]],
+    devices: list[Any],
+    stop_at: int = -1,
 ) -> tuple[TrainState, list[dict[str, np.ndarray]]]:
     """The state after a step on each batch (this process' rows of it), and the metrics of the steps."""
     mesh = sharding.data_mesh(devices)
-    step = sharding.compile_step(task, mesh)
+    step = sharding.compile_step(objective, mesh)
     state, history = sharding.replicate(mesh, state), []
     for number, batch in enumerate(batches):
         state, metrics = step(state, sharding.shard_batch(mesh, batch), jax.random.key(1), number == stop_at)
@@ -122,8 +125,8 @@ def finish(
 
 def _main(coordinator: str, count: str, process: str, start: str, end: str) -> None:
     hosts.start(coordinator, int(count), int(process))
-    task = sgd_task()
-    structure = jax.tree.structure(jax.eval_shape(functools.partial(init_state, task), jax.random.key(0)))
+    objective = sgd_objective()
+    structure = jax.tree.structure(jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0)))
     batches: list[dict[str, np.ndarray]] = []
     with np.load(start) as stored:
         state = jax.tree.unflatten(structure, [stored[f"state/{number}"] for number in range(structure.num_leaves)])
@@ -131,7 +134,7 @@ def _main(coordinator: str, count: str, process: str, start: str, end: str) -> N
             rows = {name.split("/")[1]: np.split(stored[name], int(count))[int(process)] for name in names}
             batches.append(rows)
     is_last = int(process) == int(count) - 1
-    state, history = train(task, state, batches, jax.devices(), STOP_AT if is_last else -1)
+    state, history = train(objective, state, batches, jax.devices(), STOP_AT if is_last else -1)
     if hosts.is_first():
         leaves = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
         np.savez(end, **leaves, stop=[metrics["stop"] for metrics in history])

@@ -33,7 +33,7 @@ def test_a_run_may_move_to_another_machine(workdir, config, name, value):
 
 
 def test_differing_settings_are_named(workdir, config):
-    config.seed, config.loss.weights.gan = 1, 0.5
+    config.seed, config.loss.ha2g.weights.gan = 1, 0.5
     with pytest.raises(UserError, match=r"loss\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"):
         checks.check_workdir(workdir, config)
 

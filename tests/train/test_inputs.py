@@ -9,12 +9,18 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
 
 
 @pytest.fixture
 def config():
     return configs.debug(configs.paper("ted_expressive"))
+
+
+def spec_of(config, corpus):
+    """The networks of a config on a corpus."""
+    return build(config, corpus.skeleton, len(corpus.vocabulary()), len(corpus.speakers_of("train")))
 
 
 def divide(tiny_talk, path, **splits: str):
@@ -31,17 +37,18 @@ def test_without_a_validation_split(config, tiny_talk, tmp_path):
     """One recording is one talk, which no split divides: a run does without validation."""
     for number, splits in enumerate(({"train": "ada"}, {"train": "ada", "val": ""})):
         corpus = divide(tiny_talk, tmp_path / str(number), **splits)
-        assert inputs.open_validation(config, corpus, corpus.vocabulary()) is None
+        assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
 
 
 def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
     """With images anybody can be validated on; with a table only speakers it has a row for."""
     corpus = divide(tiny_talk, tmp_path / "corpus", train="ada", val="ben", test="ada")
-    with_images = inputs.open_validation(config, corpus, corpus.vocabulary())
+    with_images = inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary())
     assert with_images is not None
     assert len(with_images) > 0
     config.model.identity.kind = "speakers"
-    assert inputs.open_validation(config, corpus, corpus.vocabulary()) is None
-    assert inputs.open_windows(config, corpus, corpus.vocabulary(), "test").speakers() == {0}
+    spec = spec_of(config, corpus)
+    assert inputs.open_validation(config, spec, corpus, corpus.vocabulary()) is None
+    assert inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "test").speakers() == {0}
     with pytest.raises(UserError, match="no clip of a speaker of training in split 'val'"):
-        inputs.open_windows(config, corpus, corpus.vocabulary(), "val")
+        inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "val")

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.methods.forward import discriminate
 from ha2g_jax.methods.ha2g import method as ha2g
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
 PRODUCTS = ("dot_general", "conv_general_dilated")
@@ -30,23 +30,25 @@ def products(jaxpr):
 def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch, kind, accumulate):
     config.model.identity.kind = kind
     config.train.update({"dtype": "bfloat16", "accumulate": accumulate})
-    task = build(config)
-    state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
+    objective = build(config)
+    state = jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0))
 
     def run(state, batch, key):
-        keys = step_keys(key, state.step)
+        keys = step_keys(objective.spec, key, state.step)
         variables = state.generator.variables
         outputs, pull_back, _ = jax.vjp(
-            lambda params: ha2g.run(task, variables | {"params": params}, batch, keys),
+            lambda params: ha2g.run(
+                objective.spec, variables | {"params": params}, batch, keys, compute=objective.compute
+            ),
             variables["params"],
             has_aux=True,
         )
         logits, back = jax.vjp(
-            lambda poses: discriminate(task, state.discriminator.variables, poses, key)[0], outputs.poses[-1]
+            lambda poses: discriminate(objective.spec, state.discriminator.variables, poses, key)[0], outputs.poses[-1]
         )
         return outputs, logits, pull_back(outputs), back(logits)
 
-    jaxpr, shapes = jax.make_jaxpr(run, return_shape=True)(state, make_batch(task, 4), jax.random.key(1))
+    jaxpr, shapes = jax.make_jaxpr(run, return_shape=True)(state, make_batch(objective, 4), jax.random.key(1))
     found = list(products(jaxpr.jaxpr))
     assert len(found) > 200
     assert set(found) == {"bfloat16"}
@@ -58,16 +60,16 @@ def switched(make_config, build, state, batch):
     """A step with every switch of this file on: (compiled, state before, state after, metrics)."""
     config = make_config()
     config.train.update({"dtype": "bfloat16", "ema": 0.5, "clip_norm": 0.1, "schedule": "cosine", "steps": 8})
-    task = build(config, steps_per_epoch=2)
+    objective = build(config, steps_per_epoch=2)
     start = state.replace(
-        generator=state.generator.replace(opt_state=task.generator_optimizer.init(state.generator.params)),
+        generator=state.generator.replace(opt_state=objective.generator_optimizer.init(state.generator.params)),
         discriminator=state.discriminator.replace(
-            opt_state=task.discriminator_optimizer.init(state.discriminator.params)
+            opt_state=objective.discriminator_optimizer.init(state.discriminator.params)
         ),
         average=jax.tree.map(lambda x: x + 1, state.generator.variables),
     )
     before = jax.tree.map(np.asarray, start)
-    step = jax.jit(functools.partial(train_step, task), donate_argnums=0)
+    step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
     compiled = step.lower(start, batch, jax.random.key(1)).compile()
     after, metrics = compiled(jax.tree.map(jnp.array, before), batch, jax.random.key(1))
     return compiled, before, after, metrics

@@ -6,10 +6,9 @@ import jax
 import numpy as np
 
 from ha2g_jax import config as configs
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.data.corpus import TRAIN
-from ha2g_jax.methods.building import build_task
 from ha2g_jax.train import inputs
+from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.step import train_step
 
 
@@ -17,17 +16,17 @@ def test_one_batch_is_learnt_by_heart_in_300_steps(tiny_talk):
     config = configs.debug(configs.paper("ted_expressive"))
     config.data.path = str(tiny_talk)
     config.train.update({"steps": 300, "learning_rate": 5e-3, "schedule": "cosine"})
-    config.loss.weights.physical = 0.0  # it holds joints at their mean angles, and the Huber term at 2 %
+    config.loss.ha2g.weights.physical = 0.0  # it holds joints at their mean angles, and the Huber term at 2 %
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), corpus.speakers_of(TRAIN)
-    windows = inputs.open_windows(config, corpus, vocabulary, TRAIN)
+    objective = build_objective(config, corpus.skeleton, len(vocabulary), len(speakers))
+    windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
     examples = [windows[index] for index in range(config.train.batch_size)]
     batch = {name: np.stack([example[name] for example in examples]) for name in examples[0]}
 
-    task = build_task(config, corpus.skeleton, len(vocabulary), len(speakers))
-    assert task.warmup_steps == 0
-    step = jax.jit(functools.partial(train_step, task), donate_argnums=0)
-    state, history = init_state(task, jax.random.key(0)), []
+    assert objective.warmup_steps == 0
+    step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
+    state, history = init_state(objective, jax.random.key(0)), []
     for _ in range(config.train.steps):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/huber"])

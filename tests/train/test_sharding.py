@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 NUM_STEPS, BATCH_SIZE = 5, 8
@@ -20,9 +20,9 @@ NUM_STEPS, BATCH_SIZE = 5, 8
 @pytest.fixture(scope="module")
 def start(make_batch):
     """Task, state and batches of `NUM_STEPS` steps of plain gradient descent, all terms of the objective at work."""
-    task = processes.sgd_task()
-    state = init_state(task, jax.random.key(0)).replace(step=jnp.int32(task.warmup_steps))
-    return task, jax.device_get(state), [make_batch(task, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
+    objective = processes.sgd_objective()
+    state = init_state(objective, jax.random.key(0)).replace(step=jnp.int32(objective.warmup_steps))
+    return objective, jax.device_get(state), [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
 
 
 @pytest.fixture(scope="module")
@@ -60,11 +60,11 @@ def test_two_processes_equal_one_and_agree_on_the_end(start, alone, tmp_path):
 
 
 def test_a_step_is_compiled_once(start, monkeypatch):
-    task, state, (batch, *_) = start
+    objective, state, (batch, *_) = start
     traces = []
-    monkeypatch.setattr(sharding, "train_step", lambda task, state, batch, key: (traces.append(1), (state, {}))[1])
+    monkeypatch.setattr(sharding, "train_step", lambda objective, state, batch, key: (traces.append(1), (state, {}))[1])
     mesh = sharding.data_mesh()
-    step, state = sharding.compile_step(task, mesh), sharding.replicate(mesh, state)
+    step, state = sharding.compile_step(objective, mesh), sharding.replicate(mesh, state)
     for stop in (False, True, False):
         state, metrics = step(state, sharding.shard_batch(mesh, batch), jax.random.key(1), stop)
         assert bool(metrics["stop"]) is stop
@@ -72,10 +72,10 @@ def test_a_step_is_compiled_once(start, monkeypatch):
 
 
 def test_validation_runs_on_the_mesh(start):
-    (task, state, (batch, *_)), results = start, []
+    (objective, state, (batch, *_)), results = start, []
     for num_devices in (1, 8):
         mesh = sharding.data_mesh(jax.devices()[:num_devices])
-        validate = sharding.compile_validation_step(task, mesh)
+        validate = sharding.compile_validation_step(objective, mesh)
         results.append(validate(sharding.replicate(mesh, state), sharding.shard_batch(mesh, batch), jax.random.key(1)))
     for name, value in results[0].items():
         np.testing.assert_allclose(value, results[1][name], rtol=1e-4)
@@ -100,7 +100,7 @@ def test_what_was_replicated_stays_valid_when_the_copy_is_given_up(original):
 
 def test_batch_that_does_not_split_is_refused(make_batch):
     with pytest.raises(UserError, match="batch of 6 does not split over 8 devices"):
-        sharding.shard_batch(sharding.data_mesh(), make_batch(processes.sgd_task(), 6))
+        sharding.shard_batch(sharding.data_mesh(), make_batch(processes.sgd_objective(), 6))
 
 
 def test_hosts_with_unequal_devices_are_refused(monkeypatch):

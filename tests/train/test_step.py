@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from ha2g_jax.methods.objective import subtract_mean
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.methods import adversarial
+from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.forward import discriminate
-from ha2g_jax.methods.ha2g.method import TERMS
-from ha2g_jax.methods.task import subtract_mean
+from ha2g_jax.methods.ha2g.method import term_names
 from ha2g_jax.train import step as steps
+from ha2g_jax.train.objective import init_state
 
 NETWORKS = ("generator", "discriminator")
 
@@ -26,42 +27,42 @@ def equal(first, second):
     return jax.tree.all(jax.tree.map(jnp.array_equal, first, second))
 
 
-def two_pass_step(task, state, batch, key):
+def two_pass_step(objective, state, batch, key):
     """The plain alternation: a forward pass to train the discriminator, another to train the generator."""
-    keys = steps.step_keys(key, state.step)
-    targets = subtract_mean(task, batch["directions"])
-    fake = task.method.run(task, state.generator.variables, batch, keys)[0].poses[-1]
+    keys = steps.step_keys(objective.spec, key, state.step)
+    targets = subtract_mean(objective.spec, batch["directions"])
+    fake = method_of(objective.spec).run(objective.spec, state.generator.variables, batch, keys)[0].poses[-1]
     real_key, fake_key = jax.random.split(keys["discriminator"])
 
     def discriminator_loss(params):
         variables = state.discriminator.variables | {"params": params}
-        real_logits, batch_stats = discriminate(task, variables, targets, real_key)
-        fake_logits, _ = discriminate(task, variables | {"batch_stats": batch_stats}, fake, fake_key)
+        real_logits, batch_stats = discriminate(objective.spec, variables, targets, real_key)
+        fake_logits, _ = discriminate(objective.spec, variables | {"batch_stats": batch_stats}, fake, fake_key)
         return adversarial.gan_discriminator(real_logits, fake_logits)
 
-    updates, _ = task.discriminator_optimizer.update(
+    updates, _ = objective.discriminator_optimizer.update(
         jax.grad(discriminator_loss)(state.discriminator.params), state.discriminator.opt_state
     )
     discriminator = state.discriminator.replace(params=optax.apply_updates(state.discriminator.params, updates))
 
     def generator_loss(params):
         variables = state.generator.variables | {"params": params}
-        outputs, (_, contrast) = task.method.run(task, variables, batch, keys)
-        fake_logits, _ = discriminate(task, discriminator.variables, outputs.poses[-1], keys["gan"])
-        terms = task.method.loss_terms(task, outputs, contrast, targets)
+        outputs, (_, contrast) = method_of(objective.spec).run(objective.spec, variables, batch, keys)
+        fake_logits, _ = discriminate(objective.spec, discriminator.variables, outputs.poses[-1], keys["gan"])
+        terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets)
         terms["gan"] = adversarial.gan_generator(fake_logits)
-        return sum(weight * terms[name] for name, weight in task.losses.weights)
+        return sum(weight * terms[name] for name, weight in objective.weights)
 
-    updates, _ = task.generator_optimizer.update(
+    updates, _ = objective.generator_optimizer.update(
         jax.grad(generator_loss)(state.generator.params), state.generator.opt_state
     )
     return optax.apply_updates(state.generator.params, updates), discriminator.params
 
 
-def test_shared_forward_equals_the_two_pass_alternation(task, step, state, batch):
+def test_shared_forward_equals_the_two_pass_alternation(objective, step, state, batch):
     key = jax.random.key(1)
     after, _ = step(state, batch, key)
-    generator, discriminator = jax.jit(functools.partial(two_pass_step, task))(state, batch, key)
+    generator, discriminator = jax.jit(functools.partial(two_pass_step, objective))(state, batch, key)
     for before, ours, theirs in (
         (state.generator.params, after.generator.params, generator),
         (state.discriminator.params, after.discriminator.params, discriminator),
@@ -78,13 +79,13 @@ def test_batch_statistics_of_both_networks_move(step, state, batch):
         assert jax.tree.all(moved)
 
 
-def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(task, step, state, batch):
+def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(objective, step, state, batch):
     states, compiled = [state.replace(step=jnp.int32(0))], []
     for count in range(3):
         after, metrics = step(states[-1], batch, jax.random.key(1))
         states.append(after)
         compiled.append(step._cache_size())
-        weights = dict(task.losses.weights) | ({} if count >= task.warmup_steps else {"gan": 0.0})
+        weights = dict(objective.weights) | ({} if count >= objective.warmup_steps else {"gan": 0.0})
         expected = sum(weight * float(metrics[f"loss/{name}"]) for name, weight in weights.items())
         assert metrics["loss/total"] == pytest.approx(expected, rel=1e-5)
     discriminators = [state.discriminator for state in states]
@@ -95,9 +96,9 @@ def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(task, 
     assert compiled == compiled[:1] * 3
 
 
-def test_terms_are_those_that_have_weights(task, state, batch):
-    _, metrics = jax.eval_shape(functools.partial(steps.train_step, task), state, batch, jax.random.key(1))
-    names = {f"loss/{name}" for name in (*TERMS, "total", "discriminator")}
+def test_terms_are_those_that_have_weights(objective, state, batch):
+    _, metrics = jax.eval_shape(functools.partial(steps.train_step, objective), state, batch, jax.random.key(1))
+    names = {f"loss/{name}" for name in (*term_names, "total", "discriminator")}
     names |= {
         f"{name}/{network}" for name in ("grad_norm", "learning_rate") for network in ("generator", "discriminator")
     }
@@ -145,20 +146,20 @@ def test_a_discriminator_that_is_not_finite_counts_in_warmup_too(step, state, ba
     assert equal(after.replace(is_finite=broken.is_finite), broken)
 
 
-def test_validation_uses_the_mean_identity(task, state, batch):
-    validate = jax.jit(functools.partial(steps.validation_step, task))
+def test_validation_uses_the_mean_identity(objective, state, batch):
+    validate = jax.jit(functools.partial(steps.validation_step, objective))
     first, second = (validate(state, batch, jax.random.key(seed)) for seed in (1, 2))
-    assert first.keys() == {f"loss/{name}" for name in (*TERMS, "total")}
+    assert first.keys() == {f"loss/{name}" for name in (*term_names, "total")}
     for name in ("huber", "physical", "kld", "contrastive", "gan"):
         assert first[f"loss/{name}"] == second[f"loss/{name}"]
 
 
 def test_identity_comes_from_images_where_the_config_says_so(config, build, make_batch):
     config.model.identity.kind = "images"
-    task = build(config)
-    batch = make_batch(task, 2)
+    objective = build(config)
+    batch = make_batch(objective, 2)
     del batch["speaker"]
-    state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
-    after, _ = jax.eval_shape(functools.partial(steps.train_step, task), state, batch, jax.random.key(1))
+    state = jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0))
+    after, _ = jax.eval_shape(functools.partial(steps.train_step, objective), state, batch, jax.random.key(1))
     assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
     assert "resnet" in after.generator.params["identity"]

@@ -9,40 +9,42 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
 SIZE = 16
 
 
 @pytest.fixture
-def tasks(config, build):
-    """The same task with the batch as a whole and in 2 parts, under gradient descent and without dropout."""
+def objectives(config, build):
+    """The same objective with the batch as a whole and in 2 parts, under gradient descent and without dropout."""
     config.model.text.dropout = config.model.inferer.dropout = 0.0
     config.train.batch_size = SIZE
 
     def make(count):
         config.train.accumulate = count
-        task = build(config)
+        objective = build(config)
         return dataclasses.replace(
-            task,
+            objective,
             generator_optimizer=optax.sgd(1e-3),
             discriminator_optimizer=optax.sgd(1e-2),
-            discriminator=task.discriminator.clone(dropout=0.0),
+            spec=objective.spec._replace(discriminator=objective.spec.discriminator.clone(dropout=0.0)),
         )
 
     return make(1), make(2)
 
 
-def residuals(task, state, batch):
+def residuals(objective, state, batch):
     """Shapes of what the forward pass of the generator keeps for the gradient."""
 
     def run(state, batch, key):
-        variables, keys = state.generator.variables, step_keys(key, state.step)
+        variables, keys = state.generator.variables, step_keys(objective.spec, key, state.step)
         _, pull_back, _ = jax.vjp(
-            lambda params: ha2g.run(task, variables | {"params": params}, batch, keys),
+            lambda params: ha2g.run(
+                objective.spec, variables | {"params": params}, batch, keys, compute=objective.compute
+            ),
             variables["params"],
             has_aux=True,
         )
@@ -56,12 +58,12 @@ def num_bytes(leaves):
     return sum(leaf.size * leaf.dtype.itemsize for leaf in leaves)
 
 
-def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(tasks, make_batch):
-    batch, ends = make_batch(tasks[0], SIZE), []
-    start = jax.tree.map(np.asarray, init_state(tasks[0], jax.random.key(0)))
-    for task, devices in zip(tasks, (jax.devices()[:1], jax.devices()), strict=True):
+def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(objectives, make_batch):
+    batch, ends = make_batch(objectives[0], SIZE), []
+    start = jax.tree.map(np.asarray, init_state(objectives[0], jax.random.key(0)))
+    for objective, devices in zip(objectives, (jax.devices()[:1], jax.devices()), strict=True):
         mesh = sharding.data_mesh(devices)
-        step = jax.jit(functools.partial(train_step, task))
+        step = jax.jit(functools.partial(train_step, objective))
         ends.append(step(sharding.replicate(mesh, start), sharding.shard_batch(mesh, batch), jax.random.key(1)))
     (whole, whole_metrics), (parts, metrics) = jax.device_get(ends)
     for name, value in whole_metrics.items():
@@ -81,9 +83,12 @@ def test_parts_keep_less_for_the_gradient(config, build, make_batch, kind):
     config.train.batch_size = SIZE
     kept = []
     for config.train.accumulate in (1, 4):
-        task = build(config)
-        state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
-        kept.append(num_bytes(residuals(task, state, make_batch(task, SIZE))) - num_bytes(jax.tree.leaves(state.model)))
+        objective = build(config)
+        state = jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0))
+        kept.append(
+            num_bytes(residuals(objective, state, make_batch(objective, SIZE)))
+            - num_bytes(jax.tree.leaves(state.model))
+        )
     assert kept[1] < kept[0] / 3
 
 
@@ -92,14 +97,14 @@ def test_compiled_parts_take_less_memory(config, build, make_batch):
     config.train.batch_size = SIZE
     sizes = []
     for config.train.accumulate in (1, 4):
-        task = build(config)
-        state = jax.eval_shape(functools.partial(init_state, task), jax.random.key(0))
+        objective = build(config)
+        state = jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0))
 
-        def loss(params, state, batch, key, task=task):
-            variables, keys = state.generator.variables | {"params": params}, step_keys(key, state.step)
-            return jnp.sum(ha2g.run(task, variables, batch, keys)[0].poses[-1])
+        def loss(params, state, batch, key, objective=objective):
+            variables, keys = state.generator.variables | {"params": params}, step_keys(objective.spec, key, state.step)
+            return jnp.sum(ha2g.run(objective.spec, variables, batch, keys, compute=objective.compute)[0].poses[-1])
 
-        arguments = (state.generator.params, state, make_batch(task, SIZE), jax.random.key(1))
+        arguments = (state.generator.params, state, make_batch(objective, SIZE), jax.random.key(1))
         analysis = jax.jit(jax.grad(loss)).lower(*arguments).compile().memory_analysis()
         assert analysis is not None
         sizes.append(analysis.temp_size_in_bytes)

@@ -5,14 +5,14 @@ import hashlib
 import jax
 import numpy as np
 import pytest
+from ha2g_jax.methods.building import build_task
+from ha2g_jax.methods.task import example_batch, subtract_mean
 
 from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import example_batch, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.study.evaluation.features import PoseFeatures
 
@@ -46,10 +46,10 @@ def test_latents_are_those_of_the_module(folder, windows):
     latents = features(windows)
     assert latents.shape == (9, features.latent_dim) and latents.dtype == np.float64
     loaded = model_folder.load(folder)
-    poses = subtract_mean(loaded.task, windows)
-    expected = loaded.task.generator.apply(loaded.variables, poses, train=False, method="encode")
+    poses = subtract_mean(loaded.spec, windows)
+    expected = loaded.spec.generator.apply(loaded.variables, poses, train=False, method="encode")
     np.testing.assert_allclose(latents, expected, atol=1e-5)
-    restored = loaded.task.generator.apply(loaded.variables, poses, train=False)
+    restored = loaded.spec.generator.apply(loaded.variables, poses, train=False)
     assert features.reconstruction_error(windows) == pytest.approx(float(np.abs(restored - poses).mean()), rel=1e-4)
 
 

@@ -1,4 +1,4 @@
-"""A task is what its config says, and refuses what it cannot train."""
+"""An objective is what its config says, and refuses what it cannot train."""
 
 import jax
 import jax.numpy as jnp
@@ -7,16 +7,18 @@ import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods import task as tasks
-from ha2g_jax.methods.building import build_task, word_table
+from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train.inputs import word_table
+from ha2g_jax.train.objective import build_objective
 
 
 def test_paper_config_gives_the_sizes_of_the_paper():
-    task = build_task(configs.paper("ted_expressive"), load_skeleton("ted_expressive"), 100, 24, steps_per_epoch=7)
-    assert task.generator.audio.blocks == (3, 4, 6, 3)
-    assert (task.generator.hidden_dim, task.generator.layers) == (300, 4)
-    assert dict(task.losses.weights) == {
+    config = configs.paper("ted_expressive")
+    objective = build_objective(config, load_skeleton("ted_expressive"), 100, 24, steps_per_epoch=7)
+    assert objective.spec.generator.audio.blocks == (3, 4, 6, 3)
+    assert (objective.spec.generator.hidden_dim, objective.spec.generator.layers) == (300, 4)
+    assert dict(objective.weights) == {
         "gan": 1.0,
         "huber": 200.0,
         "physical": 0.1,
@@ -24,17 +26,17 @@ def test_paper_config_gives_the_sizes_of_the_paper():
         "kld": 0.1,
         "contrastive": 0.1,
     }
-    assert task.warmup_steps == 70
+    assert objective.warmup_steps == 70
 
 
 def test_every_weight_must_name_a_term(config, build):
-    config.loss.weights.smoothness = 1.0
+    config.loss.ha2g.weights.smoothness = 1.0
     with pytest.raises(UserError, match="differ in smoothness"):
         build(config)
 
 
 def test_every_term_must_have_a_weight(config, build):
-    del config.loss.weights["kld"]
+    del config.loss.ha2g.weights["kld"]
     with pytest.raises(UserError, match="differ in kld"):
         build(config)
 
@@ -42,7 +44,7 @@ def test_every_term_must_have_a_weight(config, build):
 @pytest.mark.parametrize(
     ("section", "field", "value"),
     [
-        ("loss", "gan", "wgan"),
+        ("loss.ha2g", "gan", "wgan"),
         ("model.identity", "kind", "video"),
         ("model.text", "receptive_field", "wide"),
         ("train", "schedule", "linear"),
@@ -84,15 +86,15 @@ def test_word_vectors_of_another_size_are_refused(config):
         word_table(config, 11, np.zeros((11, 300), np.float32))
 
 
-def test_restored_poses_are_the_unit_vectors_that_went_in(task, make_batch):
-    directions = jnp.asarray(make_batch(task, 2)["directions"])
-    poses = tasks.subtract_mean(task, directions)
+def test_restored_poses_are_the_unit_vectors_that_went_in(objective, make_batch):
+    directions = jnp.asarray(make_batch(objective, 2)["directions"])
+    poses = subtract_mean(objective.spec, directions)
     assert poses.shape == (2, 34, 27)
-    np.testing.assert_allclose(tasks.restore(task, poses), directions, atol=1e-6)
-    lengths = jnp.linalg.norm(tasks.restore(task, 2 * poses), axis=-1)
+    np.testing.assert_allclose(restore(objective.spec, poses), directions, atol=1e-6)
+    lengths = jnp.linalg.norm(restore(objective.spec, 2 * poses), axis=-1)
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
 
 
-def test_task_is_a_static_argument(task):
-    count = jax.jit(lambda task, x: x + task.num_frames, static_argnums=0)
-    assert count(task, 1) == 35
+def test_task_is_a_static_argument(objective):
+    count = jax.jit(lambda objective, x: x + objective.spec.num_frames, static_argnums=0)
+    assert count(objective, 1) == 35

@@ -1,4 +1,4 @@
-"""Fresh networks: same key, same numbers; word vectors where the task has them."""
+"""Fresh networks: same key, same numbers; word vectors where the objective has them."""
 
 import dataclasses
 import functools
@@ -7,30 +7,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ha2g_jax.checkpoint.state import init_state
-from ha2g_jax.methods.task import set_pretrained
+from ha2g_jax.train.objective import init_state, set_pretrained
 
 
-def test_state_is_a_function_of_the_key(task, state):
-    first, other = (init_state(task, jax.random.key(seed)) for seed in (0, 1))
+def test_state_is_a_function_of_the_key(objective, state):
+    first, other = (init_state(objective, jax.random.key(seed)) for seed in (0, 1))
     assert first.step == 0
     assert jax.tree.all(jax.tree.map(jnp.array_equal, first.replace(step=state.step), state))
     assert not jax.tree.all(jax.tree.map(jnp.array_equal, first.generator.params, other.generator.params))
 
 
-def test_an_average_has_the_variables_of_the_generator_and_is_the_model(task, state):
+def test_an_average_has_the_variables_of_the_generator_and_is_the_model(objective, state):
     assert state.average is None
     assert state.model == state.generator.variables
-    averaged = dataclasses.replace(task, average_decay=0.9)
+    averaged = dataclasses.replace(objective, average_decay=0.9)
     start = jax.eval_shape(functools.partial(init_state, averaged), jax.random.key(0))
     assert start.model is start.average
     assert jax.tree.map(jnp.shape, start.average) == jax.tree.map(jnp.shape, state.generator.variables)
 
 
-def test_pretrained_parameters_take_the_place_of_fresh_ones_and_of_no_others(task, state):
+def test_pretrained_parameters_take_the_place_of_fresh_ones_and_of_no_others(objective, state):
     vectors = np.random.default_rng(0).normal(size=(11, 8)).astype(np.float32)
     part = {"text": {"embedding": {"embedding": vectors}}}
-    variables = set_pretrained(dataclasses.replace(task, pretrained=part), state.generator.variables)
+    variables = set_pretrained(state.generator.variables, part)
     np.testing.assert_array_equal(variables["params"]["text"]["embedding"]["embedding"], vectors)
     variables["params"]["text"]["embedding"]["embedding"] = state.generator.params["text"]["embedding"]["embedding"]
     assert jax.tree.all(jax.tree.map(jnp.array_equal, variables, state.generator.variables))
