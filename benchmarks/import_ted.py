@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def measure(src: pathlib.Path, hours: float, workers: int) -> dict[str, float]:
-    """Seconds for the database as it is and for as many hours, and hours in an hour."""
+    """Return seconds for the database as it is and for as many hours, and hours in an hour."""
     lmdb_videos.check(src)
     values = [lmdb_videos.read_value(src, key) for key in lmdb_videos.read_keys(src)]
     with tempfile.TemporaryDirectory() as folder:
@@ -59,7 +59,7 @@ def measure(src: pathlib.Path, hours: float, workers: int) -> dict[str, float]:
 
 
 def _import(values: list[bytes], hours: float, folder: pathlib.Path, workers: int) -> tuple[float, float]:
-    """Makes a database and imports it: hours of clips, seconds."""
+    """Make a database and imports it: hours of clips, seconds."""
     src = folder / "lmdb"
     src.mkdir(parents=True)
     copies = list(_copies(values, hours))
@@ -74,7 +74,7 @@ def _import(values: list[bytes], hours: float, folder: pathlib.Path, workers: in
 
 
 def _copies(values: list[bytes], hours: float) -> Iterator[tuple[bytes, float]]:
-    """All records, and again until they are enough, with the hours of each."""
+    """Return all records, and again until they are enough, with the hours of each."""
     own_hours = [_hours(value) for value in values]
     if not sum(own_hours):
         raise UserError("no clip in this database; name that of a training split")

@@ -59,7 +59,7 @@ def main() -> int:
 
 
 def measure(config: Config, corpus: Corpus, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Windows per second of each way to read them ("rows") and of the step, and the ratio of the fastest warm one."""
+    """Return windows per second of each way to read them ("rows") and of the step, and the ratio of the fastest warm one."""
     rows, size, clips_per_second = [], 0, 0.0
     for identity in _IDENTITIES:
         start = time.perf_counter()

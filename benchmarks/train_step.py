@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def measure(config, arguments: argparse.Namespace) -> list[dict]:
-    """One row for each variant, with its settings, medians and memory."""
+    """Return one row for each variant, with its settings, medians and memory."""
     values = [getattr(arguments, name) or [config.train[name]] for name in _SETTINGS]
     variants = [dict(zip(_SETTINGS, choice, strict=True)) for choice in itertools.product(*values)]
     steps = []

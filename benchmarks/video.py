@@ -49,7 +49,7 @@ def main() -> int:
 
 
 def measure(count: int, motion: Motion, audio: np.ndarray, arguments: argparse.Namespace) -> dict[str, Any]:
-    """The time that a video of `count` figures takes."""
+    """Return the time that a video of `count` figures takes."""
     motions = {f"figure {number}": motion for number in range(1, count + 1)}
     seconds = len(audio) / SAMPLE_RATE
     walls, costs, size = [], [], 0

@@ -27,7 +27,7 @@ WORKDIR = pathlib.Path("runs/reproduce")
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
-    """Returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
+    """Return 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
 
     Args:
         argv: flags; by default those of this process.

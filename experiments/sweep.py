@@ -41,7 +41,7 @@ class Run(NamedTuple):
 
 
 def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int:
-    """Runs a sweep; returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
+    """Run a sweep; returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
 
     Args:
         argv: flags; by default those of this process.
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int
 
 
 def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequence[str] = ()) -> list[Run]:
-    """The runs of the product of `grids`, each "KEY=VALUE,VALUE...", the last one changing fastest.
+    """Return the runs of the product of `grids`, each "KEY=VALUE,VALUE...", the last one changing fastest.
 
     Raises:
         UserError: a grid or setting that cannot be used; in any of the runs.
@@ -94,7 +94,7 @@ def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequ
 
 
 def gather(runs: Sequence[Run]) -> dict[str, Any]:
-    """The state and validation scores of every run, and their means and deviations over the seeds that finished."""
+    """Return the state and validation scores of every run, and their means and deviations over the seeds that finished."""
     rows = [
         {"name": run.name, "settings": run.settings, "finished": is_finished(run)} | _progress(run.workdir)
         for run in runs
@@ -109,7 +109,7 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def is_finished(run: Run) -> bool:
-    """Whether the workdir has the checkpoint of the last step of exactly this config."""
+    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
     if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
         return False
     try:
@@ -119,7 +119,7 @@ def is_finished(run: Run) -> bool:
 
 
 def as_table(gathered: dict[str, Any]) -> str:
-    """One line a run, then one line a group of seeds, with mean ± standard deviation."""
+    """Return one line a run, then one line a group of seeds, with mean ± standard deviation."""
     terms = sorted({name for row in gathered["runs"] for name in row["validation"]})
     lines = [["run", "step", *terms]]
     for row in gathered["runs"]:
@@ -157,7 +157,7 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
 
 
 def _progress(workdir: pathlib.Path) -> dict[str, Any]:
-    """The last step of a run and its last validation scores."""
+    """Return the last step of a run and its last validation scores."""
     from ha2g_jax.train.writers import METRICS, read_metrics  # JAX starts here, after the flags were read
 
     path = workdir / METRICS
@@ -182,7 +182,7 @@ def _summary(settings: dict[str, str], scores: list[Scores]) -> dict[str, Any]:
 
 
 def _split(text: str) -> list[str]:
-    """The values between the commas that are in no brackets: "(0.5,0.9),(0.9,0.99)" has two."""
+    """Return the values between the commas that are in no brackets: "(0.5,0.9),(0.9,0.99)" has two."""
     values, depth = [""], 0
     for character in text:
         depth += (character in "([{") - (character in ")]}")
@@ -196,7 +196,7 @@ def _split(text: str) -> list[str]:
 
 
 def _chosen(runs: Sequence[Run], task: str) -> Run:
-    """The run of a Slurm array's task."""
+    """Return the run of a Slurm array's task."""
     if not task.isdecimal() or int(task) >= len(runs):
         raise UserError(f"SLURM_ARRAY_TASK_ID is {task}, the grid has {len(runs)} runs: use --array=0-{len(runs) - 1}")
     return runs[int(task)]

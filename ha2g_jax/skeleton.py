@@ -82,7 +82,7 @@ class Skeleton:
         return self.joints.index(name)
 
     def bone(self, child: str) -> int:
-        """Index of the bone that ends in joint `child`."""
+        """Return index of the bone that ends in joint `child`."""
         return [bone[1] for bone in self.bones].index(self.joint(child))
 
     @functools.cached_property
@@ -110,7 +110,7 @@ class Skeleton:
 
 @functools.cache
 def load_skeleton(name: str) -> Skeleton:
-    """The skeleton stored under `name`, one of `SKELETONS`."""
+    """Return the skeleton stored under `name`, one of `SKELETONS`."""
     text = (importlib.resources.files("ha2g_jax") / "assets" / "skeletons" / f"{name}.json").read_text()
     facts = json.loads(text)
     num_bones = len(facts["bones"])
@@ -136,14 +136,14 @@ _PALMS = {"ted_expressive": ((11, 17), (28, 34))}
 
 
 def normalize(vectors: Any) -> Any:
-    """Vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
+    """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
     xp = vectors.__array_namespace__()
     squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
     return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(_MIN_NORM**2, dtype=vectors.dtype)))
 
 
 def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
-    """Forward kinematics with the mean bone lengths: root at the origin, length x direction along the tree.
+    """Return forward kinematics with the mean bone lengths: root at the origin, length x direction along the tree.
 
     Args:
         directions: (..., bones, 3) direction vectors; normalised here (decision D1).
@@ -157,13 +157,13 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
 
 
 def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
-    """Unit direction vectors (..., bones, 3) of joint positions (..., joints, 3)."""
+    """Return unit direction vectors (..., bones, 3) of joint positions (..., joints, 3)."""
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     return normalize(positions[..., children, :] - positions[..., parents, :])
 
 
 def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
-    """Angles between the listed bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
+    """Return angles between the listed bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
 
     Args:
         directions: (..., bones, 3) restored direction vectors, of any positive length.
@@ -195,7 +195,7 @@ def lift_channels(skeleton: Skeleton, level: int) -> np.ndarray:
 
 
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
-    """The pose seen in a mirror: left and right bones exchanged and x negated, (..., bones, 3)."""
+    """Return the pose seen in a mirror: left and right bones exchanged and x negated, (..., bones, 3)."""
     xp = directions.__array_namespace__()
     swapped = directions[..., skeleton.mirror_bones, :]
     return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)

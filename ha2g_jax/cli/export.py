@@ -16,7 +16,7 @@ _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length
 
 
 def add_commands(commands: Any) -> None:
-    """Adds the three commands to those of a parser."""
+    """Add the three commands to those of a parser."""
     export = commands.add_parser("export", help="motion for Blender, Unity, Unreal, three.js, a robot")
     export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="an .npz that ha2g generate wrote")
     export.add_argument(
@@ -99,7 +99,7 @@ def _keyframes(arguments: argparse.Namespace) -> None:
 
 
 def read_size(text: str) -> int | tuple[int, int]:
-    """Pixels of a video from "1920x1080", or from one number for both sides.
+    """Return pixels of a video from "1920x1080", or from one number for both sides.
 
     Raises:
         UserError: the text is neither.
@@ -111,7 +111,7 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
-    """The motions by name; files of the same name go by their folder, too."""
+    """Return the motions by name; files of the same name go by their folder, too."""
     from ha2g_jax.motion.motion import Motion
     from ha2g_jax.viewer.files import names_of
 
@@ -143,7 +143,7 @@ def _seconds(audio: "np.ndarray") -> float:
 
 
 def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
-    """A motion that ends before the sound stands still until its end, and one that is longer is cut: worth a line."""
+    """Return a motion that ends before the sound stands still until its end, and one that is longer is cut: worth a line."""
     import sys
 
     for name, motion in motions.items():

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def add_command(commands: Any) -> None:
-    """Adds `view` to the commands of a parser."""
+    """Add `view` to the commands of a parser."""
     view = commands.add_parser("view", help="motion in a browser: one page that works offline")
     view.add_argument(
         "motion", type=pathlib.Path, nargs="+", help=".npz of ha2g generate, or .bvh; several stand side by side"

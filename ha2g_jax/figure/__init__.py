@@ -18,7 +18,7 @@ _SUPERSAMPLE = 2
 
 
 def draw_figure(positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int) -> np.ndarray:
-    """A picture of one pose.
+    """Return a picture of one pose.
 
     Args:
         positions: (joints, 3) metres, y down; the root may be anywhere.

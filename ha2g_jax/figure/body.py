@@ -105,7 +105,7 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
 
 
 def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.ndarray:
-    """(T, 4, 3) the three joints of a finger and its tip, which the skeleton does not have: the bend goes on."""
+    """Return (T, 4, 3) the three joints of a finger and its tip, which the skeleton does not have: the bend goes on."""
     first, second, third = (points[f"{side}_{finger}_{part}"] for part in (1, 2, 3))
     ahead, last = second - first, third - second
     tip = third + 0.026 * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
@@ -113,10 +113,10 @@ def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.n
 
 
 def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Points (T, 2, 3) of two points (T, 3)."""
+    """Return points (T, 2, 3) of two points (T, 3)."""
     return np.stack([first, second], axis=1)
 
 
 def _capsule(start: np.ndarray, end: np.ndarray, wide: float, narrow: float, detail: int) -> np.ndarray:
-    """The outline (T, n, 2) of one capsule between points (T, 3)."""
+    """Return the outline (T, n, 2) of one capsule between points (T, 3)."""
     return capsules(start[:, None], end[:, None], np.array([wide]), np.array([narrow]), detail)[0]

@@ -8,7 +8,7 @@ _SIZE = 1.16  # of a head 0.23 m high
 
 
 def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
-    """(4, T, 3): centre of the head and its axes to the left, up and ahead, scaled to the size of the head."""
+    """Return (4, T, 3): centre of the head and its axes to the left, up and ahead, scaled to the size of the head."""
     neck = points["neck"]
     if "left_ear" in points:
         ears = (points["left_ear"] + points["right_ear"]) / 2
@@ -31,7 +31,7 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """The hair that lies behind face and shoulders."""
+    """Return the hair that lies behind face and shoulders."""
     length = 0.012 + 0.17 * max(look.hair_length - 0.3, 0.0)
     width = 0.096 + 0.018 * look.hair_length
     crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, detail, flat=False)
@@ -72,7 +72,7 @@ def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, det
 
 
 def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
-    """The hair over the forehead, parted at the side."""
+    """Return the hair over the forehead, parted at the side."""
     low = 0.035 - 0.03 * look.hair_length
     rim = [(-0.097, low - 0.01, 0.0), (-0.088, 0.075, 0.01), (-0.045, 0.128, 0.01), (0.01, 0.138, 0.01)]
     rim += [(0.06, 0.120, 0.01), (0.092, 0.070, 0.01), (0.097, low - 0.01, 0.0), (0.080, low + 0.015, 0.05)]
@@ -89,7 +89,7 @@ def _ellipse(
     detail: int,
     flat: bool = True,
 ) -> np.ndarray:
-    """An ellipse on the head: in its face's plane when flat, else facing the camera and only rolling with the head."""
+    """Return an ellipse on the head: in its face's plane when flat, else facing the camera and only rolling with the head."""
     angle = np.linspace(0, 2 * np.pi, 28 * detail, endpoint=False)
     left, up = head[1], head[2]
     if not flat:
@@ -101,7 +101,7 @@ def _ellipse(
 
 
 def _curve(head: np.ndarray, places: list[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
-    """A smooth closed outline through places on the head."""
+    """Return a smooth closed outline through places on the head."""
     return smooth(project(np.stack([_on_head(head, place) for place in places], axis=1)), detail)
 
 

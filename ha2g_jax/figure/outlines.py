@@ -28,7 +28,7 @@ class Outlines(NamedTuple):
 
 
 def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int = 1) -> Outlines:
-    """The outlines of a figure in many poses, seen from the front.
+    """Return the outlines of a figure in many poses, seen from the front.
 
     Args:
         positions: (T, joints, 3) metres, y down; the root may be anywhere.
@@ -62,7 +62,7 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
 
 
 def _from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Joints (T, 3) by name, spine at the origin, turned so that the person faces -z and has the left at +x."""
+    """Return joints (T, 3) by name, spine at the origin, turned so that the person faces -z and has the left at +x."""
     mean = skeleton.mean_pose
     turned = mean[skeleton.joint("left_shoulder"), 0] < mean[skeleton.joint("right_shoulder"), 0]
     sign = np.array([-1.0, 1.0, -1.0]) if turned else np.ones(3)

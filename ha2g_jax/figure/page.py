@@ -47,12 +47,12 @@ class Page(NamedTuple):
 
 
 def text_width(text: str, size: float) -> float:
-    """Width in pixels of a text of a size, as `as_png` writes it."""
+    """Return width in pixels of a text of a size, as `as_png` writes it."""
     return ImageFont.load_default(size).getlength(text)
 
 
 def as_png(page: Page) -> bytes:
-    """The page as the bytes of a PNG."""
+    """Return the page as the bytes of a PNG."""
     image = Image.new("RGB", (page.width, page.height), _PAPER)
     for picture in page.pictures:
         pixels = draw_figure(picture.positions, picture.skeleton, picture.look, picture.size, picture.size)
@@ -71,7 +71,7 @@ def as_png(page: Page) -> bytes:
 
 
 def as_svg(page: Page) -> str:
-    """The page as an SVG document, sharp at any size; its texts are texts."""
+    """Return the page as an SVG document, sharp at any size; its texts are texts."""
     return "\n".join(_svg_lines(page)) + "\n"
 
 

@@ -32,14 +32,14 @@ class Shape(NamedTuple):
 
 
 def project(points: np.ndarray) -> np.ndarray:
-    """Picture coordinates (..., 2) of points (..., 3): the camera looks along +z from `_CAMERA` metres ahead."""
+    """Return picture coordinates (..., 2) of points (..., 3): the camera looks along +z from `_CAMERA` metres ahead."""
     return points[..., :2] * (_CAMERA / (_CAMERA + points[..., 2:]))
 
 
 def capsules(
     starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray, detail: int = 1
 ) -> list[np.ndarray]:
-    """Outlines (T, 16 * detail + 2, 2) of n tapered capsules between points (T, n, 3) with radii (n,) in metres."""
+    """Return outlines (T, 16 * detail + 2, 2) of n tapered capsules between points (T, n, 3) with radii (n,) in metres."""
     arc = np.linspace(-np.pi / 2, np.pi / 2, 8 * detail + 1)
     first, last = project(starts), project(ends)
     wide = wide * _CAMERA / (_CAMERA + starts[..., 2])
@@ -53,7 +53,7 @@ def capsules(
 
 
 def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
-    """A closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
+    """Return a closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
     u = (np.arange(5 * detail) / (5 * detail))[:, None]
     before, here, after, later = (np.roll(outline, shift, axis=-2)[..., None, :] for shift in (1, 0, -1, -2))
     curve = 2 * here + (after - before) * u + (2 * before - 5 * here + 4 * after - later) * u**2
@@ -63,34 +63,34 @@ def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
 
 @functools.lru_cache(maxsize=8)
 def backdrop(colour: Colour, width: int, height: int) -> Image.Image:
-    """A soft light behind the figure that darkens towards the corners."""
+    """Return a soft light behind the figure that darkens towards the corners."""
     light = light_behind(width, height)
     return Image.fromarray(np.clip(light[..., None] * np.array(colour), 0, 255).astype(np.uint8))
 
 
 def light_behind(width: int, height: int) -> np.ndarray:
-    """(height, width) what the colour of the background is multiplied by."""
+    """Return (height, width) what the colour of the background is multiplied by."""
     x, y = np.linspace(-1, 1, width)[None], np.linspace(-1, 1, height)[:, None]
     return 1.05 - 0.20 * np.clip(0.7 * x**2 + 0.5 * (y + 0.25) ** 2, 0, 1.2)
 
 
 def shade(colour: Colour, factor: float) -> Colour:
-    """The colour, lighter for a factor above 1."""
+    """Return the colour, lighter for a factor above 1."""
     red, green, blue = (int(np.clip(channel * factor, 0, 255)) for channel in colour)
     return red, green, blue
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Inner products (..., 1) of vectors (..., 3)."""
+    """Return inner products (..., 1) of vectors (..., 3)."""
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) at length 1."""
+    """Return vectors (..., 3) at length 1."""
     return vectors / np.maximum(np.sqrt(dot(vectors, vectors)), 1e-8)
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
-    """The directions (T, 3) in which the trunk faces."""
+    """Return the directions (T, 3) in which the trunk faces."""
     up, across = points["neck"] - points["spine"], points["left_shoulder"] - points["right_shoulder"]
     return unit(np.cross(across, up))

@@ -81,7 +81,7 @@ class Drawing(NamedTuple):
 
 
 def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
-    """A grid of places for figures, in rows from the left, with as many columns as make the figures largest."""
+    """Return a grid of places for figures, in rows from the left, with as many columns as make the figures largest."""
     columns = max(range(1, count + 1), key=lambda columns: min(width // columns, height // math.ceil(count / columns)))
     rows = math.ceil(count / columns)
     xs = [2 * (width * column // (2 * columns)) for column in range(columns + 1)]
@@ -91,7 +91,7 @@ def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
 
 
 def set_stage(names: Sequence[str], background: Colour, width: int, height: int) -> Stage:
-    """An empty stage for figures with names.
+    """Return an empty stage for figures with names.
 
     Args:
         names: one a figure; an empty one is not written.
@@ -109,7 +109,7 @@ def set_stage(names: Sequence[str], background: Colour, width: int, height: int)
 
 
 def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, look: Look) -> Drawing:
-    """The figure in panel `index` for positions (T, joints, 3) in metres, y down."""
+    """Return the figure in panel `index` for positions (T, joints, 3) in metres, y down."""
     panel = stage.panels[index]
     figure = outline(positions, skeleton, look, detail=2)
     colours = tuple(dict.fromkeys([stage.background, *figure.colours]))
@@ -133,7 +133,7 @@ def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, lo
 
 
 def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequence[np.ndarray]) -> None:
-    """Fills the three planes of a picture, of the shapes of `Stage.clean`."""
+    """Fill the three planes of a picture, of the shapes of `Stage.clean`."""
     for plane, clean in zip(planes, stage.clean, strict=True):
         plane[:] = clean
     for drawing in drawings:
@@ -173,7 +173,7 @@ def _fill(
 
 
 def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
-    """The name in the upper left corner of its panel, where the figure seldom is, on a canvas of twice the size."""
+    """Return the name in the upper left corner of its panel, where the figure seldom is, on a canvas of twice the size."""
     if not name:
         return
     side = 2 * min(panel.width, panel.height)

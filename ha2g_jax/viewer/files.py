@@ -22,7 +22,7 @@ def view_files(
     audio: pathlib.Path | None = None,
     words: pathlib.Path | None = None,
 ) -> pathlib.Path:
-    """Writes a page with the motion of several files side by side, each under its file's name.
+    """Write a page with the motion of several files side by side, each under its file's name.
 
     Args:
         motions: `.npz` that `ha2g generate` wrote, or `.bvh` of a skeleton that `ha2g data import-bvh` knows.
@@ -57,7 +57,7 @@ def _read(path: pathlib.Path) -> Motion:
 
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
-    """A name for each file: its stem, with its folder where two have the same, its path where that is not enough.
+    """Return a name for each file: its stem, with its folder where two have the same, its path where that is not enough.
 
     Raises:
         UserError: a file is named twice.

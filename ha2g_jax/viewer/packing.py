@@ -43,7 +43,7 @@ def pack_motion(motion: Motion) -> dict[str, Any]:
 
 
 def octahedral(directions: np.ndarray) -> np.ndarray:
-    """Unit vectors as points of a square: the octahedron |x| + |y| + |z| = 1, its back folded over its front.
+    """Return unit vectors as points of a square: the octahedron |x| + |y| + |z| = 1, its back folded over its front.
 
     From Cigolle et al., A Survey of Efficient Representations for Independent Unit Vectors, JCGT 3(2), 2014.
 
@@ -61,7 +61,7 @@ def octahedral(directions: np.ndarray) -> np.ndarray:
 
 
 def peaks(audio: np.ndarray, sample_rate: int) -> str:
-    """The loudest sample of each fiftieth of a second, one byte each, 255 the loudest of all; packed."""
+    """Return the loudest sample of each fiftieth of a second, one byte each, 255 the loudest of all; packed."""
     num_peaks = -(-len(audio) * PEAK_RATE // sample_rate)
     edges = np.arange(num_peaks) * sample_rate // PEAK_RATE
     loudest = np.maximum.reduceat(np.abs(audio), edges)
@@ -69,5 +69,5 @@ def peaks(audio: np.ndarray, sample_rate: int) -> str:
 
 
 def deflated(content: bytes) -> str:
-    """Bytes as text that the page inflates."""
+    """Return bytes as text that the page inflates."""
     return base64.b64encode(zlib.compress(content, 9)).decode()

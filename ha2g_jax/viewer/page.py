@@ -42,7 +42,7 @@ class Page:
         return f'<iframe style="{style}" allow="autoplay; fullscreen" srcdoc="{html.escape(self.text)}"></iframe>'
 
     def save(self, path: str | pathlib.Path) -> pathlib.Path:
-        """Writes the page, whole or not at all.
+        """Write the page, whole or not at all.
 
         Raises:
             UserError: the name does not end in `.html`, or the place cannot be written.
@@ -64,7 +64,7 @@ def view(
     title: str = "",
     height: int = 620,
 ) -> Page:
-    """A page that plays motions side by side, with their sound; it loads nothing from anywhere.
+    """Return a page that plays motions side by side, with their sound; it loads nothing from anywhere.
 
     Args:
         motions: one motion, or several by name, in the order in which they stand.
@@ -108,7 +108,7 @@ def write_page(
     *,
     title: str = "",
 ) -> pathlib.Path:
-    """Writes the page of `view` to an `.html` file and returns its path. The same input gives the same bytes.
+    """Write the page of `view` to an `.html` file and returns its path. The same input gives the same bytes.
 
     Raises:
         UserError: as `view`; the name does not end in `.html`, or the place cannot be written.

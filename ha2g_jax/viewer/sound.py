@@ -13,7 +13,7 @@ _BIT_RATE = 32000
 
 
 def encode(audio: np.ndarray, sample_rate: int) -> bytes:
-    """An MP3 file whose header says how many samples the encoder put before the sound, so that players drop them.
+    """Return an MP3 file whose header says how many samples the encoder put before the sound, so that players drop them.
 
     The same sound gives the same bytes.
 

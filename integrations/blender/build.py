@@ -19,7 +19,7 @@ _FINGERS = {"thumb": "thumb", "index": "f_index", "middle": "f_middle", "ring": 
 
 
 def bone_names() -> dict[str, dict[str, tuple[str, float]]]:
-    """For each rig, by bone of the upper body: the joint whose rotation it takes, and what share of it."""
+    """Return for each rig, by bone of the upper body: the joint whose rotation it takes, and what share of it."""
     tables = {}
     for name in rigs.RIGS:
         if name == rigs.OWN:  # its bones are the joints themselves
@@ -30,7 +30,7 @@ def bone_names() -> dict[str, dict[str, tuple[str, float]]]:
 
 
 def write_bone_names(path: pathlib.Path = ADDON / "bone_names.json") -> None:
-    """Writes the table, a bone a line."""
+    """Write the table, a bone a line."""
     rigs_text = []
     for rig, rows in bone_names().items():
         lines = ",\n".join(f"    {json.dumps(bone)}: {json.dumps(row)}" for bone, row in rows.items())
@@ -39,7 +39,7 @@ def write_bone_names(path: pathlib.Path = ADDON / "bone_names.json") -> None:
 
 
 def write_zip(path: pathlib.Path = ZIP) -> None:
-    """Writes the extension: its files at the top of the archive, as Blender wants them."""
+    """Write the extension: its files at the top of the archive, as Blender wants them."""
     files = sorted(file for file in ADDON.iterdir() if file.suffix in (".py", ".json", ".toml"))
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -54,7 +54,7 @@ def _is_upper(joint: str | None) -> bool:
 
 
 def _rigify() -> dict[str, tuple[str, float]]:
-    """The bones of Rigify's human meta-rig, which comes with Blender."""
+    """Return the bones of Rigify's human meta-rig, which comes with Blender."""
     rows = {"spine.001": ("spine", 0.3333), "spine.002": ("spine", 0.6667), "spine.003": ("spine", 1.0)}
     rows |= {"spine.004": ("head", 0.3333), "spine.005": ("head", 0.6667), "spine.006": ("head", 1.0)}
     for side, letter in (("left", "L"), ("right", "R")):

@@ -18,7 +18,7 @@ from ha2g_motion.motion import MotionError
 
 
 def main(argv: list[str]) -> int:
-    """Does what the flags say; returns 0, or 2 for a user's mistake."""
+    """Do what the flags say; returns 0, or 2 for a user's mistake."""
     arguments = _parser().parse_args(argv)
     try:
         _run(arguments)

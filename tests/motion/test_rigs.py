@@ -51,12 +51,22 @@ def make_animation(skeleton: str = "ted_expressive", size: float = 0.3, frames: 
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_a_table_has_its_programs_names_each_after_its_parent(name):
+def test_a_table_names_joints_of_ours_and_has_each_after_its_parent(name):
     rig = rigs.load_rig(name)
-    assert len(rig.joints) == COUNTS[name]
+    assert rig.name == name
     assert len({joint.name for joint in rig.joints}) == len(rig.joints)
     assert [joint.parent for joint in rig.joints].count(-1) == 1
     assert all(joint.parent < index for index, joint in enumerate(rig.joints))
+    assert all(0 < joint.weight <= 1 for joint in rig.joints)
+    lower = {"pelvis", *(f"{side}_{part}" for side in SIDES for part in ("hip", "knee", "ankle", "foot"))}
+    ours = {*ha2g_armature(load_skeleton("ted_expressive")).joints, *lower}
+    assert {joint.carries for joint in rig.joints} | {joint.place for joint in rig.joints} <= ours | {None}
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_a_table_has_the_names_of_its_program(name):
+    rig = rigs.load_rig(name)
+    assert len(rig.joints) == COUNTS[name]
     for ours, theirs in NAMES[name].items():
         assert rig.names[ours] == theirs
 

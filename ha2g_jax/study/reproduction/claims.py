@@ -32,7 +32,7 @@ class Verdict(NamedTuple):
 
 
 def over_seeds(values: Sequence[float]) -> Spread:
-    """The mean of one value a seed, with the t interval of `LEVEL` for n - 1 degrees of freedom."""
+    """Return the mean of one value a seed, with the t interval of `LEVEL` for n - 1 degrees of freedom."""
     array = np.asarray(values, float)
     mean, count = float(array.mean()), len(array)
     if count < 2:
@@ -44,7 +44,7 @@ def over_seeds(values: Sequence[float]) -> Spread:
 def judge(
     reference: Mapping[int, float], row: Mapping[int, float], *, is_higher_better: bool, is_comparable: bool = False
 ) -> Verdict:
-    """Whether the reference is ahead of a row, as the paper claims.
+    """Return whether the reference is ahead of a row, as the paper claims.
 
     Seeds are paired: those of a pair have the same order of windows, so that part of the noise cancels. An interval
     that covers 0 decides nothing, nor does one seed. A claim that two are about the same is not held where the interval

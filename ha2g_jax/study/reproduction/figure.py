@@ -14,7 +14,7 @@ _SHOWN = (0.01, 0.03, 0.1, 0.2, 0.3)  # of the thresholds, in the table
 
 
 def chart(scores: RowScores, split: str, title: str) -> str:
-    """An SVG document: F and its gain over mismatched speech by threshold, means over seeds."""
+    """Return an SVG document: F and its gain over mismatched speech by threshold, means over seeds."""
     curves = _curves(scores, split)
     panels = (
         Panel("F with the own speech", {name: own.tolist() for name, (own, _) in curves.items()}),
@@ -24,7 +24,7 @@ def chart(scores: RowScores, split: str, title: str) -> str:
 
 
 def sweep_table(scores: RowScores, split: str) -> str:
-    """The same at a few thresholds, in Markdown."""
+    """Return the same at a few thresholds, in Markdown."""
     lines = [("row", *(f"{name} at {threshold:g}" for name in ("F", "gain") for threshold in _SHOWN))]
     places = [THRESHOLDS.index(threshold) for threshold in _SHOWN]
     for name, curves in _curves(scores, split).items():
@@ -33,7 +33,7 @@ def sweep_table(scores: RowScores, split: str) -> str:
 
 
 def _curves(scores: RowScores, split: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Name of a row -> F and gain by threshold; ground truth first."""
+    """Return name of a row -> F and gain by threshold; ground truth first."""
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for row, mine in scores.items():
         sweeps = [one["splits"][split]["sweep"] for one in mine.values()]

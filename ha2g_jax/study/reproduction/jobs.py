@@ -42,7 +42,7 @@ Perform: TypeAlias = Callable[[Request, pathlib.Path, Run, int, Stop], None]
 def run_all(
     request: Request, corpus: pathlib.Path, runs: Sequence[Run], perform: Perform, stop: Stop, title: str
 ) -> dict[str, str]:
-    """Performs runs, `request.jobs` at once; one that fails does not keep the others from going on.
+    """Run runs, `request.jobs` at once; one that fails does not keep the others from going on.
 
     Args:
         request, corpus: what the runs are for.
@@ -87,7 +87,7 @@ def run_all(
 
 
 def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker: int, stop: Stop) -> None:
-    """Trains and scores one run in a process of its own; what it prints goes to RUN.log beside the workdir.
+    """Train and scores one run in a process of its own; what it prints goes to RUN.log beside the workdir.
 
     Raises:
         UserError: the process failed; its last line.
@@ -107,7 +107,7 @@ def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker:
 
 
 def _cores(worker: int, jobs: int) -> list[int]:
-    """The share of a worker of the cores of this process; [] for all of them."""
+    """Return the share of a worker of the cores of this process; [] for all of them."""
     if jobs == 1 or not hasattr(os, "sched_getaffinity"):
         return []
     cores = sorted(os.sched_getaffinity(0))
@@ -168,7 +168,7 @@ class _Watch:
 
 
 def last_step(run: Run) -> int:
-    """The last step that a run has written metrics of, 0 before there is one."""
+    """Return the last step that a run has written metrics of, 0 before there is one."""
     try:
         with (run.workdir / "metrics.jsonl").open("rb") as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL))
@@ -179,7 +179,7 @@ def last_step(run: Run) -> int:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: "41 s", "12 min" or "3 h 20 min"."""
+    """Return seconds as people say them: "41 s", "12 min" or "3 h 20 min"."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -133,7 +133,7 @@ _SKELETONS = {"table4": "ted_expressive", "gesture_ablation": "ted_gesture"}
 
 
 def table(name: str, data: str) -> Table:
-    """A table of the paper, with the numbers that are published for the data or for its skeleton.
+    """Return a table of the paper, with the numbers that are published for the data or for its skeleton.
 
     Args:
         name: one of `TABLES`.

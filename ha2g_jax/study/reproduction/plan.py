@@ -86,7 +86,7 @@ class Plan(NamedTuple):
 
 
 def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
-    """The runs that a request needs; nothing is written.
+    """Return the runs that a request needs; nothing is written.
 
     Raises:
         UserError: no such table, data, size, setting or corpus, or the table is not one for the data.
@@ -105,7 +105,7 @@ def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
 
 
 def corpus_path(request: Request) -> pathlib.Path:
-    """The folder of the corpus; Talk is made if it is not there, and a small one for the debug size.
+    """Return the folder of the corpus; Talk is made if it is not there, and a small one for the debug size.
 
     Raises:
         UserError: a data set without a path that needs one, or the Talk corpus cannot be made.
@@ -123,7 +123,7 @@ def corpus_path(request: Request) -> pathlib.Path:
 
 
 def is_finished(run: Run) -> bool:
-    """Whether the workdir has the checkpoint of the last step of exactly this config."""
+    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
     if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
         return False
     try:
@@ -134,7 +134,7 @@ def is_finished(run: Run) -> bool:
 
 
 def checkpoint_step(run: Run) -> int | None:
-    """The step of the checkpoint that is scored: the best on the validation split, else the latest."""
+    """Return the step of the checkpoint that is scored: the best on the validation split, else the latest."""
     folder = _checkpoint(run)
     return int(folder.name) if folder else None
 
@@ -153,7 +153,7 @@ def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
 
 
 def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
-    """The scores in a file, None where it is not there or damaged."""
+    """Return the scores in a file, None where it is not there or damaged."""
     if path is None:
         return None
     try:
@@ -163,7 +163,7 @@ def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
 
 
 def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
-    """The name of a workdir tells the row; one with the settings of the method itself is named after the method."""
+    """Return the name of a workdir tells the row; one with the settings of the method itself is named after the method."""
     more = {"data.path": str(corpus), "seed": seed}
     asked = dict(request.changes)
     if changes.get("model.audio.kind") != "whisper":
@@ -194,7 +194,7 @@ def _checkpoint(run: Run) -> pathlib.Path | None:
 
 
 def _causes(values: dict[str, Any]) -> dict[str, Any]:
-    """A config without the place of the corpus, which may move; what it holds has a hash of its own."""
+    """Return a config without the place of the corpus, which may move; what it holds has a hash of its own."""
     return values | {"data": values["data"] | {"path": ""}}
 
 
@@ -207,7 +207,7 @@ def _digest(values: Any) -> str:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """The seeds of "3", which are 0, 1 and 2, or of a list such as "0,5,7".
+    """Return the seeds of "3", which are 0, 1 and 2, or of a list such as "0,5,7".
 
     Raises:
         UserError: the text is neither.

@@ -99,7 +99,7 @@ _UNSHOWN = {metric.title for key, metric in METRICS.items() if key not in SHOWN}
 
 
 def as_markdown(results: Results, chart: str | None = None) -> str:
-    """The whole report.
+    """Return the whole report.
 
     Args:
         results: of all runs.
@@ -129,7 +129,7 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
 
 
 def caveats(results: Results) -> list[str]:
-    """Sentences that follow from what was run."""
+    """Return sentences that follow from what was run."""
     table, seeds = results.table, sorted({run.seed for run in results.runs})
     found = []
     if results.data == "talk":

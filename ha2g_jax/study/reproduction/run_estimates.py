@@ -31,7 +31,7 @@ Scores = Mapping[str, Any]
 
 
 def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estimate | None:
-    """One number of the scores that `run_scores` stored, None where it is undefined.
+    """Return one number of the scores that `run_scores` stored, None where it is undefined.
 
     Args:
         scores: of one run.
@@ -65,13 +65,13 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
 
 
 def by_seed(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> dict[int, float]:
-    """Seed -> value, without the seeds that have none."""
+    """Return seed -> value, without the seeds that have none."""
     found = {seed: estimate(one, split, metric, row) for seed, one in scores.items()}
     return {seed: each.value for seed, each in found.items() if each is not None}
 
 
 def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:
-    """A row's value over its seeds, None where no seed has one."""
+    """Return a row's value over its seeds, None where no seed has one."""
     found = [estimate(one, split, metric, row) for one in scores.values()]
     there = [each for each in found if each is not None]
     if not there:
@@ -87,7 +87,7 @@ def _interval(values: Mapping[str, float | None] | None) -> Estimate | None:
 
 
 def _normal(values: Mapping[str, float | None] | None) -> Estimate | None:
-    """A value with a standard error over clips."""
+    """Return a value with a standard error over clips."""
     if values is None or values["value"] is None:
         return None
     value, error = values["value"], values["error"]

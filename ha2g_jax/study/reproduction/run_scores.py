@@ -26,7 +26,7 @@ _TRAINING_CLIPS = 200  # that usual changes and limits of angles are taken from
 
 
 def score_run(run: Run, plan: Plan, request: Request) -> None:
-    """Scores the checkpoint of a run on the splits of a plan and stores that; does nothing where it is stored.
+    """Score the checkpoint of a run on the splits of a plan and stores that; does nothing where it is stored.
 
     Raises:
         UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
@@ -71,7 +71,7 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
 
 
 def _draws(rows: Rows, features: PoseFeatures) -> dict[str, list[float | None]]:
-    """Diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
+    """Return diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
     cut = choose_cut([len(directions) for directions in rows.truth.directions])
     if cut is None:
         return {MODEL: [], TRUTH: []}
@@ -82,7 +82,7 @@ def _draws(rows: Rows, features: PoseFeatures) -> dict[str, list[float | None]]:
 def _sweep(
     rows: Rows, skeleton: Skeleton, training: Sequence[np.ndarray], fps: float
 ) -> dict[str, dict[str, list[float | None]]]:
-    """F of the model and of ground truth with the own and with mismatched speech, by threshold (Figure 3)."""
+    """Return F of the model and of ground truth with the own and with mismatched speech, by threshold (Figure 3)."""
     change = beat_alignment.mean_angle_change(skeleton, training)
 
     def sweep(row: Row) -> dict[str, list[float | None]]:

@@ -36,7 +36,7 @@ _LEGACY |= {"legacy_diversity": "Diversity"}
 
 
 def main_table(table: Table, scores: RowScores, split: str, failures: Mapping[str, Mapping[int, str]]) -> str:
-    """The paper's three measures beside ours, with the sanity rows."""
+    """Return the paper's three measures beside ours, with the sanity rows."""
     lines: list[tuple[str, ...]] = [_HEAD]
     truth = Row(GROUND_TRUTH, "", {}, table.truth)
     lines.append(_main_line(truth, _any_row(scores), split, TRUTH, ""))
@@ -70,7 +70,7 @@ def _main_line(row: Row, scores: Mapping[int, Scores], split: str, key: str, see
 
 
 def legacy_table(table: Table, scores: RowScores, split: str) -> str:
-    """The same rows by the rules of the public release."""
+    """Return the same rows by the rules of the public release."""
     any_row = _any_row(scores)
     rows = [(GROUND_TRUTH, any_row, TRUTH), *((row.name, scores.get(row.name, {}), MODEL) for row in table.rows)]
     rows += [(f"*{name}*", any_row, name) for name in _sanity_names(scores, split)]
@@ -81,7 +81,7 @@ def legacy_table(table: Table, scores: RowScores, split: str) -> str:
 
 
 def talk_table(table: Table, scores: RowScores, split: str) -> str:
-    """Scores against the causes that Talk knows, with the ceiling and the floors."""
+    """Score against the causes that Talk knows, with the ceiling and the floors."""
     lines = [("row", *_TALK_COLUMNS.values())]
     for row in table.rows:
         mine = scores.get(row.name, {})
@@ -95,7 +95,7 @@ def talk_table(table: Table, scores: RowScores, split: str) -> str:
 
 
 def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """One line for each row but the reference and each metric: did the reference come out ahead?"""
+    """Return one line for each row but the reference and each metric: did the reference come out ahead?"""
     lines = [("claim", "measure", "difference, paper", "difference, ours [95 %]", "seeds", "verdict")]
     for row, metric, verdict in _verdicts(table, scores, split, metrics):
         claim = f"{table.reference} {'about as good as' if row.is_comparable else 'ahead of'} {row.name}"
@@ -106,7 +106,7 @@ def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[st
 
 
 def tally(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """How many claims had which verdict, for each metric."""
+    """Return how many claims had which verdict, for each metric."""
     texts = []
     for metric, (title, _) in metrics.items():
         found = Counter(
@@ -132,7 +132,7 @@ def _reference(table: Table) -> Row:
 
 
 def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
-    """For each row in words whether it shows the words' hand shapes more often than the floors do."""
+    """Return for each row in words whether it shows the words' hand shapes more often than the floors do."""
     lines = []
     for row in table.rows:
         above = by_seed(scores.get(row.name, {}), split, "talk.above_floor")
@@ -143,7 +143,7 @@ def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
 
 
 def _published_difference(reference: Row, row: Row, metric: str) -> str:
-    """Reference less row in the paper; its BC stands beside our beat gain, which is another measure."""
+    """Return reference less row in the paper; its BC stands beside our beat gain, which is another measure."""
     name = {"fgd": "fgd", "beat_gain": "beat_consistency"}.get(metric)
     if name is None:
         return ""
@@ -167,7 +167,7 @@ def draws_table(scores: RowScores, split: str) -> str:
 
 
 def draws_verdict(scores: RowScores, split: str) -> str:
-    """Whether our draws are as close together as the paper's."""
+    """Return whether our draws are as close together as the paper's."""
     draws = [one["splits"][split]["draws"] for mine in scores.values() for one in mine.values()]
     ranges = [_relative_range(own) for each in draws for own in each.values() if own]
     if not any(ranges):
@@ -181,7 +181,7 @@ def _relative_range(draws: Sequence[float]) -> float:
 
 
 def markdown(lines: Iterable[Sequence[str]]) -> str:
-    """A table whose first line is its head."""
+    """Return a table whose first line is its head."""
     head, *body = ([text.replace("|", "\\|") or " " for text in line] for line in lines)
     return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *body))
 
@@ -192,12 +192,12 @@ def _sanity_names(scores: RowScores, split: str) -> list[str]:
 
 
 def _any_row(scores: RowScores) -> Mapping[int, Scores]:
-    """One run's scores: what stands beside every model is the same in all of them."""
+    """Return one run's scores: what stands beside every model is the same in all of them."""
     return next(({seed: one} for mine in scores.values() for seed, one in mine.items()), {})
 
 
 def _text(found: Cell | None) -> str:
-    """Mean [interval over seeds] (interval over clips)."""
+    """Return mean [interval over seeds] (interval over clips)."""
     if found is None:
         return "-"
     text = _spread(found.seeds)
@@ -213,7 +213,7 @@ def _spread(spread: Spread | None) -> str:
 
 
 def number(value: float | None) -> str:
-    """A value with about three digits; nothing for None, "-" for one that is undefined."""
+    """Return a value with about three digits; nothing for None, "-" for one that is undefined."""
     if value is None:
         return ""
     if math.isnan(value):

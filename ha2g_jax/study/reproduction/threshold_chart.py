@@ -29,7 +29,7 @@ class Panel(NamedTuple):
 
 
 def threshold_chart(thresholds: Sequence[float], panels: Sequence[Panel], label: str) -> str:
-    """A whole SVG document: panels with the same rows, and one legend.
+    """Return a whole SVG document: panels with the same rows, and one legend.
 
     Args:
         thresholds: of all curves, ascending.
@@ -84,6 +84,6 @@ def _panel(thresholds: Sequence[float], panel: Panel, colours: Mapping[str, str]
 
 
 def _step(span: float) -> float:
-    """A round distance between grid lines: four to eight of them in `span`."""
+    """Return a round distance between grid lines: four to eight of them in `span`."""
     power = 10.0 ** np.floor(np.log10(span / 4))
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= span / 8 and power * factor * 8 >= span)

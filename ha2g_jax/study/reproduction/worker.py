@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 
 
 def main() -> int:
-    """Trains a run and scores it, whatever of the two is missing; returns the exit code."""
+    """Train a run and scores it, whatever of the two is missing; returns the exit code."""
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
@@ -23,7 +23,7 @@ def main() -> int:
 
 
 def perform(task: dict[str, Any]) -> None:
-    """Trains and scores the run of a task.
+    """Train and scores the run of a task.
 
     Args:
         task: {"request", "corpus", "run", "cores"}, as `jobs` writes it.

@@ -6,14 +6,14 @@ Nothing here needs the ha2g_jax package: the files that `ha2g export` writes hol
 
 
 def register() -> None:
-    """Adds the panel; Blender calls this when the add-on is enabled."""
+    """Add the panel; Blender calls this when the add-on is enabled."""
     from . import panel
 
     panel.register()
 
 
 def unregister() -> None:
-    """Removes the panel."""
+    """Remove the panel."""
     from . import panel
 
     panel.unregister()

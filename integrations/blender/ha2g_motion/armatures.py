@@ -13,7 +13,7 @@ _TIP = 0.02  # metres; what a last joint's bone is long
 
 
 def make_armature(motion: Motion) -> bpy.types.Object:
-    """Adds an armature in the motion's rest pose, a bone for each joint with its name, and the body if there is one."""
+    """Add an armature in the motion's rest pose, a bone for each joint with its name, and the body if there is one."""
     data = bpy.data.armatures.new(motion.name)
     armature = bpy.data.objects.new(motion.name, data)
     bpy.context.collection.objects.link(armature)
@@ -33,7 +33,7 @@ def make_armature(motion: Motion) -> bpy.types.Object:
 
 
 def pose_of(motion: Motion) -> dict[int, np.ndarray]:
-    """How the bones of `make_armature` shall turn in its axes, (T, 4) by index of the joint."""
+    """Return how the bones of `make_armature` shall turn in its axes, (T, 4) by index of the joint."""
     back = rotations.conjugate(TO_BLENDER)
     return {
         joint: rotations.multiply(rotations.multiply(TO_BLENDER, motion.turns[:, joint]), back)
@@ -42,13 +42,13 @@ def pose_of(motion: Motion) -> dict[int, np.ndarray]:
 
 
 def root_location(motion: Motion, target: Target) -> np.ndarray:
-    """(T, 3) location of the root bone of `make_armature`, in its own axes."""
+    """Return (T, 3) location of the root bone of `make_armature`, in its own axes."""
     moved = rotations.rotate(TO_BLENDER, motion.root - motion.places[0])
     return rotations.rotate(rotations.conjugate(target.rest[0]), moved)
 
 
 def target_of(armature: bpy.types.Object) -> Target:
-    """The rest pose of an armature's bones."""
+    """Return the rest pose of an armature's bones."""
     bones = _parents_first(armature.data.bones)
     names = [bone.name for bone in bones]
     return Target(
@@ -91,7 +91,7 @@ def _along(motion: Motion, heads: np.ndarray, joint: int) -> np.ndarray:
 
 
 def _add_body(motion: Motion, body: Body, armature: bpy.types.Object) -> None:
-    """The mesh, carried by the bones."""
+    """Return the mesh, carried by the bones."""
     mesh = bpy.data.meshes.new("body")
     mesh.from_pydata(rotations.rotate(TO_BLENDER, body.points).tolist(), [], body.faces.tolist())
     for name, colour, roughness in body.colours:

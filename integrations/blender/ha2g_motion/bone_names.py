@@ -20,13 +20,13 @@ _OTHER_NAMES = {"head": "nose_0"}
 
 @functools.cache
 def tables() -> dict[str, Names]:
-    """For each rig, by bone: the joint of the `ha2g` armature that it carries, and the share of its rotation."""
+    """Return for each rig, by bone: the joint of the `ha2g` armature that it carries, and the share of its rotation."""
     rigs = json.loads((pathlib.Path(__file__).parent / "bone_names.json").read_text(encoding="utf-8"))
     return {rig: {bone: (joint, share) for bone, (joint, share) in rows.items()} for rig, rows in rigs.items()}
 
 
 def read_names(path: str | pathlib.Path) -> Names:
-    """Reads one's own table, a JSON object {"BONE": "JOINT"} or {"BONE": ["JOINT", SHARE]}.
+    """Read one's own table, a JSON object {"BONE": "JOINT"} or {"BONE": ["JOINT", SHARE]}.
 
     Raises:
         MotionError: no such file, or not such a table.
@@ -40,7 +40,7 @@ def read_names(path: str | pathlib.Path) -> Names:
 
 
 def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Names:
-    """The joint that each bone takes its rotation from, and the share of it.
+    """Return the joint that each bone takes its rotation from, and the share of it.
 
     Names count as equal whatever their case, prefix (as "mixamorig:") and separators. Without a table of one's own,
     that of the rigs, or the file's joint names themselves, is taken which fits the most bones. Joints that stand still
@@ -74,7 +74,7 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
 
 
 def role(motion: Motion, joint: str) -> str:
-    """The joint of the `ha2g` armature that a joint of the motion turns as, or its own name."""
+    """Return the joint of the `ha2g` armature that a joint of the motion turns as, or its own name."""
     if "left_clavicle" in motion.joints:  # the rig ha2g
         return joint
     rig = max(tables().values(), key=lambda table: len(table.keys() & set(motion.joints)))

@@ -12,7 +12,7 @@ _AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np
 
 
 def read(path: pathlib.Path) -> Motion:
-    """Reads a `.bvh` in centimetres whose figure stands as ours does: y up, facing +z.
+    """Read a `.bvh` in centimetres whose figure stands as ours does: y up, facing +z.
 
     Raises:
         ValueError: the text is no BVH.
@@ -71,5 +71,5 @@ def _hierarchy(head: str) -> tuple[list[str], list[int], np.ndarray, list[list[s
 
 
 def _whole(fps: float) -> float:
-    """A frame rate that was meant to be whole: the frame time has ten digits only."""
+    """Return a frame rate that was meant to be whole: the frame time has ten digits only."""
     return float(round(fps)) if abs(fps - round(fps)) < 1e-4 else fps

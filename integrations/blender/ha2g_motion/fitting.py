@@ -38,7 +38,7 @@ class Target:
 
 
 def fit(motion: Motion, target: Target, names: Names) -> dict[str, np.ndarray]:
-    """Rotations of the named bones in their own axes, relative to rest and parent, as a pose bone has them.
+    """Return rotations of the named bones in their own axes, relative to rest and parent, as a pose bone has them.
 
     Args:
         names: joint and share by bone, see `bone_names.match`.
@@ -69,7 +69,7 @@ def fit(motion: Motion, target: Target, names: Names) -> dict[str, np.ndarray]:
 
 
 def local(target: Target, wanted: dict[int, np.ndarray], frames: int) -> dict[str, np.ndarray]:
-    """How bones turn in their own axes, if in the armature's axes they shall turn from rest by `wanted` (T, 4)."""
+    """Return how bones turn in their own axes, if in the armature's axes they shall turn from rest by `wanted` (T, 4)."""
     turned: list[np.ndarray] = []
     found: dict[str, np.ndarray] = {}
     for index, (parent, inherits) in enumerate(zip(target.parents, target.inherits)):
@@ -84,7 +84,7 @@ def local(target: Target, wanted: dict[int, np.ndarray], frames: int) -> dict[st
 
 
 def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
-    """The rotation (4,) from the motion's axes to the armature's: where the figure at rest has its left and its up."""
+    """Return the rotation (4,) from the motion's axes to the armature's: where the figure at rest has its left and its up."""
     bones = {role(motion, joint): target.bones.index(bone) for bone, (joint, share) in names.items() if share == 1}
     if not {"left_shoulder", "right_shoulder"} <= set(bones):
         raise MotionError("no bone turns as left_shoulder, or none as right_shoulder; name the upper arms (--names)")
@@ -101,7 +101,7 @@ def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
 
 
 def _snapped(vector: np.ndarray) -> np.ndarray:
-    """The axis that a vector is near to, or itself at length 1: a spine leans a little, a character stands straight."""
+    """Return the axis that a vector is near to, or itself at length 1: a spine leans a little, a character stands straight."""
     vector = rotations.unit(vector)
     near = np.where(np.abs(vector) > _NEAR, np.sign(vector), 0.0)
     return near if near.any() else vector
@@ -110,7 +110,7 @@ def _snapped(vector: np.ndarray) -> np.ndarray:
 def _corrections(
     motion: Motion, target: Target, names: Names, joints: dict[str, int], to_motion: np.ndarray
 ) -> np.ndarray:
-    """(B, 4) C of each bone in the motion's axes: from the armature's rest pose to the motion's."""
+    """Return (B, 4) C of each bone in the motion's axes: from the armature's rest pose to the motion's."""
     heads = rotations.rotate(to_motion, target.heads)
     places = motion.places
     roles = {bone: role(motion, joint) for bone, (joint, share) in names.items() if share == 1}
@@ -143,7 +143,7 @@ def _hand(
     roles: dict[str, str],
     joints: dict[str, int],
 ) -> np.ndarray | None:
-    """The rotation (4,) from the hand's frame at rest to the motion's, or None without knuckles."""
+    """Return the rotation (4,) from the hand's frame at rest to the motion's, or None without knuckles."""
     knuckles = [f"{side}_{name}" for name in ("wrist", "index_1", "middle_1", "pinky_1")]
     if not set(knuckles) <= set(bones):
         return None
@@ -155,14 +155,14 @@ def _hand(
 
 
 def _frame(wrist: np.ndarray, first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """(3, 3) columns along the hand, out of its back and across."""
+    """Return (3, 3) columns along the hand, out of its back and across."""
     along = rotations.unit(middle - wrist)
     across = rotations.unit(np.cross(first - last, along))
     return np.stack([along, across, np.cross(along, across)], axis=1)
 
 
 def _next(target: Target, index: int, roles: dict[str, str], places: np.ndarray, joints: dict[str, int]) -> int | None:
-    """The first bone below with a role, whose joint lies elsewhere: the end of this bone."""
+    """Return the first bone below with a role, whose joint lies elsewhere: the end of this bone."""
     for below in range(index + 1, len(target.bones)):
         bone = target.bones[below]
         if bone in roles and index in _ancestors(target, below)[1:]:
@@ -172,7 +172,7 @@ def _next(target: Target, index: int, roles: dict[str, str], places: np.ndarray,
 
 
 def _ancestors(target: Target, index: int) -> list[int]:
-    """The bone itself, its parent, and so on to the top."""
+    """Return the bone itself, its parent, and so on to the top."""
     found = [index]
     while target.parents[found[-1]] >= 0:
         found.append(target.parents[found[-1]])

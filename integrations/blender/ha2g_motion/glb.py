@@ -25,7 +25,7 @@ class _File:
         self._blob = data[20 + length + 8 :]
 
     def array(self, index: int) -> np.ndarray:
-        """An accessor, (n, width) or (n,) for scalars."""
+        """Return an accessor, (n, width) or (n,) for scalars."""
         accessor = self.tree["accessors"][index]
         view = self.tree["bufferViews"][accessor["bufferView"]]
         width = _WIDTHS[accessor["type"]]
@@ -38,7 +38,7 @@ class _File:
 
 
 def read(path: pathlib.Path) -> Motion:
-    """Reads the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
+    """Read the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
 
     Raises:
         ValueError: there is no animation, or one that is not ours.
@@ -74,7 +74,7 @@ def read(path: pathlib.Path) -> Motion:
 
 
 def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -> list[int]:
-    """Nodes of the joints, each after its parent; joint 0 is the root."""
+    """Return nodes of the joints, each after its parent; joint 0 is the root."""
     if tree.get("skins"):
         joints = set(tree["skins"][0]["joints"])
     else:
@@ -88,7 +88,7 @@ def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -
 
 
 def _body(file: _File, order: dict[int, int]) -> Body | None:
-    """The skinned mesh; its points lie where the bind pose, which is the rest pose, has them."""
+    """Return the skinned mesh; its points lie where the bind pose, which is the rest pose, has them."""
     skinned = [node for node in file.tree["nodes"] if "mesh" in node and "skin" in node]
     if not skinned:
         return None

@@ -10,7 +10,7 @@ _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINE
 
 
 def make_figure(motion: Motion, *, start: float = 0, rate: float | None = None) -> bpy.types.Object:
-    """Adds an armature that performs the motion, with its body if the file has one.
+    """Add an armature that performs the motion, with its body if the file has one.
 
     Args:
         start: the frame of the motion's first pose.
@@ -36,7 +36,7 @@ def apply_motion(
     start: float = 0,
     rate: float | None = None,
 ) -> bone_names.Names:
-    """Gives an armature the motion as a new action; bones that the motion does not name stay as they are.
+    """Give an armature the motion as a new action; bones that the motion does not name stay as they are.
 
     The bones that it names turn by quaternions from then on. The action that was there before is kept.
 
@@ -70,7 +70,7 @@ class _Curves:
         self._frames = start + np.arange(motion.num_frames) * ((rate or motion.fps) / motion.fps)
 
     def write(self, path: str, values: np.ndarray, group: str) -> None:
-        """One curve for each column of values (T, n)."""
+        """Return one curve for each column of values (T, n)."""
         for index, column in enumerate(values.T):
             curve = self._curve(path, index, group)
             curve.keyframe_points.add(len(column))

@@ -76,7 +76,7 @@ def from_local(
     fps: float,
     body: Body | None = None,
 ) -> Motion:
-    """The motion of joints that are given relative to their parents, as files give them.
+    """Return the motion of joints that are given relative to their parents, as files give them.
 
     Args:
         offsets: (J, 3) from the parent's origin, in the parent's axes; that of the root is not used.

@@ -77,21 +77,21 @@ _CLASSES = (Ha2gSettings, HA2G_OT_make_figure, HA2G_OT_apply_motion, HA2G_PT_mot
 
 
 def register() -> None:
-    """Adds the panel and its settings."""
+    """Add the panel and its settings."""
     for kind in _CLASSES:
         bpy.utils.register_class(kind)
     bpy.types.Scene.ha2g = bpy.props.PointerProperty(type=Ha2gSettings)
 
 
 def unregister() -> None:
-    """Removes them."""
+    """Remove them."""
     del bpy.types.Scene.ha2g
     for kind in reversed(_CLASSES):
         bpy.utils.unregister_class(kind)
 
 
 def _perform(operator: bpy.types.Operator, context: bpy.types.Context, armature: bpy.types.Object | None) -> set[str]:
-    """Does what a button says; a mistake is shown in Blender's way."""
+    """Do what a button says; a mistake is shown in Blender's way."""
     settings = context.scene.ha2g
     try:
         motion = reading.read_motion(bpy.path.abspath(settings.motion))

@@ -16,7 +16,7 @@ SUFFIXES = (".glb", ".vrma", ".bvh", ".json", ".npz")
 
 
 def read_motion(path: str | pathlib.Path) -> Motion:
-    """Reads `.glb`, `.vrma`, `.bvh`, `.json` or, where the ha2g command is found, the `.npz` of `ha2g generate`.
+    """Read `.glb`, `.vrma`, `.bvh`, `.json` or, where the ha2g command is found, the `.npz` of `ha2g generate`.
 
     Raises:
         MotionError: the file is missing, or is no such motion.
@@ -35,7 +35,7 @@ def read_motion(path: str | pathlib.Path) -> Motion:
 
 
 def read_json(path: pathlib.Path) -> Motion:
-    """Reads the table that `ha2g export -o x.json` writes; docs/export.md names its fields."""
+    """Read the table that `ha2g export -o x.json` writes; docs/export.md names its fields."""
     table = json.loads(path.read_text(encoding="utf-8"))
     joints = table["joints"]
     return from_local(
@@ -51,7 +51,7 @@ def read_json(path: pathlib.Path) -> Motion:
 
 
 def _read_npz(path: pathlib.Path) -> Motion:
-    """The directions of an `.npz` become rotations in ha2g itself, which Blender's Python does not have."""
+    """Return the directions of an `.npz` become rotations in ha2g itself, which Blender's Python does not have."""
     command = shutil.which("ha2g")
     if command is None:
         name = path.with_suffix(".glb").name

@@ -6,36 +6,36 @@ IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotation b followed by a, (..., 4)."""
+    """Return the rotation b followed by a, (..., 4)."""
     u, v = a[..., :3], b[..., :3]
     vector = a[..., 3:] * v + b[..., 3:] * u + np.cross(u, v)
     return np.concatenate([vector, a[..., 3:] * b[..., 3:] - np.sum(u * v, axis=-1, keepdims=True)], axis=-1)
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
-    """The rotation back."""
+    """Return the rotation back."""
     return q * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) turned by q (..., 4)."""
+    """Return vectors (..., 3) turned by q (..., 4)."""
     twice = 2 * np.cross(q[..., :3], v)
     return v + q[..., 3:] * twice + np.cross(q[..., :3], twice)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., n) at length 1; a zero vector stays zero."""
+    """Return vectors (..., n) at length 1; a zero vector stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def about(axis: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """Rotations (..., 4) about one unit axis (3,) by angles (...)."""
+    """Return rotations (..., 4) about one unit axis (3,) by angles (...)."""
     half = np.radians(degrees)[..., None] / 2
     return np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1)
 
 
 def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The shortest rotation (4,) from u (3,) to v (3,); half a turn about a fixed axis if they are opposite."""
+    """Return the shortest rotation (4,) from u (3,) to v (3,); half a turn about a fixed axis if they are opposite."""
     u, v = unit(u), unit(v)
     middle = u + v
     if np.linalg.norm(middle) < 1e-7:
@@ -45,7 +45,7 @@ def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def from_matrix(matrix: np.ndarray) -> np.ndarray:
-    """The quaternion (4,) of a rotation matrix (3, 3)."""
+    """Return the quaternion (4,) of a rotation matrix (3, 3)."""
     # The quaternion is the eigenvector of the greatest eigenvalue of this symmetric matrix (Bar-Itzhack 2000).
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
     symmetric = np.array(
@@ -61,7 +61,7 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
 
 
 def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    """Rotations (..., 4) on the shorter way from a (share 0) to b (share 1)."""
+    """Return rotations (..., 4) on the shorter way from a (share 0) to b (share 1)."""
     cosine = np.sum(a * b, axis=-1, keepdims=True)
     b, cosine = np.where(cosine < 0, -b, b), np.minimum(np.abs(cosine), 1.0)
     angle = np.arccos(cosine)
@@ -72,6 +72,6 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 def continuous(q: np.ndarray) -> np.ndarray:
-    """The same rotations (T, ..., 4) with signs that do not jump from frame to frame; w >= 0 in the first."""
+    """Return the same rotations (T, ..., 4) with signs that do not jump from frame to frame; w >= 0 in the first."""
     flips = np.concatenate([q[:1, ..., 3] < 0, np.sum(q[1:] * q[:-1], axis=-1) < 0])
     return np.where((np.cumsum(flips, axis=0) % 2 == 1)[..., None], -q, q)

@@ -15,7 +15,7 @@ OUTPUTS = (".blend", ".fbx", ".glb", ".mp4", ".png")
 
 
 def open_file(path: pathlib.Path) -> None:
-    """Opens a `.blend`, or puts a `.fbx`, `.glb` or `.gltf` into an empty scene.
+    """Open a `.blend`, or puts a `.fbx`, `.glb` or `.gltf` into an empty scene.
 
     Raises:
         MotionError: there is no such file, or Blender cannot read it.
@@ -36,12 +36,12 @@ def open_file(path: pathlib.Path) -> None:
 
 
 def clear() -> None:
-    """An empty scene, without the cube, lamp and camera of Blender's start file."""
+    """Return an empty scene, without the cube, lamp and camera of Blender's start file."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
 def find_armature(name: str) -> bpy.types.Object:
-    """The armature of that name.
+    """Return the armature of that name.
 
     Raises:
         MotionError: there is none.
@@ -54,12 +54,12 @@ def find_armature(name: str) -> bpy.types.Object:
 
 
 def rate(scene: bpy.types.Scene) -> float:
-    """Frames per second."""
+    """Return frames per second."""
     return scene.render.fps / scene.render.fps_base
 
 
 def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rate: bool = False) -> None:
-    """Gives the scene the motion's length and, unless it keeps its own, its frames per second."""
+    """Give the scene the motion's length and, unless it keeps its own, its frames per second."""
     if not keep_rate:
         scene.render.fps = math.ceil(motion.fps)
         scene.render.fps_base = math.ceil(motion.fps) / motion.fps
@@ -68,7 +68,7 @@ def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rat
 
 
 def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
-    """Adds the speech to the scene's sequencer, and lets playback follow it.
+    """Add the speech to the scene's sequencer, and lets playback follow it.
 
     Raises:
         MotionError: there is no such file.
@@ -96,7 +96,7 @@ def write(
     seconds: float = 0.0,
     start: int = 0,
 ) -> None:
-    """Writes the scene; the suffix says as what.
+    """Write the scene; the suffix says as what.
 
     Args:
         path: `.blend`; `.fbx` or `.glb` of the armature, its meshes and its motion; `.mp4`, or a `.png` of one moment.
@@ -170,7 +170,7 @@ def _prepare_picture(
 
 
 def _camera(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
-    """A camera that sees all of the motion from the front, which is -y in Blender."""
+    """Return a camera that sees all of the motion from the front, which is -y in Blender."""
     data = bpy.data.cameras.new("Camera")
     camera = bpy.data.objects.new("Camera", data)
     scene.collection.objects.link(camera)
@@ -204,7 +204,7 @@ def _render(scene: bpy.types.Scene, path: pathlib.Path, *, is_video: bool) -> No
 
 @contextlib.contextmanager
 def _whole(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """A name beside `path` that becomes `path` when all is written."""
+    """Return a name beside `path` that becomes `path` when all is written."""
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}").resolve()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
