@@ -79,7 +79,7 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     where = [0, lengths[1], 0.5 * (lengths[1] + lengths[2]), lengths[2], lengths[2] + 0.3 * (lengths[3] - lengths[2])]
     radii = size * np.interp(at, [*where, lengths[3]], [0.058, 0.059, 0.053, 0.046, 0.045, 0.034])
     influence = mix(
-        joints.moved_by(f"{side}_clavicle"),
+        joints.moved_by(f"{side}_clavicle", "spine"),
         joints.moved_by(f"{side}_shoulder"),
         smooth(at, lengths[1] - 0.05 * size, lengths[1] + 0.06 * size),
     )

@@ -6,12 +6,15 @@ TED-Expressive, and are scaled with that distance. Legs are drawn where the arma
 
 import numpy as np
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Armature
 from ha2g_jax.motion.formats.arm_mesh import Joints, arm, mix, smooth
 from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube
 
+# Joints that a rig must have for a body, besides neck and head.
+_NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
 _SHOULDERS = 0.418
 _X, _Y, _Z = np.eye(3)
 
@@ -85,11 +88,19 @@ def body_mesh(armature: Armature) -> dict[str, Surface]:
 
     Returns:
         The surface of each material of `COLOURS` that is used, in metres from the root.
+
+    Raises:
+        UserError: the rig lacks a joint that the body needs.
     """
     _, positions = rigs.rest_positions(armature)
     places = {name: positions[index] for name, index in rigs.places(armature).items()}
+    carriers = rigs.carriers(armature)
+    missing = [f"place {name!r}" for name in ("neck", *_NEEDED) if name not in places]
+    missing += [f"carries {name!r} with weight 1" for name in ("head", *_NEEDED) if name not in carriers]
+    if missing:
+        raise UserError(f"the rig {armature.name} has no joint with {', '.join(missing)}; a body needs one: write .bvh")
     scale = float(np.linalg.norm(places["left_shoulder"] - places["right_shoulder"])) / _SHOULDERS
-    joints = Joints(places, rigs.carriers(armature), len(armature.joints), scale)
+    joints = Joints(places, carriers, len(armature.joints), scale)
     parts: dict[str, list[Surface]] = {colour: [] for colour in COLOURS}
     parts["shirt"].append(_torso(joints))
     for side in ("left", "right"):
@@ -116,7 +127,7 @@ def _torso(joints: Joints) -> Surface:
     radii, sides = size * _TORSO[:, 1:3], 28
     x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
     shrugged = smooth(np.abs(x) / size, 0.07, 0.19) * smooth(_TORSO[:, 0], 0.02, 0.17)[:, None]
-    left, right = (joints.moved_by(f"{side}_clavicle") for side in ("left", "right"))
+    left, right = (joints.moved_by(f"{side}_clavicle", "spine") for side in ("left", "right"))
     clavicles = np.where((x > 0)[..., None], left, right)
     trunk = joints.moved_by("spine")
     if "pelvis" in joints:

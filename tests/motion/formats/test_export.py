@@ -1,12 +1,20 @@
 """One function writes every format; what cannot be written is an error of one line and leaves no file."""
 
+import json
+import pathlib
+import re
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion import formats
+from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, normalize
+
+
+DOCS = pathlib.Path(__file__).parents[3] / "docs" / "export.md"
 
 
 def make(name: str = "ted_expressive", frames: int = 9) -> Motion:
@@ -57,6 +65,40 @@ def test_what_cannot_be_written_is_named(tmp_path, name, rig, message):
         formats.export(make(), tmp_path / name, rig=rig)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def add_rig(tmp_path_factory, monkeypatch):
+    """A function that adds the rig of docs/export.md, after a change of its table, as its file would."""
+    folder = tmp_path_factory.mktemp("rigs")
+    monkeypatch.setattr(rigs, "_TABLES", folder)
+    monkeypatch.setattr(rigs, "RIGS", (*rigs.RIGS, "robot"))
+
+    def add(change: Callable[[dict], None] = lambda table: None) -> None:
+        (text,) = re.findall(r"```json\n(\{.*?\n\})\n```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+        table = json.loads(text)
+        change(table)
+        (folder / "robot.json").write_text(json.dumps(table))
+
+    yield add
+    rigs.load_rig.cache_clear()
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".json", ".csv"])
+def test_the_rig_of_the_docs_is_a_file_and_no_code(tmp_path, add_rig, suffix):
+    add_rig()
+    formats.export(make(), tmp_path / f"m{suffix}", rig="robot")
+    assert b"LeftForearm" in (tmp_path / f"m{suffix}").read_bytes()
+
+
+def test_a_rig_without_the_joints_of_a_body_has_no_glb(tmp_path, add_rig):
+    def without_hand(table: dict) -> None:
+        table["joints"] = [joint for joint in table["joints"] if joint["name"] != "LeftHand"]
+
+    add_rig(without_hand)
+    with pytest.raises(UserError, match=r"robot has no joint with place 'left_wrist', carries 'left_wrist'.*\.bvh"):
+        formats.export(make(), tmp_path / "m.glb", rig="robot")
+    formats.export(make(), tmp_path / "m.bvh", rig="robot")
 
 
 @pytest.mark.parametrize("suffix", formats.SUFFIXES)
