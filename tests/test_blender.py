@@ -71,7 +71,7 @@ def positions_of(read) -> np.ndarray:
     for joint, parent in enumerate(read.parents):
         bone = read.places[joint] - read.places[parent]
         places[:, joint] = (
-            read.root if parent < 0 else places[:, parent] + rotations.rotate(read.turns[:, parent], bone)
+            read.root if parent < 0 else places[:, parent] + rotations.rotate(read.rotations[:, parent], bone)
         )
     return places
 
@@ -134,7 +134,7 @@ def test_the_table_of_bone_names_is_that_of_the_rigs(addon):
     assert written == {rig: dict(rows) for rig, rows in addon.build.bone_names().items()}
     arms = {f"{side}_{joint}" for side in ("left", "right") for joint in ("clavicle", "shoulder", "elbow", "wrist")}
     for rows in written.values():
-        assert arms | {"spine", "head"} <= {joint for joint, share in rows.values() if share == 1}
+        assert arms | {"spine", "head"} <= {joint for joint, weight in rows.values() if weight == 1}
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ def test_names_that_fit_nothing_are_refused(addon, moving, tmp_path):
     with pytest.raises(addon.motion.MotionError, match="no joint left_arm"):
         addon.bone_names.match(moving(), ["Bip01 L UpperArm"], own)
     (tmp_path / "names.json").write_text('["left_arm"]')
-    with pytest.raises(addon.motion.MotionError, match="is no table of names"):
+    with pytest.raises(addon.motion.MotionError, match="is not a table of names"):
         addon.bone_names.read_names(tmp_path / "names.json")
 
 
@@ -343,5 +343,5 @@ def test_a_mistake_is_one_line_and_leaves_no_file(tmp_path):
     command = [blender_python(), str(script), "--", str(tmp_path / "no.glb"), "-o", str(tmp_path / "x.blend")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.strip() == f"ha2g_blender: no motion at {tmp_path / 'no.glb'}; ha2g export writes one"
+    assert done.stderr.strip() == f"ha2g_blender: no motion at {tmp_path / 'no.glb'}; give a file of ha2g export"
     assert list(tmp_path.iterdir()) == []

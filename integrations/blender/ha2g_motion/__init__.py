@@ -1,7 +1,7 @@
-"""Motion of ha2g-jax in Blender: an add-on with a panel, and the functions that the headless script uses too.
+"""Motion of ha2g-jax in Blender: an add-on with a panel, whose functions the script without a window uses, too.
 
-Nothing here needs the ha2g_jax package: the files that `ha2g export` writes hold all that is read. `reading`, `bvh`,
-`glb`, `rotations`, `bone_names` and `fitting` need numpy only; `armatures`, `keys`, `scene` and `panel` need Blender.
+The add-on does not need the package ha2g_jax: it reads the files of `ha2g export`. `reading`, `bvh`, `glb`,
+`rotations`, `bone_names` and `fitting` need numpy only; `armatures`, `keys`, `scene` and `panel` need Blender.
 """
 
 
