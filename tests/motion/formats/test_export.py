@@ -13,7 +13,6 @@ from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, normalize
 
-
 DOCS = pathlib.Path(__file__).parents[3] / "docs" / "export.md"
 
 
