@@ -100,7 +100,8 @@ def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequ
         key, _, text = grid.partition("=")
         if not key or not text or key in values:
             raise UserError(
-                f"--grid {grid} is not KEY=VALUE,VALUE..., or another grid has its key; give one such as seed=0,1,2"
+                f"--grid {grid} is not KEY=VALUE,VALUE..., or another grid has its key; give each a key of its own, "
+                "such as --grid seed=0,1,2"
             )
         values[key] = _split(text)
     short = {key: key.rpartition(".")[2] for key in values}
@@ -223,7 +224,7 @@ def _split(text: str) -> list[str]:
         else:
             values[-1] += character
     if depth or not all(values):
-        raise UserError(f"{text!r} is not a list of values with commas; close all brackets and leave no value empty")
+        raise UserError(f"{text!r} is not a list of values between commas; close the brackets and leave none empty")
     return values
 
 
