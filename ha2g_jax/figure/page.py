@@ -81,7 +81,14 @@ def text_width(text: str, size: float) -> float:
 
 
 def as_png(page: Page) -> bytes:
-    """Draw a page as a PNG and return its bytes."""
+    """Draw a page as a PNG.
+
+    Args:
+        page: content of the page.
+
+    Returns:
+        Bytes of the file.
+    """
     image = Image.new("RGB", (page.width, page.height), _PAPER)
     for picture in page.pictures:
         pixels = draw_figure(picture.positions, picture.skeleton, picture.look, picture.size, picture.size)
@@ -100,7 +107,14 @@ def as_png(page: Page) -> bytes:
 
 
 def as_svg(page: Page) -> str:
-    """Draw a page as an SVG document whose texts remain texts."""
+    """Draw a page as an SVG document whose texts remain texts.
+
+    Args:
+        page: content of the page.
+
+    Returns:
+        Text of the document.
+    """
     return "\n".join(_svg_lines(page)) + "\n"
 
 

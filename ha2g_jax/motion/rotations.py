@@ -144,7 +144,14 @@ def from_vector(vectors: np.ndarray) -> np.ndarray:
 
 
 def continuous(q: np.ndarray) -> np.ndarray:
-    """Return the same rotations (T, ..., 4) with signs that are continuous over time and w >= 0 in the first frame."""
+    """Choose the signs of quaternions so that they are continuous over time.
+
+    Args:
+        q: (T, ..., 4) rotations.
+
+    Returns:
+        (T, ..., 4) the same rotations, with w >= 0 in the first frame.
+    """
     q = np.array(q, np.float64)
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
     first = q[:1, ..., 3] < 0

@@ -46,8 +46,8 @@ def make_animation(skeleton: str = "ted_expressive", size: float = 0.3, frames: 
     still = [index for index in range(len(armature.joints)) if index not in armature.parents]
     still += [armature.joint(name) for name in ("neck", "nose")]
     vectors[:, still] = 0
-    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
-    return Animation(armature, turns, np.zeros((frames, 3)), 15.0, {"seed": 1})
+    local = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
+    return Animation(armature, local, np.zeros((frames, 3)), 15.0, {"seed": 1})
 
 
 @pytest.mark.parametrize("name", [name for name in rigs.RIGS if name != "ha2g"])
@@ -133,7 +133,7 @@ def test_bones_point_where_ours_point(name):
     _, positions = world(theirs)
     places = rigs.places(theirs.armature)
     bones = [("shoulder", "elbow"), ("elbow", "wrist")]
-    # Collarbones turn from their own rest by as much as ours: that of a body of its own starts elsewhere.
+    # Collarbones rotate from their rest pose by as much as ours; with other lengths the rest pose differs.
     bones += [("clavicle", "shoulder")] if name != "smplx" else []
     bones += [(f"{finger}_{part}", f"{finger}_{part + 1}") for finger in FINGERS for part in (1, 2)]
     for side in SIDES:
@@ -155,8 +155,8 @@ def test_hands_turn_as_ours_from_the_t_pose(name):
     for side in SIDES:
         for joint in (f"{side}_wrist", f"{side}_elbow", f"{side}_clavicle", f"{side}_index_2"):
             index = rigs.carriers(theirs.armature)[joint]
-            turn = rotations.multiply(turned[:, index], rotations.conjugate(straight[:, index]))
-            away = rotations.angle_between(turn, expected[:, ours.armature.joint(joint)])
+            rotation = rotations.multiply(turned[:, index], rotations.conjugate(straight[:, index]))
+            away = rotations.angle_between(rotation, expected[:, ours.armature.joint(joint)])
             np.testing.assert_allclose(away, 0, atol=1e-7)
 
 

@@ -132,7 +132,7 @@ class Stage {
     this.isStale = false;
   }
 
-  // On a slow computer turns shadows off, then reduces the resolution. Called for each image while playing.
+  // On a slow computer switches shadows off, then reduces the resolution. Called for each image while playing.
   keepPace(now) {
     const isSlow = now - this.before > 55;
     this.before = now;

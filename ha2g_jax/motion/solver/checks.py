@@ -13,11 +13,14 @@ _MIN_LENGTH = 1e-3  # least length of a direction vector, which should have leng
 
 
 def check(motion: Motion) -> None:
-    """Report what is wrong with a motion, if anything.
+    """Check that a motion is valid.
+
+    Args:
+        motion: motion to check.
 
     Raises:
-        UserError: its skeleton or joints are unknown, its arrays do not fit together, or it has no frames, too many of
-            them, values that are no numbers, bones without a direction or without a length.
+        UserError: the skeleton or the joints are unknown, the arrays do not fit together, there are no or too many
+            frames, a value is not finite, a direction vector has length 0, or a position is too far away.
     """
     name = motion.meta.get("skeleton")
     if name not in SKELETONS:

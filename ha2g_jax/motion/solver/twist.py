@@ -34,7 +34,16 @@ def transport(above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndar
 
 
 def swing(frames: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Rotate frames (T, 4) further by the shortest rotation that brings `axis` (3,) at rest to `along` (T, 3)."""
+    """Rotate frames further by the shortest rotation that aligns a bone with given directions.
+
+    Args:
+        frames: (T, 4) rotations of the bone.
+        axis: (3,) unit vector of the bone at rest.
+        along: (T, 3) unit vectors of the bone over time.
+
+    Returns:
+        (T, 4) rotations that take `axis` to `along`.
+    """
     return rotations.multiply(rotations.between(rotations.rotate(frames, axis), along), frames)
 
 

@@ -62,7 +62,7 @@ def test_a_hand_that_turns_past_half_a_turn_does_not_jump():
 
 def test_power_scales_the_angle():
     axis = np.array([[0.6, 0, 0.8]])
-    for angle in (0.5, 3.0, 3.6):  # the last beyond half a turn
+    for angle in (0.5, 3.0, 3.6):  # the last above 180 degrees
         np.testing.assert_allclose(power(about(axis, [angle]), np.array([0.5])), about(axis, [angle / 2]), atol=1e-9)
     np.testing.assert_allclose(power(np.array([[0.0, 0, 0, 1]]), np.array([0.5])), [[0, 0, 0, 1]])
 

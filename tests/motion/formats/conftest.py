@@ -21,7 +21,7 @@ FPS = 15.0
 
 
 def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str = "ha2g") -> Animation:
-    """Arms that hang and swing, and every joint that carries a bone turned a little, differently in every frame."""
+    """Arms that hang and swing, and every joint that carries a bone rotated a little, differently in every frame."""
     armature = ha2g_armature(load_skeleton(skeleton))
     random = np.random.default_rng(0)
     swing = random.normal(0, 0.15, (1, len(armature.joints), 3))
@@ -33,8 +33,8 @@ def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str 
     ends = [index for index in range(len(armature.joints)) if index not in armature.parents]
     crossings = [armature.joint(name) for name in ("neck", "nose") if name in armature.joints]
     vectors[:, [*ends, *crossings]] = 0
-    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
-    animation = Animation(armature, turns, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
+    local = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
+    animation = Animation(armature, local, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
     return rigs.retarget(animation, rigs.load_rig(rig))
 
 
