@@ -19,6 +19,7 @@ from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -85,7 +86,7 @@ def test_what_is_read_is_what_was_written(addon, tmp_path, skeleton, rig, suffix
     motion = make_motion(skeleton)
     export(motion, tmp_path / f"m{suffix}", rig=rig)
     read = addon.reading.read_motion(tmp_path / f"m{suffix}")
-    animation = rigs.retarget(solver.animate(motion), rigs.load_rig(rig))
+    animation = retarget(solver.animate(motion), rigs.load_rig(rig))
     assert read.fps == 15
     _, positions = world(animation)
     order = [read.joints.index(name) for name in animation.armature.joints]

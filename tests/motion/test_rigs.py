@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, rotations
 from ha2g_jax.motion.armature import Animation, ha2g_armature, world
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 SIDES = {"left": 1.0, "right": -1.0}
@@ -77,7 +78,7 @@ def test_the_bones_that_vrm_requires_are_there():
 
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_table_is_the_same_on_both_sides(name):
-    rest = rigs.retarget(make_animation(size=0), rigs.load_rig(name))
+    rest = retarget(make_animation(size=0), rigs.load_rig(name))
     _, positions = rigs.rest_positions(rest.armature)
     places = rigs.places(rest.armature)
     for left in [joint for joint in places if joint.startswith("left_")]:
@@ -88,7 +89,7 @@ def test_a_table_is_the_same_on_both_sides(name):
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_our_t_pose_is_a_t_on_every_rig(name):
     """Whatever the rig's rest pose: arms along x, fingers along the arm, head up, feet below, facing +z."""
-    animation = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name))
+    animation = retarget(make_animation(size=0, frames=1), rigs.load_rig(name))
     _, positions = world(animation)
     places = {joint: positions[0, index] for joint, index in rigs.places(animation.armature).items()}
     for side, sign in SIDES.items():
@@ -113,7 +114,7 @@ def test_joints_lie_where_ours_lie(name, skeleton):
     """Relative to the chest, arms and shoulders agree to the last digit where the rig has our lengths."""
     ours = make_animation(skeleton)
     _, our_positions = world(ours)
-    theirs = rigs.retarget(ours, rigs.load_rig(name))
+    theirs = retarget(ours, rigs.load_rig(name))
     _, positions = world(theirs)
     places = rigs.places(theirs.armature)
     for joint in ("neck", *(f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist"))):
@@ -129,7 +130,7 @@ def test_bones_point_where_ours_point(name):
     """Also on a rig with lengths and a rest pose of its own, and in the fingers."""
     ours = make_animation()
     _, our_positions = world(ours)
-    theirs = rigs.retarget(ours, rigs.load_rig(name))
+    theirs = retarget(ours, rigs.load_rig(name))
     _, positions = world(theirs)
     places = rigs.places(theirs.armature)
     bones = [("shoulder", "elbow"), ("elbow", "wrist")]
@@ -149,7 +150,7 @@ def test_hands_turn_as_ours_from_the_t_pose(name):
     """The roll of a hand is no matter of directions: it must survive a rest pose that is not ours."""
     ours, still = make_animation(), make_animation(size=0, frames=1)
     rig = rigs.load_rig(name)
-    theirs, at_t = rigs.retarget(ours, rig), rigs.retarget(still, rig)
+    theirs, at_t = retarget(ours, rig), retarget(still, rig)
     turned, expected = world(theirs)[0], world(ours)[0]
     straight = world(at_t)[0]
     for side in SIDES:
@@ -162,7 +163,7 @@ def test_hands_turn_as_ours_from_the_t_pose(name):
 
 def test_neck_and_spine_share_what_ours_do_in_one_joint():
     ours = make_animation()
-    theirs = rigs.retarget(ours, rigs.load_rig("mixamo"))
+    theirs = retarget(ours, rigs.load_rig("mixamo"))
     turned = world(theirs)[0]
     armature = theirs.armature
     angles = [
@@ -180,7 +181,7 @@ def test_neck_and_spine_share_what_ours_do_in_one_joint():
 
 
 def test_legs_stand_still():
-    theirs = rigs.retarget(make_animation(), rigs.load_rig("unreal"))
+    theirs = retarget(make_animation(), rigs.load_rig("unreal"))
     for joint in ("thigh_l", "calf_r", "foot_l", "pelvis"):
         index = theirs.armature.joint(joint)
         np.testing.assert_allclose(
@@ -189,7 +190,7 @@ def test_legs_stand_still():
 
 
 def axes_at_rest(name: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    armature = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
+    armature = retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
     turned, positions = rigs.rest_positions(armature)
     matrices = rotations.to_matrix(turned)
     return dict(zip(armature.joints, matrices)), dict(zip(armature.joints, positions))
@@ -215,7 +216,7 @@ def test_the_mannequin_stands_in_its_a_pose_with_x_along_its_bones():
 
 @pytest.mark.parametrize("name", ["vrm", "unity", "smplx"])
 def test_rigs_without_axes_of_their_own_rest_unturned(name):
-    armature = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
+    armature = retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
     np.testing.assert_array_equal(armature.rest, np.tile(rotations.IDENTITY, (len(armature.joints), 1)))
 
 
@@ -227,7 +228,7 @@ def test_the_thumbs_of_a_vrm_rest_level_at_45_degrees():
 
 
 def test_fingers_that_the_motion_lacks_stay_at_rest():
-    theirs = rigs.retarget(make_animation("ted_gesture"), rigs.load_rig("unity"))
+    theirs = retarget(make_animation("ted_gesture"), rigs.load_rig("unity"))
     index = theirs.armature.joint("LeftIndexProximal")
     np.testing.assert_allclose(theirs.rotations[:, index], [[0, 0, 0, 1]] * 6, atol=1e-12)
     assert np.linalg.norm(theirs.armature.offsets[index]) > 0.08
@@ -235,7 +236,7 @@ def test_fingers_that_the_motion_lacks_stay_at_rest():
 
 def test_our_own_rig_is_the_animation_itself():
     animation = make_animation("ted_gesture")
-    assert rigs.retarget(animation, rigs.load_rig("ha2g")) is animation
+    assert retarget(animation, rigs.load_rig("ha2g")) is animation
 
 
 def test_an_unknown_rig_is_named():

@@ -11,6 +11,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.formats import bvh, glb, smplx, tables, vrma
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.retargeting import retarget
 
 __all__ = ["SUFFIXES", "export"]
 
@@ -64,6 +65,6 @@ def export(
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
         return
-    animation = rigs.retarget(solver.animate(motion), target)
+    animation = retarget(solver.animate(motion), target)
     seconds = motion.meta.get("duration", motion.num_frames / motion.fps) if audio_seconds is None else audio_seconds
     _WRITERS[suffix](path, animation, duration=seconds, audio_name=motion.meta.get("speech"))

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Animation, ha2g_armature
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 15.0
@@ -35,7 +36,7 @@ def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str 
     vectors[:, [*ends, *crossings]] = 0
     local = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
     animation = Animation(armature, local, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
-    return rigs.retarget(animation, rigs.load_rig(rig))
+    return retarget(animation, rigs.load_rig(rig))
 
 
 @pytest.fixture(scope="session")
