@@ -1,10 +1,10 @@
-"""Hours of speech that `ha2g data import-ted` imports in an hour.
+"""Measure how many hours of speech `ha2g data import-ted` imports in an hour.
 
 python benchmarks/import_ted.py ted_expressive_dataset/train --hours 1 --workers 2
 
-The records of the database are copied into a temporary one, under new keys, until they hold that many hours of clips;
-the time of its import includes the start of the processes, which the import of the records alone shows by itself. The
-exit code is 1 below 100 hours in an hour.
+The records of the database are copied into a temporary database, under new keys, until it has that many hours of clips.
+The time of its import includes the start of the processes; the import of the original records alone shows how much that
+is. The exit code is 1 below 100 hours in an hour.
 """
 
 import argparse
@@ -28,7 +28,7 @@ _LEAST_SPEED = 100
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("src", type=pathlib.Path, help="folder of one LMDB database of TED-Expressive or TED-Gesture")
-    parser.add_argument("--hours", type=float, default=1.0, help="of speech")
+    parser.add_argument("--hours", type=float, default=1.0, help="hours of speech to import (default: 1)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
@@ -42,7 +42,16 @@ def main() -> int:
 
 
 def measure(src: pathlib.Path, hours: float, workers: int) -> dict[str, float]:
-    """Seconds for the database as it is and for as many hours, and hours in an hour."""
+    """Measure the import of the database as it is, and of copies of its records.
+
+    Args:
+        src: folder of the database.
+        hours: hours of speech to import.
+        workers: number of processes.
+
+    Returns:
+        Hours and seconds of both imports, and the imported hours in an hour.
+    """
     lmdb_videos.check(src)
     values = [lmdb_videos.read_value(src, key) for key in lmdb_videos.read_keys(src)]
     with tempfile.TemporaryDirectory() as folder:
@@ -59,7 +68,7 @@ def measure(src: pathlib.Path, hours: float, workers: int) -> dict[str, float]:
 
 
 def _import(values: list[bytes], hours: float, folder: pathlib.Path, workers: int) -> tuple[float, float]:
-    """Makes a database and imports it: hours of clips, seconds."""
+    """Make a database, import it, and return the hours of clips and the seconds."""
     src = folder / "lmdb"
     src.mkdir(parents=True)
     copies = list(_copies(values, hours))
@@ -74,7 +83,7 @@ def _import(values: list[bytes], hours: float, folder: pathlib.Path, workers: in
 
 
 def _copies(values: list[bytes], hours: float) -> Iterator[tuple[bytes, float]]:
-    """All records, and again until they are enough, with the hours of each."""
+    """Yield all records repeatedly, until the hours suffice, with the hours of each record."""
     own_hours = [_hours(value) for value in values]
     if not sum(own_hours):
         raise UserError("no clip in this database; name that of a training split")

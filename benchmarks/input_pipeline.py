@@ -1,12 +1,12 @@
-"""Windows per second of the input pipeline alone, and of the train step of the same config.
+"""Measure the windows per second of the input pipeline alone, and of the train step of the same config.
 
 python benchmarks/input_pipeline.py --config experiments/configs/talk.py:paper
 python benchmarks/input_pipeline.py --data runs/corpus --workers 8 --step-batch 128
 
 Windows are read with and without images, by threads of this process and by worker processes, and "cold", where every
-window decodes its clip anew, or "warm", where all clips are in memory, as they are after an epoch. The train step
-takes random data at a batch of its own, which the device must hold. The exit code is 1 where the pipeline, warm, is
-not 5 times as fast as the step.
+window decodes its clip again, or "warm", where all clips are in memory, as after an epoch. The train step takes random
+data with a batch size of its own (--step-batch), which must fit on the device. The exit code is 1 where the warm
+pipeline is not 5 times as fast as the step.
 """
 
 import argparse
@@ -38,10 +38,10 @@ _IDENTITIES = ("images", "speakers")
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", default=f"{_TALK}:paper", metavar="FILE[:SIZE]")
-    parser.add_argument("--data", type=pathlib.Path, help="a corpus (default: six minutes of Talk, made for this)")
-    parser.add_argument("--batches", type=int, default=20, help="that each speed is measured by")
-    parser.add_argument("--workers", type=int, default=2, help="processes of the rows that have some")
-    parser.add_argument("--step-batch", type=int, default=4, help="batch of the train step")
+    parser.add_argument("--data", type=pathlib.Path, help="folder of a corpus (default: six new minutes of Talk)")
+    parser.add_argument("--batches", type=int, default=20, help="number of batches of each measurement (default: 20)")
+    parser.add_argument("--workers", type=int, default=2, help="number of worker processes (default: 2)")
+    parser.add_argument("--step-batch", type=int, default=4, help="batch size of the train step (default: 4)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
@@ -59,7 +59,16 @@ def main() -> int:
 
 
 def measure(config: Config, corpus: Corpus, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Windows per second of each way to read them ("rows") and of the step, and the ratio of the fastest warm one."""
+    """Measure the pipeline and the train step.
+
+    Args:
+        config: config of the data and of the step.
+        corpus: corpus to read.
+        arguments: arguments of the script.
+
+    Returns:
+        Windows per second of each way to read ("rows") and of the step, and the ratio of the fastest warm pipeline.
+    """
     rows, size, clips_per_second = [], 0, 0.0
     for identity in _IDENTITIES:
         start = time.perf_counter()
@@ -114,7 +123,7 @@ def _windows(config: Config, corpus: Corpus, identity: str) -> Windows:
 def _pipeline_speed(windows: Windows, size: int, workers: int, clips: str, count: int) -> float:
     iterator = batches(windows.with_cache(0) if clips == "cold" else windows, size, seed=0, workers=workers)
     readers = max(workers, 1)
-    # First come imports and empty buffers; two epochs of each reader later every clip is in memory.
+    # The first batches include imports and empty buffers; after two epochs of each reader all clips are in memory.
     skipped = 2 * readers + (2 * readers * (len(windows) // size + 1) if clips == "warm" else 0)
     bar = tqdm.tqdm(total=skipped + count, desc=f"{clips}, {workers} workers", unit="batch", leave=False)
     try:

@@ -1,11 +1,11 @@
-"""The train step of a config in several variants, timed in turns within one process, so that a busy machine is fair.
+"""Time the train step of a config in several variants, alternating in one process, so that other load affects all.
 
 python benchmarks/train_step.py --config experiments/configs/talk.py:small --dtype float32 bfloat16
 python benchmarks/train_step.py --config experiments/configs/talk.py:small --accumulate 1 4
 python benchmarks/train_step.py --config experiments/configs/talk.py:small --devices 1 0
 
-Data are random; their number of words and speakers is about that of TED. Each list of values makes variants, several
-lists make all their combinations; ratios are to the first.
+The data are random; their numbers of words and speakers are about those of TED. Several lists of values give all
+combinations as variants; ratios are relative to the first variant.
 """
 
 import argparse
@@ -30,7 +30,9 @@ def main() -> int:
     parser.add_argument("--dtype", nargs="+", choices=("float32", "bfloat16"))
     parser.add_argument("--accumulate", type=int, nargs="+", metavar="PARTS")
     parser.add_argument("--devices", type=int, nargs="+", metavar="N", help="0 for all")
-    parser.add_argument("--steps", type=int, default=10, help="of each variant, after the first")
+    parser.add_argument(
+        "--steps", type=int, default=10, help="timed steps of each variant, after the first (default: 10)"
+    )
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
@@ -43,7 +45,15 @@ def main() -> int:
 
 
 def measure(config, arguments: argparse.Namespace) -> list[dict]:
-    """One row for each variant, with its settings, medians and memory."""
+    """Time all variants.
+
+    Args:
+        config: config of the train step.
+        arguments: arguments of the script.
+
+    Returns:
+        One row for each variant with its settings, medians and memory.
+    """
     values = [getattr(arguments, name) or [config.train[name]] for name in _SETTINGS]
     variants = [dict(zip(_SETTINGS, choice, strict=True)) for choice in itertools.product(*values)]
     steps = []

@@ -1,11 +1,11 @@
-"""How many times faster than it plays a video is made, with one and with two figures.
+"""Measure the speed of writing a video relative to its length, with one and with two figures.
 
 python benchmarks/video.py
 python benchmarks/video.py --motion talk.npz --audio talk.wav --workers 2
 
-The wall clock is that of this machine with all that runs on it; the processor time is what the video cost, and twice
-its length by that time is the speed on two cores that have nothing else to do. The exit code is 1 where one figure is
-not drawn at 5 times real time by that.
+The wall time depends on the other load of the machine. The processor time does not: twice the length of the video
+divided by the processor time is the speed on two idle cores. The exit code is 1 where this speed is below 5 for one
+figure.
 """
 
 import argparse
@@ -31,10 +31,12 @@ _CORES = 2
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--audio", type=pathlib.Path, default=_SPEECH)
-    parser.add_argument("--motion", type=pathlib.Path, help="an .npz (default: what the demo does for the speech)")
+    parser.add_argument(
+        "--motion", type=pathlib.Path, help="an .npz (default: motion of the demo model for the speech)"
+    )
     parser.add_argument("--size", type=int, nargs=2, default=(1920, 1080), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--workers", type=int, default=_CORES)
-    parser.add_argument("--repeat", type=int, default=3, help="times each is made; the fastest counts")
+    parser.add_argument("--repeat", type=int, default=3, help="repetitions, of which the fastest counts (default: 3)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
@@ -49,7 +51,14 @@ def main() -> int:
 
 
 def measure(count: int, motion: Motion, audio: np.ndarray, arguments: argparse.Namespace) -> dict[str, Any]:
-    """The time that a video of `count` figures takes."""
+    """Measure the time of a video with `count` figures.
+
+    Args:
+        count: number of figures.
+        motion: motion of all figures.
+        audio: (samples,) float32 mono sound.
+        arguments: arguments of the script.
+    """
     motions = {f"figure {number}": motion for number in range(1, count + 1)}
     seconds = len(audio) / SAMPLE_RATE
     walls, costs, size = [], [], 0

@@ -1,4 +1,4 @@
-"""Trains a model: python experiments/launch.py --config=FILE[:SIZE] --workdir=DIR [--config.KEY=VALUE ...]."""
+"""Train a model: python experiments/launch.py --config=FILE[:SIZE] --workdir=DIR [--config.KEY=VALUE ...]."""
 
 import sys
 

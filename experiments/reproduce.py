@@ -1,11 +1,11 @@
-"""Reproduces a table of the paper: trains what is missing, evaluates, and writes the paper's numbers beside ours.
+"""Reproduce a table of the paper: train the missing runs, evaluate them, and write the paper's numbers beside ours.
 
     python experiments/reproduce.py table1 --data talk --size small --seeds 3
     python experiments/reproduce.py table3 --data ted_expressive --path corpora/ted
-    python experiments/reproduce.py table1 --data talk --size debug          # shows that everything runs
+    python experiments/reproduce.py table1 --data talk --size debug          # a quick test that everything runs
 
 TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
-WORKDIR, shared by all tables; what is finished is not trained again, and the same command continues what was stopped.
+WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an interrupted one.
 """
 
 import argparse
@@ -27,11 +27,14 @@ WORKDIR = pathlib.Path("runs/reproduce")
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
-    """Returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
+    """Run the script.
 
     Args:
-        argv: flags; by default those of this process.
-        perform: trains and scores one run.
+        argv: command-line arguments; by default those of this process.
+        perform: function that trains and scores one run.
+
+    Returns:
+        Exit code: 0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(argv)
@@ -80,19 +83,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
     parser.add_argument("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
     parser.add_argument("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
-    parser.add_argument("--size", default="small", choices=configs.SIZES, help="of the models (default: small)")
-    parser.add_argument("--seeds", default="3", help="how many, or a list such as 0,5,7 (default: 3)")
-    parser.add_argument("--out", type=pathlib.Path, help="the report (default: WORKDIR/DATA-SIZE/TABLE.md)")
-    parser.add_argument("--workdir", type=pathlib.Path, default=WORKDIR, help=f"of all runs (default: {WORKDIR})")
-    parser.add_argument("--jobs", type=int, default=1, help="runs at once, each with its share of the cores")
-    parser.add_argument("--no-train", action="store_true", help="evaluate what is there")
+    parser.add_argument("--size", default="small", choices=configs.SIZES, help="size of the models (default: small)")
+    parser.add_argument("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
+    parser.add_argument("--out", type=pathlib.Path, help="file of the report (default: WORKDIR/DATA-SIZE/TABLE.md)")
+    parser.add_argument(
+        "--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})"
+    )
+    parser.add_argument("--jobs", type=int, default=1, help="number of runs at once, each on a part of the cores")
+    parser.add_argument("--no-train", action="store_true", help="evaluate existing runs only")
     parser.add_argument("--legacy", action="store_true", help="add the scores by the rules of the public release")
     parser.add_argument(
         "--changes",
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="a setting for all rows, such as train.steps=3000",
+        help="change of a setting for all rows, such as train.steps=3000; may be given again",
     )
     return parser
 

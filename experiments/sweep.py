@@ -1,9 +1,10 @@
-"""Trains a config over a grid of settings: one run after another, or each a task of a Slurm array.
+"""Train a config over a grid of settings: one run after another, or each run as a task of a Slurm array.
 
     python experiments/sweep.py --config FILE[:SIZE] --workdir DIR --grid seed=0,1,2 --grid train.batch_size=64,128
 
-Any --config.KEY=VALUE is passed to every run. Each run is in DIR/NAME and what it prints in DIR/NAME.log. The same
-command continues, and skips what is finished. At the end: a table, with means over seeds, and DIR/sweep.json.
+Any --config.KEY=VALUE is passed to every run. Each run has the workdir DIR/NAME and the log DIR/NAME.log. The same
+command continues an interrupted sweep and skips finished runs. At the end it prints a table with means over seeds and
+writes DIR/sweep.json.
 
 As a Slurm array: `N=$(python experiments/sweep.py ... --list | wc -l)`, then `sbatch --array=0-$((N-1))` of a script
 with the same command; each task trains one run, and the command without Slurm then gives the table.
@@ -31,7 +32,15 @@ Scores = dict[str, float]
 
 
 class Run(NamedTuple):
-    """One point of the grid: `settings` has the values as they were typed."""
+    """One point of the grid.
+
+    Attributes:
+        name: name of the run and of its folder.
+        settings: dotted name of a setting -> value as text.
+        arguments: command-line arguments of the training.
+        config: config of the training.
+        workdir: folder of the training.
+    """
 
     name: str
     settings: dict[str, str]
@@ -41,11 +50,14 @@ class Run(NamedTuple):
 
 
 def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int:
-    """Runs a sweep; returns 0, 1 if a run failed, 2 for a user's mistake, 128 + the signal that stopped it.
+    """Run a sweep.
 
     Args:
-        argv: flags; by default those of this process.
-        train: the command that trains one run, without its flags.
+        argv: command-line arguments; by default those of this process.
+        train: command that trains one run, without its arguments.
+
+    Returns:
+        Exit code: 0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
     """
     try:
         arguments, overrides = _parser().parse_known_args(argv)
@@ -56,9 +68,11 @@ def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int
         try:
             arguments.workdir.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UserError(f"{arguments.workdir} cannot be a folder ({error.strerror}): choose --workdir") from error
+            raise UserError(
+                f"cannot make the folder {arguments.workdir} ({error.strerror}); choose another --workdir"
+            ) from error
         if task := os.environ.get("SLURM_ARRAY_TASK_ID"):
-            # In the place of this process: a signal of Slurm then reaches the run once.
+            # Replaces this process, so that a signal of Slurm reaches the run once.
             os.execv(train[0], [*train, *_chosen(runs, task).arguments])
         return _train_all(runs, train, arguments.workdir)
     except UserError as error:
@@ -67,16 +81,28 @@ def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int
 
 
 def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequence[str] = ()) -> list[Run]:
-    """The runs of the product of `grids`, each "KEY=VALUE,VALUE...", the last one changing fastest.
+    """Plan the runs of the product of several grids.
+
+    Args:
+        spec: FILE[:SIZE] of the config.
+        workdir: folder of the workdirs of all runs.
+        grids: texts of the form KEY=VALUE,VALUE...; the last one changes fastest.
+        overrides: further arguments of every run, --config.KEY=VALUE.
+
+    Returns:
+        All runs.
 
     Raises:
-        UserError: a grid or setting that cannot be used; in any of the runs.
+        UserError: a grid or a setting of any run is not valid.
     """
     values = {}
     for grid in grids:
         key, _, text = grid.partition("=")
         if not key or not text or key in values:
-            raise UserError(f"--grid {grid} is no KEY=VALUE,VALUE... with a key of its own; such as --grid seed=0,1,2")
+            raise UserError(
+                f"--grid {grid} is not KEY=VALUE,VALUE..., or another grid has its key; give each a key of its own, "
+                "such as --grid seed=0,1,2"
+            )
         values[key] = _split(text)
     short = {key: key.rpartition(".")[2] for key in values}
     labels = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
@@ -89,12 +115,19 @@ def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequ
         arguments = ["--config", spec, "--workdir", str(workdir / name), *changes]
         runs.append(Run(name, settings, arguments, load_config(spec, changes), workdir / name))
     if len({run.name for run in runs}) < len(runs):
-        raise UserError(f"two runs of the grid {' '.join(grids)} are the same: give every value once")
+        raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
     return runs
 
 
 def gather(runs: Sequence[Run]) -> dict[str, Any]:
-    """The state and validation scores of every run, and their means and deviations over the seeds that finished."""
+    """Collect the state and the validation scores of every run, and their means and deviations over finished seeds.
+
+    Args:
+        runs: runs of the sweep.
+
+    Returns:
+        {"runs", "groups"} as JSON values.
+    """
     rows = [
         {"name": run.name, "settings": run.settings, "finished": is_finished(run)} | _progress(run.workdir)
         for run in runs
@@ -109,17 +142,17 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def is_finished(run: Run) -> bool:
-    """Whether the workdir has the checkpoint of the last step of exactly this config."""
+    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
     if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
         return False
     try:
         return json.loads((run.workdir / "config.json").read_text()) == json.loads(run.config.to_json())
     except (OSError, ValueError):
-        return False  # the run itself says what is wrong
+        return False  # the training itself reports what is wrong
 
 
 def as_table(gathered: dict[str, Any]) -> str:
-    """One line a run, then one line a group of seeds, with mean ± standard deviation."""
+    """Format the result of `gather`: a line for each run, then for each group of seeds mean ± standard deviation."""
     terms = sorted({name for row in gathered["runs"] for name in row["validation"]})
     lines = [["run", "step", *terms]]
     for row in gathered["runs"]:
@@ -157,8 +190,8 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
 
 
 def _progress(workdir: pathlib.Path) -> dict[str, Any]:
-    """The last step of a run and its last validation scores."""
-    from ha2g_jax.train.writers import METRICS, read_metrics  # JAX starts here, after the flags were read
+    """Return the last step of a run and its last validation scores."""
+    from ha2g_jax.train.writers import METRICS, read_metrics  # imports JAX, after the arguments were checked
 
     path = workdir / METRICS
     lines = read_metrics(path) if path.is_file() else []
@@ -182,7 +215,7 @@ def _summary(settings: dict[str, str], scores: list[Scores]) -> dict[str, Any]:
 
 
 def _split(text: str) -> list[str]:
-    """The values between the commas that are in no brackets: "(0.5,0.9),(0.9,0.99)" has two."""
+    """Split text at commas outside of brackets: "(0.5,0.9),(0.9,0.99)" has two values."""
     values, depth = [""], 0
     for character in text:
         depth += (character in "([{") - (character in ")]}")
@@ -191,12 +224,12 @@ def _split(text: str) -> list[str]:
         else:
             values[-1] += character
     if depth or not all(values):
-        raise UserError(f"{text!r} is no list of values between commas; close the brackets and leave none empty")
+        raise UserError(f"{text!r} is not a list of values between commas; close the brackets and leave none empty")
     return values
 
 
 def _chosen(runs: Sequence[Run], task: str) -> Run:
-    """The run of a Slurm array's task."""
+    """Return the run of a task of a Slurm array."""
     if not task.isdecimal() or int(task) >= len(runs):
         raise UserError(f"SLURM_ARRAY_TASK_ID is {task}, the grid has {len(runs)} runs: use --array=0-{len(runs) - 1}")
     return runs[int(task)]
@@ -206,10 +239,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    parser.add_argument("--config", required=True, help="FILE[:SIZE], as ha2g train takes it")
+    parser.add_argument("--config", required=True, help="FILE[:SIZE], as for ha2g train")
     parser.add_argument("--workdir", required=True, type=pathlib.Path, help="folder of the workdirs of all runs")
     parser.add_argument("--grid", required=True, action="append", help="KEY=VALUE,VALUE...; may be given again")
-    parser.add_argument("--list", action="store_true", help="print the index and name of every run, and stop")
+    parser.add_argument("--list", action="store_true", help="print the number and name of every run, and exit")
     return parser
 
 

@@ -1,9 +1,9 @@
-"""The one table of joints, bones, levels and angle pairs, and the geometry derived from it.
+"""Skeletons (joints, bones, levels and angle pairs) and the geometry that is derived from them.
 
 A pose is the set of unit direction vectors of the bones, parent to child (HA2G, section 3.1).
-Everything that depends on the skeleton - slicing a level, lifting a level into the next, mirroring,
-forward kinematics, joint angles - is derived from a `Skeleton`, so that another skeleton is a data
-change only. The functions are pure and work alike on numpy and jax arrays.
+Everything that depends on the skeleton - the channels of a level and of the next, mirroring, forward
+kinematics, joint angles - is derived from a `Skeleton`, so that another skeleton is only another file.
+The functions are pure and take numpy and jax arrays.
 
 Axes are those of the TED data: metres, y points down, the person's left is +x in TED-Expressive.
 """
@@ -28,16 +28,18 @@ class Skeleton:
     """A tree of joints with the statistics of the data set it was measured on; equal by value, arrays included.
 
     Attributes:
-        name: key of the skeleton file, such as "ted_expressive".
-        joints: joint names; joint 0 is the root.
-        bones: (parent joint, child joint) of each bone.
+        name: name of the skeleton file, such as "ted_expressive".
+        joints: names of the joints; joint 0 is the root.
+        bones: indices of the parent joint and the child joint of each bone.
         lengths: (bones,) mean bone lengths in metres.
-        levels: bones of each level of the motion hierarchy, coarse to fine; each contains the one before.
-        angle_pairs: pairs of bones whose angle is constrained; an index >= number of bones names a palm normal.
+        levels: bones of each level of the motion hierarchy, from coarse to fine; each contains the level before.
+        angle_pairs: pairs of bones whose angle is constrained; an index >= the number of bones is a palm normal.
         palms: pairs of finger bones whose cross product is a palm normal.
-        mean_directions: (bones, 3) mean direction vectors; not unit length.
-        mean_pose: (joints, 3) mean joint positions.
-        angle_mean, angle_variance, angle_change: (pairs,) statistics of the angles divided by pi.
+        mean_directions: (bones, 3) mean direction vectors, not of unit length.
+        mean_pose: (joints, 3) mean joint positions in metres.
+        angle_mean: (pairs,) means of the angles divided by pi.
+        angle_variance: (pairs,) variances of the angles divided by pi squared.
+        angle_change: (pairs,) mean absolute changes of the angles per frame divided by pi.
     """
 
     name: str
@@ -90,19 +92,19 @@ class Skeleton:
 
     @property
     def level_channels(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of each level's channels in the flat pose of `pose_dim` values."""
+        """Indices of the channels of each level in the flat pose of `pose_dim` values."""
         return tuple(tuple(3 * bone + axis for bone in level for axis in range(3)) for level in self.levels)
 
     def joint(self, name: str) -> int:
         return self.joints.index(name)
 
     def bone(self, child: str) -> int:
-        """Index of the bone that ends in joint `child`."""
+        """Return the index of the bone that ends in the joint `child`."""
         return [bone[1] for bone in self.bones].index(self.joint(child))
 
     @functools.cached_property
     def paths(self) -> np.ndarray:
-        """(joints, bones) matrix that is 1 where the bone lies between the root and the joint."""
+        """(joints, bones) float32 matrix that is 1 where the bone is between the root and the joint, 0 elsewhere."""
         paths = np.zeros((self.num_joints, self.num_bones), np.float32)
         pending = list(enumerate(self.bones))
         reached = {0}
@@ -116,7 +118,7 @@ class Skeleton:
 
     @functools.cached_property
     def mirror_bones(self) -> np.ndarray:
-        """(bones,) index of the bone on the other side, itself for bones on the midline."""
+        """(bones,) index of the bone on the other side, or of the bone itself on the midline."""
         other = {"left": "right", "right": "left"}
         children = [self.joints[child] for _, child in self.bones]
         swapped = ["_".join(other.get(part, part) for part in child.split("_")) for child in children]
@@ -125,7 +127,14 @@ class Skeleton:
 
 @functools.cache
 def load_skeleton(name: str) -> Skeleton:
-    """The skeleton stored under `name`, one of `SKELETONS`."""
+    """Load a skeleton.
+
+    Args:
+        name: one of `SKELETONS`.
+
+    Returns:
+        The skeleton.
+    """
     text = (importlib.resources.files("ha2g_jax") / "assets" / "skeletons" / f"{name}.json").read_text()
     facts = json.loads(text)
     num_bones = len(facts["bones"])
@@ -151,17 +160,18 @@ _PALMS = {"ted_expressive": ((11, 17), (28, 34))}
 
 
 def normalize(vectors: Any) -> Any:
-    """Vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
+    """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
     xp = vectors.__array_namespace__()
     squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
     return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(_MIN_NORM**2, dtype=vectors.dtype)))
 
 
 def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
-    """Forward kinematics with the mean bone lengths: root at the origin, length x direction along the tree.
+    """Compute forward kinematics with the mean bone lengths and the root at the origin.
 
     Args:
-        directions: (..., bones, 3) direction vectors; normalised here (decision D1).
+        skeleton: skeleton of the directions.
+        directions: (..., bones, 3) direction vectors of any positive length; they are normalised (decision D1).
 
     Returns:
         (..., joints, 3) positions in metres.
@@ -172,16 +182,25 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
 
 
 def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
-    """Unit direction vectors (..., bones, 3) of joint positions (..., joints, 3)."""
+    """Compute direction vectors from joint positions.
+
+    Args:
+        skeleton: skeleton of the positions.
+        positions: (..., joints, 3) positions.
+
+    Returns:
+        (..., bones, 3) unit direction vectors.
+    """
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     return normalize(positions[..., children, :] - positions[..., parents, :])
 
 
 def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
-    """Angles between the listed bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
+    """Compute the angles between the pairs of bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
 
     Args:
-        directions: (..., bones, 3) restored direction vectors, of any positive length.
+        skeleton: skeleton of the directions.
+        directions: (..., bones, 3) direction vectors (not residuals from the mean) of any positive length.
 
     Returns:
         (..., pairs) angles in radians; the gradient is finite at parallel bones.
@@ -199,18 +218,31 @@ def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
 
 
 def _cross(xp: Any, a: Any, b: Any) -> Any:
-    turn, turn_back = [1, 2, 0], [2, 0, 1]
-    return a[..., turn] * b[..., turn_back] - a[..., turn_back] * b[..., turn]
+    shift, shift_back = [1, 2, 0], [2, 0, 1]
+    return a[..., shift] * b[..., shift_back] - a[..., shift_back] * b[..., shift]
 
 
 def lift_channels(skeleton: Skeleton, level: int) -> np.ndarray:
-    """Where the channels of level `level - 1` lie within level `level` (both counted from 0)."""
+    """Return the indices of the channels of level `level - 1` within level `level`.
+
+    Args:
+        skeleton: skeleton with the levels.
+        level: number of the level, at least 1; the first level has number 0.
+    """
     channels = list(skeleton.level_channels[level])
     return np.array([channels.index(channel) for channel in skeleton.level_channels[level - 1]])
 
 
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
-    """The pose seen in a mirror: left and right bones exchanged and x negated, (..., bones, 3)."""
+    """Mirror poses: exchange left and right bones and negate x.
+
+    Args:
+        skeleton: skeleton of the directions.
+        directions: (..., bones, 3) direction vectors.
+
+    Returns:
+        (..., bones, 3) direction vectors.
+    """
     xp = directions.__array_namespace__()
     swapped = directions[..., skeleton.mirror_bones, :]
     return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)

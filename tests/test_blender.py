@@ -19,6 +19,7 @@ from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -71,7 +72,7 @@ def positions_of(read) -> np.ndarray:
     for joint, parent in enumerate(read.parents):
         bone = read.places[joint] - read.places[parent]
         places[:, joint] = (
-            read.root if parent < 0 else places[:, parent] + rotations.rotate(read.turns[:, parent], bone)
+            read.root if parent < 0 else places[:, parent] + rotations.rotate(read.rotations[:, parent], bone)
         )
     return places
 
@@ -85,7 +86,7 @@ def test_what_is_read_is_what_was_written(addon, tmp_path, skeleton, rig, suffix
     motion = make_motion(skeleton)
     export(motion, tmp_path / f"m{suffix}", rig=rig)
     read = addon.reading.read_motion(tmp_path / f"m{suffix}")
-    animation = rigs.retarget(solver.animate(motion), rigs.load_rig(rig))
+    animation = retarget(solver.animate(motion), rigs.load_rig(rig))
     assert read.fps == 15
     _, positions = world(animation)
     order = [read.joints.index(name) for name in animation.armature.joints]
@@ -134,7 +135,7 @@ def test_the_table_of_bone_names_is_that_of_the_rigs(addon):
     assert written == {rig: dict(rows) for rig, rows in addon.build.bone_names().items()}
     arms = {f"{side}_{joint}" for side in ("left", "right") for joint in ("clavicle", "shoulder", "elbow", "wrist")}
     for rows in written.values():
-        assert arms | {"spine", "head"} <= {joint for joint, share in rows.values() if share == 1}
+        assert arms | {"spine", "head"} <= {joint for joint, weight in rows.values() if weight == 1}
 
 
 @pytest.fixture(scope="module")
@@ -179,17 +180,17 @@ def test_names_that_fit_nothing_are_refused(addon, moving, tmp_path):
     with pytest.raises(addon.motion.MotionError, match="no joint left_arm"):
         addon.bone_names.match(moving(), ["Bip01 L UpperArm"], own)
     (tmp_path / "names.json").write_text('["left_arm"]')
-    with pytest.raises(addon.motion.MotionError, match="is no table of names"):
+    with pytest.raises(addon.motion.MotionError, match="is not a table of names"):
         addon.bone_names.read_names(tmp_path / "names.json")
 
 
-def pose_target(addon, target, turns: dict[str, np.ndarray]) -> np.ndarray:
+def pose_target(addon, target, fitted: dict[str, np.ndarray]) -> np.ndarray:
     """(T, B, 3) where the bones of an armature lie, as Blender poses them."""
-    frames = len(next(iter(turns.values())))
+    frames = len(next(iter(fitted.values())))
     posed = np.zeros((frames, len(target.bones), 4))
     heads = np.zeros((frames, len(target.bones), 3))
     for index, (bone, parent) in enumerate(zip(target.bones, target.parents, strict=True)):
-        own = turns.get(bone, np.tile(rotations.IDENTITY, (frames, 1)))
+        own = fitted.get(bone, np.tile(rotations.IDENTITY, (frames, 1)))
         above = posed[:, parent] if parent >= 0 else rotations.IDENTITY
         rest = rotations.conjugate(target.rest[parent]) if parent >= 0 else rotations.IDENTITY
         relative = rotations.multiply(rest, target.rest[index])
@@ -203,19 +204,19 @@ def pose_target(addon, target, turns: dict[str, np.ndarray]) -> np.ndarray:
 @pytest.mark.parametrize("way", ["upright", "lying", "aside"])
 def test_arms_and_fingers_point_where_ours_do_on_any_armature(addon, moving, way):
     """An A-posed armature whose bones have axes of their own, which faces elsewhere."""
-    turn = rotations.from_euler(np.array({"upright": (0, 0, 0), "lying": (90, 90, 0), "aside": (0, 45, 0)}[way]), "XYZ")
+    pose = rotations.from_euler(np.array({"upright": (0, 0, 0), "lying": (90, 90, 0), "aside": (0, 45, 0)}[way]), "XYZ")
     theirs = moving("unreal")
     random = np.random.default_rng(1)
     target = addon.fitting.Target(
         theirs.joints,
         theirs.parents,
-        rotations.rotate(turn, theirs.places) * 100,
+        rotations.rotate(pose, theirs.places) * 100,
         rotations.unit(random.normal(size=(len(theirs.joints), 4))),
         (True,) * len(theirs.joints),
     )
     motion = moving()
-    turns = addon.fitting.fit(motion, target, addon.bone_names.match(motion, target.bones))
-    heads = rotations.rotate(rotations.conjugate(turn), pose_target(addon, target, turns))
+    fitted = addon.fitting.fit(motion, target, addon.bone_names.match(motion, target.bones))
+    heads = rotations.rotate(rotations.conjugate(pose), pose_target(addon, target, fitted))
     ours = positions_of(motion)
     for (start, end), (our_start, our_end) in BONES.items():
         bone = heads[:, target.bones.index(end)] - heads[:, target.bones.index(start)]
@@ -228,12 +229,12 @@ def test_our_own_armature_gets_the_solvers_rotations(addon, moving, animation):
     motion = moving()
     rest = np.tile(rotations.IDENTITY, (len(motion.joints), 1))
     target = addon.fitting.Target(motion.joints, motion.parents, motion.places, rest, (True,) * len(rest))
-    turns = addon.fitting.fit(motion, target, addon.bone_names.match(motion, motion.joints))
-    assert {"spine", "left_elbow", "right_wrist", "left_thumb_0", "head"} <= set(turns)
-    for name, turn in turns.items():
+    fitted = addon.fitting.fit(motion, target, addon.bone_names.match(motion, motion.joints))
+    assert {"spine", "left_elbow", "right_wrist", "left_thumb_0", "head"} <= set(fitted)
+    for name, rotation in fitted.items():
         ours = animation.rotations[:, animation.armature.joint(name)]
-        assert np.degrees(rotations.angle_between(turn, ours)).max() < 0.01, name
-        assert (np.sum(turn[1:] * turn[:-1], axis=-1) > 0.7).all(), "signs must not jump"
+        assert np.degrees(rotations.angle_between(rotation, ours)).max() < 0.01, name
+        assert (np.sum(rotation[1:] * rotation[:-1], axis=-1) > 0.7).all(), "signs must not jump"
 
 
 def test_the_extension_is_what_blender_installs(addon, tmp_path):
@@ -343,5 +344,5 @@ def test_a_mistake_is_one_line_and_leaves_no_file(tmp_path):
     command = [blender_python(), str(script), "--", str(tmp_path / "no.glb"), "-o", str(tmp_path / "x.blend")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.strip() == f"ha2g_blender: no motion at {tmp_path / 'no.glb'}; ha2g export writes one"
+    assert done.stderr.strip() == f"ha2g_blender: no motion at {tmp_path / 'no.glb'}; give a file of ha2g export"
     assert list(tmp_path.iterdir()) == []

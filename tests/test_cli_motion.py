@@ -109,7 +109,7 @@ MISTAKES = {
     "workers": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--workers", "0"], "1 or more"),
     "no sound": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
     "names": (["video", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.mp4", "--names", "x"], "1 names for 2"),
-    "same names": (["video", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "names a motion twice"),
+    "same names": (["video", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
     "figure suffix": (["keyframes", "{}/a.npz", "-o", "{out}/x.pdf"], ".png or .svg"),
     "count": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
     "words": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "no transcript"),

@@ -77,7 +77,7 @@ def test_settings_of_one_name_are_told_apart(sweep, tmp_path):
     [
         (["train.batch_sise=1,2"], "batch_size"),
         (["seed=0,1", "train.steps=5,many"], "many"),
-        (["seed"], "--grid seed is no KEY=VALUE"),
+        (["seed"], "--grid seed is not KEY=VALUE"),
         (["seed=0", "seed=1"], "a key of its own"),
         (["seed=0,1,0"], "give every value once"),
         (["train.betas=(0.5,0.9"], "close the brackets"),
@@ -93,7 +93,7 @@ def test_a_grid_that_cannot_be_used_starts_nothing(sweep, stub, tmp_path, capsys
 
 def test_a_workdir_that_is_a_file_is_named(sweep, stub, tmp_path, capsys):
     assert sweep.main(_flags(stub[1], "seed=1"), stub) == 2
-    assert "stub.py cannot be a folder (File exists)" in capsys.readouterr().err
+    assert "stub.py (File exists); choose another --workdir" in capsys.readouterr().err
 
 
 def test_the_list_serves_a_slurm_array(sweep, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""`ha2g export`, `ha2g video` and `ha2g keyframes`: motion files for other programs, as video and as a figure."""
+"""The commands `ha2g export`, `ha2g video` and `ha2g keyframes`: arguments only."""
 
 import argparse
 import pathlib
@@ -12,40 +12,59 @@ if TYPE_CHECKING:
 
     from ha2g_jax.motion.motion import Motion
 
-_MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a word
+_MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a warning
 
 
 def add_commands(commands: Any) -> None:
-    """Adds the three commands to those of a parser."""
-    export = commands.add_parser("export", help="motion for Blender, Unity, Unreal, three.js, a robot")
-    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="an .npz that ha2g generate wrote")
+    """Add the commands `export`, `video` and `keyframes` to a parser.
+
+    Args:
+        commands: subparsers of the parser of `ha2g`.
+    """
+    export = commands.add_parser("export", help="export motion for Blender, Unity, Unreal, three.js or a robot")
+    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="an .npz of ha2g generate")
     export.add_argument(
-        "-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".bvh .glb .vrma .json .csv or .npz"
+        "-o",
+        "--out",
+        type=pathlib.Path,
+        required=True,
+        metavar="FILE",
+        help="file to write; its suffix is the format: .bvh, .glb, .vrma, .json, .csv or .npz",
     )
-    export.add_argument("--rig", default="ha2g", help="ha2g, mixamo, unreal, unity, vrm or smplx (default: ha2g)")
-    export.add_argument("--audio", type=pathlib.Path, help="the speech, whose length is noted in .glb and .vrma")
+    export.add_argument(
+        "--rig",
+        default="ha2g",
+        help="joints of the file: ha2g, mixamo, smplx, unity, unreal, vrm or a new one of assets/rigs (default: ha2g)",
+    )
+    export.add_argument("--audio", type=pathlib.Path, help="the speech, whose length is stored in .glb and .vrma")
     export.set_defaults(run=_export)
 
-    video = commands.add_parser("video", help="an .mp4 of one motion, or of several side by side, with the sound")
+    video = commands.add_parser("video", help="write an .mp4 of one motion, or of several side by side, with the sound")
     _add_motions(video)
     video.add_argument("--audio", type=pathlib.Path, help="the speech (default: a silent video)")
-    video.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help="the .mp4 to write")
-    video.add_argument("--size", default="1920x1080", metavar="WIDTHxHEIGHT", help="pixels (default: 1920x1080)")
-    video.add_argument("--workers", type=int, help="threads that draw and encode (default: one a core)")
+    video.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".mp4 file to write")
+    video.add_argument(
+        "--size", default="1920x1080", metavar="WIDTHxHEIGHT", help="size in pixels (default: 1920x1080)"
+    )
+    video.add_argument("--workers", type=int, help="threads that draw and encode (default: one for each core)")
     video.set_defaults(run=_video)
 
-    keyframes = commands.add_parser("keyframes", help="a strip of key frames with the words, as in a paper")
+    keyframes = commands.add_parser("keyframes", help="draw a figure of key frames with the words, as in a paper")
     _add_motions(keyframes)
-    keyframes.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".png or .svg")
+    keyframes.add_argument(
+        "-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".png or .svg file to write"
+    )
     keyframes.add_argument("--words", type=pathlib.Path, help="a transcript with times: TextGrid, JSON, SRT, VTT, TSV")
-    keyframes.add_argument("--count", type=int, default=8, help="of the frames (default: 8)")
-    keyframes.add_argument("--size", type=int, default=240, help="pixels of a picture's side (default: 240)")
+    keyframes.add_argument("--count", type=int, default=8, help="number of key frames (default: 8)")
+    keyframes.add_argument("--size", type=int, default=240, help="side of each picture in pixels (default: 240)")
     keyframes.set_defaults(run=_keyframes)
 
 
 def _add_motions(command: argparse.ArgumentParser) -> None:
-    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help=".npz of ha2g generate")
-    command.add_argument("--names", nargs="+", metavar="NAME", help="of the motions (default: those of the files)")
+    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="an .npz of ha2g generate")
+    command.add_argument(
+        "--names", nargs="+", metavar="NAME", help="names of the motions (default: the names of the files)"
+    )
 
 
 def _export(arguments: argparse.Namespace) -> None:
@@ -99,19 +118,25 @@ def _keyframes(arguments: argparse.Namespace) -> None:
 
 
 def read_size(text: str) -> int | tuple[int, int]:
-    """Pixels of a video from "1920x1080", or from one number for both sides.
+    """Parse the size of a video.
+
+    Args:
+        text: WIDTHxHEIGHT in pixels, such as "1920x1080", or one number for both.
+
+    Returns:
+        Width and height in pixels, or the one number.
 
     Raises:
-        UserError: the text is neither.
+        UserError: the text has another form.
     """
     size = re.fullmatch(r"(\d{1,5})(?:[xX×](\d{1,5}))?", text)
     if size is None:
-        raise UserError(f"the size {text!r} is none; give WIDTHxHEIGHT, as 1920x1080, or one number")
+        raise UserError(f"the size is {text!r}; give WIDTHxHEIGHT, such as 1920x1080, or one number")
     return (int(size[1]), int(size[2])) if size[2] else int(size[1])
 
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
-    """The motions by name; files of the same name go by their folder, too."""
+    """Load the motions by name; the names of files with equal names include their folders."""
     from ha2g_jax.motion.motion import Motion
     from ha2g_jax.viewer.files import names_of
 
@@ -121,7 +146,7 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     if len(names) != len(paths):
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
-        raise UserError("two motions have the same name; give each its own with --names")
+        raise UserError("two motions have the same name; give different names with --names")
     return {name: Motion.load(path) for name, path in zip(names, paths, strict=True)}
 
 
@@ -143,7 +168,7 @@ def _seconds(audio: "np.ndarray") -> float:
 
 
 def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
-    """A motion that ends before the sound stands still until its end, and one that is longer is cut: worth a line."""
+    """Print a warning where the lengths differ: a shorter motion stands still at its end, and a longer one is cut."""
     import sys
 
     for name, motion in motions.items():

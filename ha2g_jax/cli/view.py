@@ -6,14 +6,24 @@ from typing import Any
 
 
 def add_command(commands: Any) -> None:
-    """Adds `view` to the commands of a parser."""
-    view = commands.add_parser("view", help="motion in a browser: one page that works offline")
+    """Add the command `view` to a parser.
+
+    Args:
+        commands: subparsers of the parser of `ha2g`.
+    """
+    view = commands.add_parser("view", help="write a page that shows motion in a browser and works offline")
     view.add_argument(
-        "motion", type=pathlib.Path, nargs="+", help=".npz of ha2g generate, or .bvh; several stand side by side"
+        "motion", type=pathlib.Path, nargs="+", help="an .npz of ha2g generate, or a .bvh; several are side by side"
     )
-    view.add_argument("-o", "--out", type=pathlib.Path, default=pathlib.Path("view.html"), help="default: view.html")
-    view.add_argument("--audio", type=pathlib.Path, help="any audio or video file with sound")
-    view.add_argument("--words", type=pathlib.Path, help="a transcript, shown under the sound")
+    view.add_argument(
+        "-o",
+        "--out",
+        type=pathlib.Path,
+        default=pathlib.Path("view.html"),
+        help=".html file to write (default: view.html)",
+    )
+    view.add_argument("--audio", type=pathlib.Path, help="any audio or video file with the sound")
+    view.add_argument("--words", type=pathlib.Path, help="a transcript, shown below the waveform")
     view.set_defaults(run=_view)
 
 

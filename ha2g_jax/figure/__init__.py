@@ -1,6 +1,6 @@
-"""Drawing of a posed upper body, seen from the front: the portraits of Talk and the videos of generated motion.
+"""Drawing of a posed upper body from the front, for the portraits of Talk and the videos of generated motion.
 
-Everything is a filled shape on a canvas of twice the size, which is then halved; that is the antialiasing.
+Everything is a filled shape on a canvas of twice the size, which is then reduced to half for antialiasing.
 """
 
 import numpy as np
@@ -18,16 +18,17 @@ _SUPERSAMPLE = 2
 
 
 def draw_figure(positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int) -> np.ndarray:
-    """A picture of one pose.
+    """Draw one pose.
 
     Args:
         positions: (joints, 3) metres, y down; the root may be anywhere.
-        skeleton: names the joints; fingers and ears are drawn where it has them.
-        look: colours and build.
-        width, height: size of the picture in pixels.
+        skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
+        look: colours and build of the figure.
+        width: width of the image in pixels.
+        height: height of the image in pixels.
 
     Returns:
-        (height, width, 3) uint8.
+        (height, width, 3) uint8 RGB image.
     """
     figure = outline(positions[None], skeleton, look)
     scale = _SUPERSAMPLE * height / (BOTTOM - TOP)

@@ -1,4 +1,4 @@
-"""The trunk, the arms and the hands."""
+"""Shapes of the trunk, the arms and the hands."""
 
 from typing import NamedTuple
 
@@ -8,11 +8,19 @@ from ha2g_jax.figure.shapes import Look, Shape, capsules, dot, facing, project, 
 
 _FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _FINGER_RADII = (0.0125, 0.0105, 0.011, 0.0105, 0.009)
-_LIT = np.array([-0.008, -0.012, 0.0])  # light falls from the upper left of the picture
+_LIT = np.array([-0.008, -0.012, 0.0])  # metres; the light comes from the upper left of the image
 
 
 def torso_shapes(points: dict[str, np.ndarray], look: Look) -> list[Shape]:
-    """Trunk and collar, from joints (T, 3) by name."""
+    """Build trunk and collar.
+
+    Args:
+        points: (T, 3) positions of the joints in metres by name.
+        look: colours and build of the figure.
+
+    Returns:
+        Shapes from back to front.
+    """
     spine, neck = points["spine"], points["neck"]
     left, right = points["left_shoulder"], points["right_shoulder"]
     up = unit(neck - spine)
@@ -46,14 +54,24 @@ def torso_shapes(points: dict[str, np.ndarray], look: Look) -> list[Shape]:
 
 
 def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Shape]:
-    """Sleeve and cuff of the "left" or "right" arm."""
+    """Build the sleeve and the cuff of an arm.
+
+    Args:
+        points: (T, 3) positions of the joints in metres by name.
+        side: "left" or "right".
+        look: colours and build of the figure.
+        detail: factor of the number of points of a curve.
+
+    Returns:
+        Shapes from back to front.
+    """
     shoulder, elbow, wrist = (points[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
     cuff = elbow + 0.92 * (wrist - elbow)
     armpit = shoulder + 0.3 * (elbow - shoulder)
     starts, ends = _pair(shoulder, elbow), _pair(elbow, cuff)
     wide, narrow = look.build * np.array([0.057, 0.044]), look.build * np.array([0.045, 0.034])
     dark, light = shade(look.shirt, 0.70), shade(look.shirt, 1.07)
-    # The edge starts below the shoulder, where sleeve and trunk are one piece of cloth.
+    # The edge starts below the shoulder, because there is no edge between sleeve and trunk.
     edges = capsules(_pair(armpit, elbow), ends, wide + np.array([-0.003, 0.003]), narrow + 0.003, detail)
     cloth = capsules(starts, ends, wide, narrow, detail)
     bright = capsules(_pair(armpit, elbow) + _LIT, ends + _LIT, 0.4 * wide, 0.45 * narrow, detail)
@@ -65,14 +83,29 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
 
 
 class Part(NamedTuple):
-    """Shapes that are drawn together, and how far from the camera they are in each frame: (T,) metres."""
+    """Shapes that are drawn together.
+
+    Attributes:
+        depth: (T,) distance from the picture plane in metres.
+        shapes: shapes from back to front.
+    """
 
     depth: np.ndarray
     shapes: list[Shape]
 
 
 def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Part]:
-    """Palm and fingers; a mitten where the skeleton has no fingers."""
+    """Build palm and fingers, or a mitten where the skeleton has no fingers.
+
+    Args:
+        points: (T, 3) positions of the joints in metres by name.
+        side: "left" or "right".
+        look: colours of the figure.
+        detail: factor of the number of points of a curve of the mitten.
+
+    Returns:
+        The palm and each finger as parts of their own.
+    """
     wrist, elbow = points[f"{side}_wrist"], points[f"{side}_elbow"]
     edge, lit = shade(look.skin, 0.72), shade(look.skin, 1.04)
     if f"{side}_index_1" not in points:
@@ -96,7 +129,7 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     parts = [Part(np.concatenate([wrist[:, None], knuckles[:, 1:]], axis=1)[..., 2].mean(axis=1), palm)]
     outer = capsules(starts, ends, radii + 0.0028, tips + 0.0028)
     inner = capsules(starts, ends, radii, tips)
-    # Each finger is one part, its edge first, so that its own joints show no seams.
+    # Each finger is one part, with its edge first, so that there are no seams at its joints.
     for finger in range(5):
         bones = range(3 * finger, 3 * finger + 3)
         shapes = [Shape(outer[bone], edge) for bone in bones] + [Shape(inner[bone], lit) for bone in bones]
@@ -105,7 +138,7 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
 
 
 def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.ndarray:
-    """(T, 4, 3) the three joints of a finger and its tip, which the skeleton does not have: the bend goes on."""
+    """Return the (T, 4, 3) joints of a finger and its tip, which is extrapolated because skeletons have no tips."""
     first, second, third = (points[f"{side}_{finger}_{part}"] for part in (1, 2, 3))
     ahead, last = second - first, third - second
     tip = third + 0.026 * unit(unit(last) + 0.4 * (unit(last) - unit(ahead)))
@@ -113,10 +146,10 @@ def _finger_chain(points: dict[str, np.ndarray], side: str, finger: str) -> np.n
 
 
 def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Points (T, 2, 3) of two points (T, 3)."""
+    """Stack two points (T, 3) to (T, 2, 3)."""
     return np.stack([first, second], axis=1)
 
 
 def _capsule(start: np.ndarray, end: np.ndarray, wide: float, narrow: float, detail: int) -> np.ndarray:
-    """The outline (T, n, 2) of one capsule between points (T, 3)."""
+    """Return the outline (T, n, 2) of one capsule between points (T, 3)."""
     return capsules(start[:, None], end[:, None], np.array([wide]), np.array([narrow]), detail)[0]

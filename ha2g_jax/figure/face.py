@@ -1,20 +1,27 @@
-"""The head: face, hair and neck."""
+"""Shapes of the head: face, hair and neck."""
 
 import numpy as np
 
 from ha2g_jax.figure.shapes import Look, Shape, capsules, dot, facing, project, shade, smooth, unit
 
-_SIZE = 1.16  # of a head 0.23 m high
+_SIZE = 1.16  # factor of a head that is 0.23 m high
 
 
 def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
-    """(4, T, 3): centre of the head and its axes to the left, up and ahead, scaled to the size of the head."""
+    """Compute the position and orientation of the head.
+
+    Args:
+        points: (T, 3) positions of the joints in metres by name.
+
+    Returns:
+        (4, T, 3): the centre of the head and its axes to the left, up and ahead, scaled to the size of the head.
+    """
     neck = points["neck"]
     if "left_ear" in points:
         ears = (points["left_ear"] + points["right_ear"]) / 2
         left = unit(points["left_ear"] - points["right_ear"])
         ahead = points["nose"] - ears
-        # The nose lies below the ears: level the line between them.
+        # The nose is below the ears, so the line between them is levelled.
         ahead = unit(ahead - dot(ahead, left) * left)
         up = np.cross(ahead, left)
         up = np.where(up[:, 1:2] < 0, up, -up)
@@ -31,7 +38,16 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """The hair that lies behind face and shoulders."""
+    """Build the hair that is behind the face and the shoulders.
+
+    Args:
+        head: (4, T, 3) result of `head_frame`.
+        look: colours of the figure and length of the hair.
+        detail: factor of the number of points of a curve.
+
+    Returns:
+        Shapes from back to front.
+    """
     length = 0.012 + 0.17 * max(look.hair_length - 0.3, 0.0)
     width = 0.096 + 0.018 * look.hair_length
     crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, detail, flat=False)
@@ -46,7 +62,17 @@ def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
 
 
 def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """Neck, face and the hair over the forehead."""
+    """Build neck, face and the hair over the forehead.
+
+    Args:
+        points: (T, 3) positions of the joints in metres by name.
+        head: (4, T, 3) result of `head_frame`.
+        look: colours of the figure and length of the hair.
+        detail: factor of the number of points of a curve.
+
+    Returns:
+        Shapes from back to front.
+    """
     dark, blush = shade(look.skin, 0.80), shade(look.skin, 0.90)
     low, high = points["neck"] + 0.02 * facing(points), head[0] - 0.05 * head[2]
     throat = capsules(low[:, None], high[:, None], np.array([0.062]), np.array([0.055]), detail)[0]
@@ -72,7 +98,7 @@ def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, det
 
 
 def _fringe(head: np.ndarray, look: Look, detail: int) -> np.ndarray:
-    """The hair over the forehead, parted at the side."""
+    """Return the outline of the hair over the forehead, parted at the side."""
     low = 0.035 - 0.03 * look.hair_length
     rim = [(-0.097, low - 0.01, 0.0), (-0.088, 0.075, 0.01), (-0.045, 0.128, 0.01), (0.01, 0.138, 0.01)]
     rim += [(0.06, 0.120, 0.01), (0.092, 0.070, 0.01), (0.097, low - 0.01, 0.0), (0.080, low + 0.015, 0.05)]
@@ -89,7 +115,7 @@ def _ellipse(
     detail: int,
     flat: bool = True,
 ) -> np.ndarray:
-    """An ellipse on the head: in its face's plane when flat, else facing the camera and only rolling with the head."""
+    """Return an ellipse (T, n, 2) on the head: in the plane of the face if flat, else facing the camera."""
     angle = np.linspace(0, 2 * np.pi, 28 * detail, endpoint=False)
     left, up = head[1], head[2]
     if not flat:
@@ -101,7 +127,7 @@ def _ellipse(
 
 
 def _curve(head: np.ndarray, places: list[tuple[float, float, float]], detail: int = 1) -> np.ndarray:
-    """A smooth closed outline through places on the head."""
+    """Return a smooth closed outline through places on the head."""
     return smooth(project(np.stack([_on_head(head, place) for place in places], axis=1)), detail)
 
 

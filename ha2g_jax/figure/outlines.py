@@ -1,4 +1,4 @@
-"""All outlines of a figure that moves, and the order in which they are drawn."""
+"""Outlines of a moving figure, and the order in which they are drawn."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ class Outlines(NamedTuple):
     """A figure in T frames as S filled outlines.
 
     Attributes:
-        points: (T, N, 2) corners of all outlines, in metres of the picture plane from the spine: x to the right of
-            the picture, y down.
-        ends: (S + 1,) the corners of outline s are `points[:, ends[s] : ends[s + 1]]`.
-        colours: of each outline.
-        order: (T, S) outlines from back to front.
+        points: (T, N, 2) corners of all outlines in metres in the picture plane, from the spine: x to the right of the
+            image, y down.
+        ends: (S + 1,) indices; the corners of outline s are `points[:, ends[s] : ends[s + 1]]`.
+        colours: colour of each outline.
+        order: (T, S) indices of the outlines from back to front.
     """
 
     points: np.ndarray
@@ -28,24 +28,27 @@ class Outlines(NamedTuple):
 
 
 def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int = 1) -> Outlines:
-    """The outlines of a figure in many poses, seen from the front.
+    """Compute the outlines of a figure in T poses from the front.
 
     Args:
         positions: (T, joints, 3) metres, y down; the root may be anywhere.
-        skeleton: names the joints; fingers and ears are drawn where it has them.
-        look: colours and build.
-        detail: 1 for pictures of a few hundred pixels, more for rounder curves.
+        skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
+        look: colours and build of the figure.
+        detail: factor of the number of points of a curve; 1 suffices for images of a few hundred pixels.
+
+    Returns:
+        The outlines.
     """
     points = _from_the_front(positions, skeleton)
     head = head_frame(points)
     shapes = [*hair_behind(head, look, detail), *torso_shapes(points, look)]
     shapes += head_shapes(points, head, look, detail)
     trunk = np.zeros(len(positions))
-    # What each outline is sorted by: first the trunk, then the farther arm with its hand, the farther fingers first.
+    # Sort keys: the trunk first, then the farther arm with its hand, and in a hand the farther fingers first.
     keys = [(trunk, trunk, trunk, trunk)] * len(shapes)
     for index, side in enumerate(("left", "right"), start=1):
         distance, arm = -points[f"{side}_wrist"][:, 2], arm_shapes(points, side, look, detail)
-        # An arm as far as the other comes second: a key of its own keeps the two apart.
+        # Where both arms are equally far, the index of the arm keeps their outlines apart.
         keys += [(trunk + 1, distance, trunk + index, trunk - np.inf)] * len(arm)
         shapes += arm
         for part in hand_parts(points, side, look, detail):
@@ -62,9 +65,9 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
 
 
 def _from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Joints (T, 3) by name, spine at the origin, turned so that the person faces -z and has the left at +x."""
+    """Return joints (T, 3) by name with the spine at the origin, in axes in which the person faces -z, left at +x."""
     mean = skeleton.mean_pose
-    turned = mean[skeleton.joint("left_shoulder"), 0] < mean[skeleton.joint("right_shoulder"), 0]
-    sign = np.array([-1.0, 1.0, -1.0]) if turned else np.ones(3)
+    is_reversed = mean[skeleton.joint("left_shoulder"), 0] < mean[skeleton.joint("right_shoulder"), 0]
+    sign = np.array([-1.0, 1.0, -1.0]) if is_reversed else np.ones(3)
     centred = (positions - positions[:, :1]) * sign
     return dict(zip(skeleton.joints, np.moveaxis(centred, 1, 0), strict=True))

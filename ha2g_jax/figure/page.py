@@ -1,4 +1,4 @@
-"""A page of small pictures of figures with text, as PNG or as SVG."""
+"""Pages of small images of figures with text, as PNG or SVG."""
 
 import html
 import io
@@ -17,7 +17,16 @@ _PAPER = (255, 255, 255)
 
 
 class Picture(NamedTuple):
-    """One pose (joints, 3) in a square; pixels from the upper left of the page."""
+    """One pose in a square.
+
+    Attributes:
+        x: left edge in pixels from the left of the page.
+        y: upper edge in pixels from the top of the page.
+        size: side in pixels.
+        positions: (joints, 3) metres, y down.
+        skeleton: skeleton of the positions.
+        look: colours and build of the figure.
+    """
 
     x: int
     y: int
@@ -28,7 +37,15 @@ class Picture(NamedTuple):
 
 
 class Text(NamedTuple):
-    """One line of words, each in its colour; `y` is where the letters stand, `anchor` what lies at `x`."""
+    """One line of words.
+
+    Attributes:
+        x: pixels from the left of the page to the start or the middle of the line.
+        y: pixels from the top of the page to the baseline.
+        words: each word with its colour.
+        size: size of the font in pixels.
+        anchor: which point of the line is at `x`.
+    """
 
     x: float
     y: float
@@ -38,7 +55,14 @@ class Text(NamedTuple):
 
 
 class Page(NamedTuple):
-    """What is on a page of width x height pixels."""
+    """The content of a page.
+
+    Attributes:
+        width: width in pixels.
+        height: height in pixels.
+        pictures: images of figures.
+        texts: lines of words.
+    """
 
     width: int
     height: int
@@ -47,12 +71,24 @@ class Page(NamedTuple):
 
 
 def text_width(text: str, size: float) -> float:
-    """Width in pixels of a text of a size, as `as_png` writes it."""
+    """Return the width of a text in pixels, as `as_png` writes it.
+
+    Args:
+        text: text in one line.
+        size: size of the font in pixels.
+    """
     return ImageFont.load_default(size).getlength(text)
 
 
 def as_png(page: Page) -> bytes:
-    """The page as the bytes of a PNG."""
+    """Draw a page as a PNG.
+
+    Args:
+        page: content of the page.
+
+    Returns:
+        Bytes of the file.
+    """
     image = Image.new("RGB", (page.width, page.height), _PAPER)
     for picture in page.pictures:
         pixels = draw_figure(picture.positions, picture.skeleton, picture.look, picture.size, picture.size)
@@ -71,7 +107,14 @@ def as_png(page: Page) -> bytes:
 
 
 def as_svg(page: Page) -> str:
-    """The page as an SVG document, sharp at any size; its texts are texts."""
+    """Draw a page as an SVG document whose texts remain texts.
+
+    Args:
+        page: content of the page.
+
+    Returns:
+        Text of the document.
+    """
     return "\n".join(_svg_lines(page)) + "\n"
 
 
@@ -82,7 +125,7 @@ def _svg_lines(page: Page) -> Iterator[str]:
     )
     yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
     backgrounds = list(dict.fromkeys(picture.look.background for picture in page.pictures))
-    for index, background in enumerate(backgrounds):  # as `shapes.backdrop` has it, nearly
+    for index, background in enumerate(backgrounds):  # approximates `shapes.backdrop`
         yield f'<radialGradient id="light{index}" cx="50%" cy="37.5%" r="75%">'
         for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
             yield f'<stop offset="{offset}" stop-color="{_hex(shade(background, light))}"/>'

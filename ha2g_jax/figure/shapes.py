@@ -1,4 +1,4 @@
-"""Outlines in the picture: perspective, capsules, smooth curves, light. All work on many frames (T) at a time."""
+"""Elements of a figure for T frames at a time: perspective, capsules, smooth curves, light."""
 
 import functools
 from typing import NamedTuple
@@ -8,13 +8,22 @@ from PIL import Image
 
 Colour = tuple[int, int, int]
 
-TOP, BOTTOM = -0.70, 0.42  # metres above and below the spine that a picture shows
+TOP, BOTTOM = -0.70, 0.42  # upper and lower edge of an image in metres from the spine, y down
 
 _CAMERA = 3.2  # metres in front of the spine
 
 
 class Look(NamedTuple):
-    """Who is drawn: colours as RGB from 0 to 255, `build` 1 for average and more for broader, `hair_length` 0 to 1."""
+    """Appearance of a figure; colours are RGB from 0 to 255.
+
+    Attributes:
+        skin: colour of the skin.
+        hair: colour of the hair.
+        shirt: colour of the shirt.
+        background: colour behind the figure.
+        build: factor of the width of the body, 1 for an average build.
+        hair_length: 0 for short hair to 1 for long hair.
+    """
 
     skin: Colour
     hair: Colour
@@ -25,21 +34,37 @@ class Look(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A filled outline (T, n, 2) in metres of the picture plane, one a frame."""
+    """A filled shape in T frames.
+
+    Attributes:
+        outline: (T, n, 2) corners in metres in the picture plane.
+        colour: colour of the shape.
+    """
 
     outline: np.ndarray
     colour: Colour
 
 
 def project(points: np.ndarray) -> np.ndarray:
-    """Picture coordinates (..., 2) of points (..., 3): the camera looks along +z from `_CAMERA` metres ahead."""
+    """Project points (..., 3) to the picture plane (..., 2) for a camera that looks along +z; both are in metres."""
     return points[..., :2] * (_CAMERA / (_CAMERA + points[..., 2:]))
 
 
 def capsules(
     starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray, detail: int = 1
 ) -> list[np.ndarray]:
-    """Outlines (T, 16 * detail + 2, 2) of n tapered capsules between points (T, n, 3) with radii (n,) in metres."""
+    """Build the outlines of n tapered capsules.
+
+    Args:
+        starts: (T, n, 3) first ends in metres.
+        ends: (T, n, 3) second ends in metres.
+        wide: (n,) radii at the first ends in metres.
+        narrow: (n,) radii at the second ends in metres.
+        detail: factor of the number of points.
+
+    Returns:
+        n outlines (T, 16 * detail + 2, 2).
+    """
     arc = np.linspace(-np.pi / 2, np.pi / 2, 8 * detail + 1)
     first, last = project(starts), project(ends)
     wide = wide * _CAMERA / (_CAMERA + starts[..., 2])
@@ -53,7 +78,7 @@ def capsules(
 
 
 def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
-    """A closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
+    """Return a closed Catmull-Rom curve (T, 5 * n * detail, 2) through points (T, n, 2)."""
     u = (np.arange(5 * detail) / (5 * detail))[:, None]
     before, here, after, later = (np.roll(outline, shift, axis=-2)[..., None, :] for shift in (1, 0, -1, -2))
     curve = 2 * here + (after - before) * u + (2 * before - 5 * here + 4 * after - later) * u**2
@@ -63,34 +88,40 @@ def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
 
 @functools.lru_cache(maxsize=8)
 def backdrop(colour: Colour, width: int, height: int) -> Image.Image:
-    """A soft light behind the figure that darkens towards the corners."""
+    """Return a background image of one colour that darkens towards the corners.
+
+    Args:
+        colour: colour in the centre.
+        width: width in pixels.
+        height: height in pixels.
+    """
     light = light_behind(width, height)
     return Image.fromarray(np.clip(light[..., None] * np.array(colour), 0, 255).astype(np.uint8))
 
 
 def light_behind(width: int, height: int) -> np.ndarray:
-    """(height, width) what the colour of the background is multiplied by."""
+    """Return the (height, width) factors of the colour of the background, for sizes in pixels."""
     x, y = np.linspace(-1, 1, width)[None], np.linspace(-1, 1, height)[:, None]
     return 1.05 - 0.20 * np.clip(0.7 * x**2 + 0.5 * (y + 0.25) ** 2, 0, 1.2)
 
 
 def shade(colour: Colour, factor: float) -> Colour:
-    """The colour, lighter for a factor above 1."""
+    """Multiply a colour by a factor; above 1 it becomes lighter."""
     red, green, blue = (int(np.clip(channel * factor, 0, 255)) for channel in colour)
     return red, green, blue
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Inner products (..., 1) of vectors (..., 3)."""
+    """Return inner products (..., 1) of vectors (..., 3)."""
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) at length 1."""
+    """Return vectors (..., 3) scaled to length 1."""
     return vectors / np.maximum(np.sqrt(dot(vectors, vectors)), 1e-8)
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
-    """The directions (T, 3) in which the trunk faces."""
+    """Return the directions (T, 3) in which the trunk faces."""
     up, across = points["neck"] - points["spine"], points["left_shoulder"] - points["right_shoulder"]
     return unit(np.cross(across, up))

@@ -1,9 +1,9 @@
-"""Pictures of figures side by side as the three planes of a video: brightness, and two of colour at half the size.
+"""Images of figures side by side as the three planes of a video: brightness, and two planes of colour at half the size.
 
-A picture in RGB that is converted afterwards costs more than everything else. So each outline is filled with its
-brightness on a canvas of twice the size, which is then halved, as far as the figure reaches; and with its colour on
-one of half the size, where the eye does not see the steps. The colours are those of BT.709, from black at 16 to white
-at 235.
+The conversion of an RGB image would cost more time than everything else. So the brightness of each outline is drawn on
+a canvas of twice the size, which is then reduced to half within the bounds of the figure, and its colour on a canvas
+of half the size, where the eye does not see the missing antialiasing. The colours are those of BT.709, from black at
+16 to white at 235.
 """
 
 import itertools
@@ -19,11 +19,11 @@ from ha2g_jax.figure.shapes import BOTTOM, TOP, Colour, Look, light_behind
 from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)
-_RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722  # of BT.709
+_RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722  # weights of BT.709
 
 
 class Panel(NamedTuple):
-    """The place of one figure in the picture: pixels, all even."""
+    """The rectangle of one figure in the image, in even numbers of pixels."""
 
     left: int
     top: int
@@ -32,23 +32,23 @@ class Panel(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Pixels in a metre: the figure is as tall as the panel, or less where the arms need the room."""
+        """Pixels per metre: the figure is as tall as the panel, or smaller where the arms need the width."""
         return min(self.width, self.height) / (BOTTOM - TOP)
 
     @property
     def spine(self) -> np.ndarray:
-        """(2,) where the spine is in the picture; what is spare lies above the figure."""
+        """(2,) position of the spine in the image in pixels; unused space is above the figure."""
         return np.array([self.left + self.width / 2, self.top + self.height - BOTTOM * self.scale])
 
 
 class Stage(NamedTuple):
-    """What is the same in every picture.
+    """The part of an image that does not change over time.
 
     Attributes:
-        panels: of the figures.
-        background: its colour.
-        clean: the picture without figures: planes (height, width) and twice (height / 2, width / 2), uint8.
-        canvas: its brightness at twice the size.
+        panels: rectangles of the figures.
+        background: colour of the background.
+        clean: uint8 planes of the image without figures, (height, width) and twice (height / 2, width / 2).
+        canvas: brightness of the image without figures at twice the size.
     """
 
     panels: tuple[Panel, ...]
@@ -58,16 +58,17 @@ class Stage(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """A figure in T frames of a video, ready for `paint`.
+    """A figure in T frames of a video, prepared for `paint`.
 
     Attributes:
-        points: (T, N, 2) corners of all outlines in pixels of the picture.
-        boxes: (T, 2, 2) upper left and lower right of what they cover of the panel, even.
-        order: (T, S) outlines from back to front.
-        spans: where each outline starts and ends among the 2 N numbers of a frame's points.
-        shades: the brightness of each outline.
-        inks: the colour of each outline as a place in `blues` and `reds`.
-        blues, reds: 256 values of the planes of colour; at 0 those of the background.
+        points: (T, N, 2) corners of all outlines in pixels of the image.
+        boxes: (T, 2, 2) upper left and lower right corner of the figure in its panel, in even numbers of pixels.
+        order: (T, S) indices of the outlines from back to front.
+        spans: start and end of each outline in the 2 N coordinates of a frame.
+        shades: brightness of each outline.
+        inks: colour of each outline as an index of `blues` and `reds`.
+        blues: 256 values of the blue plane; the first is that of the background.
+        reds: 256 values of the red plane; the first is that of the background.
     """
 
     points: np.ndarray
@@ -81,7 +82,13 @@ class Drawing(NamedTuple):
 
 
 def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
-    """A grid of places for figures, in rows from the left, with as many columns as make the figures largest."""
+    """Divide an image into panels in rows from the left, with the number of columns that makes the figures largest.
+
+    Args:
+        count: number of panels.
+        width: width of the image in pixels.
+        height: height of the image in pixels.
+    """
     columns = max(range(1, count + 1), key=lambda columns: min(width // columns, height // math.ceil(count / columns)))
     rows = math.ceil(count / columns)
     xs = [2 * (width * column // (2 * columns)) for column in range(columns + 1)]
@@ -91,12 +98,16 @@ def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
 
 
 def set_stage(names: Sequence[str], background: Colour, width: int, height: int) -> Stage:
-    """An empty stage for figures with names.
+    """Prepare the image without figures.
 
     Args:
-        names: one a figure; an empty one is not written.
-        background: its colour.
-        width, height: of the picture in pixels, even.
+        names: name of each figure, "" for none.
+        background: colour of the background.
+        width: even width of the image in pixels.
+        height: even height of the image in pixels.
+
+    Returns:
+        The stage, with a panel for each name.
     """
     places = panels(len(names), width, height)
     brightness, blue, red = to_yuv(background)
@@ -109,7 +120,18 @@ def set_stage(names: Sequence[str], background: Colour, width: int, height: int)
 
 
 def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, look: Look) -> Drawing:
-    """The figure in panel `index` for positions (T, joints, 3) in metres, y down."""
+    """Prepare the drawing of a figure.
+
+    Args:
+        stage: stage with the panel of the figure.
+        index: index of the panel.
+        positions: (T, joints, 3) metres, y down.
+        skeleton: skeleton of the positions.
+        look: colours and build of the figure.
+
+    Returns:
+        The drawing in T frames.
+    """
     panel = stage.panels[index]
     figure = outline(positions, skeleton, look, detail=2)
     colours = tuple(dict.fromkeys([stage.background, *figure.colours]))
@@ -133,7 +155,14 @@ def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, lo
 
 
 def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequence[np.ndarray]) -> None:
-    """Fills the three planes of a picture, of the shapes of `Stage.clean`."""
+    """Paint one frame of figures into the planes of an image.
+
+    Args:
+        stage: stage of the figures.
+        drawings: drawings of the figures.
+        frame: index of the frame.
+        planes: three uint8 arrays of the shapes of `Stage.clean`, which are overwritten.
+    """
     for plane, clean in zip(planes, stage.clean, strict=True):
         plane[:] = clean
     for drawing in drawings:
@@ -152,7 +181,7 @@ def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequenc
 
 
 def to_yuv(colour: Colour) -> tuple[float, float, float]:
-    """Brightness, blue and red of BT.709 as a video has them: 16 to 235, and 16 to 240 with grey at 128."""
+    """Convert an RGB colour to brightness (16 to 235), blue and red (16 to 240, grey at 128) of BT.709."""
     red, green, blue = (channel / 255 for channel in colour)
     luma = _RED * red + _GREEN * green + _BLUE * blue
     return 16 + 219 * luma, 128 + 112 * (blue - luma) / (1 - _BLUE), 128 + 112 * (red - luma) / (1 - _RED)
@@ -173,12 +202,12 @@ def _fill(
 
 
 def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
-    """The name in the upper left corner of its panel, where the figure seldom is, on a canvas of twice the size."""
+    """Write a name into the upper left corner of its panel, where the figure seldom is, at twice the size."""
     if not name:
         return
     side = 2 * min(panel.width, panel.height)
-    room = 2 * panel.width - side / 12
-    share = min(1.0, room / ImageFont.load_default(side / 18).getlength(name))
-    font = ImageFont.load_default(share * side / 18)
+    width = 2 * panel.width - side / 12
+    scale = min(1.0, width / ImageFont.load_default(side / 18).getlength(name))
+    font = ImageFont.load_default(scale * side / 18)
     place = 2 * panel.left + side / 24, 2 * panel.top + side / 24
     ImageDraw.Draw(canvas).text(place, name, fill=round(to_yuv(_INK)[0]), font=font, anchor="lt")

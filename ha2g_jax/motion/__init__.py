@@ -1,1 +1,1 @@
-"""Finished motion: the value that generation returns, its file, its resampling and its video."""
+"""Motion after generation: the value and its file, resampling, control, export, videos and key frames."""

@@ -1,6 +1,6 @@
-"""A tree of joints in its rest pose, its animation, and the armature that is made from a skeleton.
+"""Armatures (trees of joints with a rest pose), their animations, and the armature of a skeleton.
 
-Axes of everything here: metres, y up, the person faces +z, the person's left is +x.
+Axes in this module: metres, y up, the person faces +z, the person's left is at +x.
 """
 
 import dataclasses
@@ -14,7 +14,8 @@ from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 UP, LEFT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 FOUR_FINGERS = ("index", "middle", "ring", "pinky")
 
-# Joints that turn one of several bones, by the joint at its end; others are named after that, left_index_0.
+# Joints that rotate one of several bones, by the joint at the end of the bone; the names of others end in 0, as in
+# left_index_0.
 _CARRIERS = {"left_shoulder": "left_clavicle", "right_shoulder": "right_clavicle", "nose": "head"}
 
 
@@ -23,8 +24,8 @@ class Armature:
     """A tree of joints, each with an origin and axes of its own.
 
     Attributes:
-        name: of the rig, such as "ha2g".
-        joints: names, each after its parent; joint 0 is the root.
+        name: name of the rig, such as "ha2g".
+        joints: names of the joints, each after its parent; joint 0 is the root.
         parents: index of each joint's parent, -1 for the root.
         offsets: (J, 3) metres from the parent's origin, in the parent's axes at rest.
         rest: (J, 4) rotation of each joint relative to its parent in the rest pose.
@@ -42,12 +43,12 @@ class Armature:
 
 @dataclasses.dataclass(frozen=True)
 class Animation:
-    """An armature that moves.
+    """Rotations of the joints of an armature over time.
 
     Attributes:
-        armature: what moves.
-        rotations: (T, J, 4) of each joint relative to its parent, the rest rotation included: at rest `armature.rest`.
-        translation: (T, 3) metres, place of the root.
+        armature: the armature.
+        rotations: (T, J, 4) rotation of each joint relative to its parent; at rest it is `armature.rest`.
+        translation: (T, 3) position of the root in metres.
         fps: frames per second; frame k shows the time k / fps.
         meta: how the motion was made, see `Motion.meta`.
     """
@@ -64,40 +65,53 @@ class Animation:
 
 
 def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
-    """Forward kinematics.
+    """Compute the forward kinematics of an animation.
+
+    Args:
+        animation: animation with T frames of an armature with J joints.
 
     Returns:
         (T, J, 4) rotations and (T, J, 3) positions in metres, both in the world.
     """
     armature, local = animation.armature, animation.rotations
-    turned = np.empty(local.shape)
+    rotated = np.empty(local.shape)
     positions = np.empty((*local.shape[:2], 3))
     for joint, parent in enumerate(armature.parents):
         if parent < 0:
-            turned[:, joint], positions[:, joint] = local[:, joint], animation.translation
+            rotated[:, joint], positions[:, joint] = local[:, joint], animation.translation
             continue
-        turned[:, joint] = rotations.multiply(turned[:, parent], local[:, joint])
-        offset = rotations.rotate(turned[:, parent], armature.offsets[joint])
+        rotated[:, joint] = rotations.multiply(rotated[:, parent], local[:, joint])
+        offset = rotations.rotate(rotated[:, parent], armature.offsets[joint])
         positions[:, joint] = positions[:, parent] + offset
-    return turned, positions
+    return rotated, positions
 
 
 def export_axes(skeleton: Skeleton) -> np.ndarray:
-    """(3,) signs that turn vectors in the skeleton's axes into those of this module, and back.
+    """Return (3,) signs that convert vectors from the skeleton's axes to those of this module, and back.
 
-    y down becomes y up. TED-Expressive has the person's left at +x and faces -z, TED-Gesture the other way round.
+    y down becomes y up. In TED-Expressive the person's left is at +x and the person faces -z; in TED-Gesture the left
+    is at -x and the person faces +z.
+
+    Args:
+        skeleton: skeleton whose axes are converted.
     """
     left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
     return np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0])
 
 
 def ha2g_armature(skeleton: Skeleton) -> Armature:
-    """The armature of a skeleton, with its bone lengths, in a T-pose: palms down, fingers along the arm, head up.
+    """Build the armature of a skeleton in a T-pose: palms down, fingers along the arm, head up.
 
-    At rest no joint is turned. All joints of the skeleton are joints here, at the same places. Where several bones
-    leave one joint, each has a joint of its own there, with no offset, that turns it: left_clavicle; head, from the
-    neck to the nose (nose_0 in TED-Gesture, where head is the top of the head); left_eye_0; left_index_0 and so on,
-    each with its other side. A joint at the end of a chain is never turned.
+    At rest all rotations are zero. All joints of the skeleton are joints of the armature, at the same positions. Where
+    several bones leave one joint, each bone has a further joint there, with offset 0, that rotates it: left_clavicle;
+    head, from the neck to the nose (nose_0 in TED-Gesture, where head is the top of the head); left_eye_0;
+    left_index_0 and so on, and the same on the right. A joint at the end of a chain never rotates.
+
+    Args:
+        skeleton: skeleton with the names of the joints and the bone lengths.
+
+    Returns:
+        The armature, named "ha2g".
     """
     directions = rest_directions(skeleton)
     joints, parents, offsets = [skeleton.joints[0]], [-1], [np.zeros(3)]
@@ -113,8 +127,8 @@ def ha2g_armature(skeleton: Skeleton) -> Armature:
         for bone in bones:
             child = skeleton.bones[bone][1]
             name = skeleton.joints[child]
-            turning = add(_carrier(skeleton, name), index, np.zeros(3)) if len(bones) > 1 else index
-            grow(child, add(name, turning, float(skeleton.lengths[bone]) * directions[bone]))
+            carrier = add(_carrier(skeleton, name), index, np.zeros(3)) if len(bones) > 1 else index
+            grow(child, add(name, carrier, float(skeleton.lengths[bone]) * directions[bone]))
 
     grow(0, 0)
     rest = np.tile(rotations.IDENTITY, (len(joints), 1))
@@ -122,7 +136,11 @@ def ha2g_armature(skeleton: Skeleton) -> Armature:
 
 
 def carriers(skeleton: Skeleton) -> tuple[str, ...]:
-    """For each bone of the skeleton the joint of `ha2g_armature` that turns it."""
+    """Return the name of the joint of `ha2g_armature` that rotates each bone of a skeleton.
+
+    Args:
+        skeleton: skeleton of the bones.
+    """
     starts = [parent for parent, _ in skeleton.bones]
     return tuple(
         _carrier(skeleton, skeleton.joints[child]) if starts.count(parent) > 1 else skeleton.joints[parent]
@@ -131,7 +149,7 @@ def carriers(skeleton: Skeleton) -> tuple[str, ...]:
 
 
 def _carrier(skeleton: Skeleton, child: str) -> str:
-    """Name of a joint that turns one of several bones, the one to `child`."""
+    """Return the name of the joint that rotates the bone to `child`, one of several bones of a joint."""
     name = _CARRIERS.get(child)
     if name is not None and name not in skeleton.joints:
         return name
@@ -139,10 +157,14 @@ def _carrier(skeleton: Skeleton, child: str) -> str:
 
 
 def rest_directions(skeleton: Skeleton) -> np.ndarray:
-    """(bones, 3) unit vectors of the bones in the T-pose.
+    """Return (bones, 3) unit vectors of the bones in the T-pose.
 
-    Trunk, arms and fingers are straight. Collarbones and face lie as in the data's mean pose, made symmetric, and so do
-    the bones within the hand, turned so that the middle finger's lies along the arm and the palm is level.
+    Trunk, arms and fingers are straight. Collarbones and face are those of the mean pose of the data, made symmetric,
+    and so are the bones within the hand, rotated so that the bone of the middle finger lies along the arm and the palm
+    is level.
+
+    Args:
+        skeleton: skeleton of the bones.
     """
     mean = skeleton.mean_directions.astype(np.float64)
     mean = normalize(mean + mirror_directions(skeleton, mean)) * export_axes(skeleton)
@@ -162,7 +184,7 @@ def rest_directions(skeleton: Skeleton) -> np.ndarray:
 
 
 def _rest_hand(skeleton: Skeleton, mean: np.ndarray) -> dict[str, np.ndarray]:
-    """Unit vectors of the bones of a left hand along +x, palm down, by the joint at their end without its side."""
+    """Return unit vectors of the bones of a left hand along +x, palm down, by the joint at the end without its side."""
     fan = {finger: mean[skeleton.bone(f"left_{finger}_1")] for finger in (*FOUR_FINGERS, "thumb")}
     along = fan["middle"]
     back = rotations.unit(np.cross(fan["index"] - fan["pinky"], along))

@@ -1,4 +1,4 @@
-"""The telling frames of a motion, and several motions at these moments one below the other, as HA2G, Figure 2."""
+"""Key frames of a motion, and figures of them: several motions at the same moments, one below the other (Figure 2)."""
 
 import itertools
 import pathlib
@@ -18,28 +18,29 @@ from ha2g_jax.motion.solver import check
 MAX_COUNT = 100
 MIN_SIZE, MAX_SIZE = 64, 2048
 
-_SMOOTHING = 0.2  # seconds: tracked and generated hands tremble
-_LEAST_PROMINENCE = 0.03  # metres a second by which a stroke is faster than what is around it
-_MARGIN = 0.1  # of a span at both its ends, so that two frames do not lie side by side
+_SMOOTHING = 0.2  # seconds; the positions of tracked and generated hands jitter
+_LEAST_PROMINENCE = 0.03  # metres per second by which a stroke is faster than the motion around it
+_MARGIN = 0.1  # fraction of a span that is left out at both ends, so that two key frames are not adjacent
 _GAP = 6  # pixels between pictures
-_MOST_LINES = 3  # of words under a picture
-_HEARD = 1.0  # seconds from a frame within which its words are shown
+_MOST_LINES = 3  # lines of words under a picture
+_NEAR = 1.0  # words are shown within so many seconds of a frame
 _INK, _GREY = (30, 34, 42), (140, 146, 156)
 
 
 def choose(motion: Motion, count: int) -> list[int]:
-    """Frames in which something happens: the hands are at the peak of a stroke, or have come to a hold.
+    """Choose key frames: frames at the peak of a stroke or at a hold of the hands.
 
-    These are the maxima and minima of the speed of the wrists, smoothed over a fifth of a second. The motion is cut
-    into `count` equal spans, and of each the frame is taken in which the wrists are farthest from where they rest,
-    which is where they are in the slowest tenth of all frames; of a span in which nothing happens, the middle.
+    Candidates are the maxima and minima of the speed of the wrists, smoothed over 0.2 seconds. The motion is divided
+    into `count` equal spans. In each span the candidate is taken at which the wrists are farthest from their rest
+    position, which is their median position in the slowest tenth of all frames; in a span without a candidate, the
+    frame in the middle.
 
     Args:
-        motion: any motion.
-        count: how many frames to choose.
+        motion: motion to choose from.
+        count: number of frames to choose.
 
     Returns:
-        `count` different frames in order of time, or all frames where there are fewer.
+        Indices of `count` different frames in order of time, or of all frames where the motion has fewer.
     """
     if motion.num_frames <= count:
         return list(range(motion.num_frames))
@@ -51,7 +52,7 @@ def choose(motion: Motion, count: int) -> list[int]:
     holds, _ = signal.find_peaks(-speed, prominence=_LEAST_PROMINENCE)
     moments = np.union1d(peaks, holds)
     borders = [motion.num_frames * part // count for part in range(count + 1)]
-    return [_of_span(moments, reach, start, end) for start, end in itertools.pairwise(borders)]
+    return [_choose_in_span(moments, reach, start, end) for start, end in itertools.pairwise(borders)]
 
 
 def write(
@@ -63,22 +64,23 @@ def write(
     look: Look = DEFAULT_LOOK,
     size: int = 240,
 ) -> None:
-    """Writes a strip of key frames as `.png` or `.svg`: a row a motion, a column a moment, with its time and words.
+    """Write a figure of key frames as `.png` or `.svg`, with one row for each motion and one column for each moment.
 
-    The moments are those that `choose` finds in the first motion; the others are shown at the same times. The word that
-    is spoken at the moment is dark, those up to a second around it are grey. The same input gives the same bytes.
+    The moments are those of `choose` in the first motion; the other motions are shown at the same times. Below each
+    column are the time and the words. The word that is spoken at the moment is dark; words up to a second before or
+    after it are grey. The same input gives the same bytes.
 
     Args:
-        path: where to; the suffix says in which format.
-        motion: one motion, or several by name, which stands above each row.
-        count: of the columns.
-        words: of the speech, in order of time.
-        look: how the figure is dressed.
-        size: width and height of a picture in pixels.
+        path: `.png` or `.svg` file to write.
+        motion: one motion, or several by name; the name is written above the row.
+        count: number of columns.
+        words: words of the speech in order of time.
+        look: colours and build of the figures.
+        size: width and height of each picture in pixels.
 
     Raises:
-        UserError: the format is another, the count or size cannot be had, a motion has values that are none, or the
-            place cannot be written.
+        UserError: the suffix is another, the count or the size is out of range, a motion is not valid (see
+            `solver.check`), or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -102,21 +104,21 @@ def write(
 
 
 def _wrists(motion: Motion) -> np.ndarray:
-    """(T, 2, 3) where the wrists are, in metres."""
+    """Return (T, 2, 3) positions of the wrists in metres."""
     joints = [motion.joint_names.index(f"{side}_wrist") for side in ("left", "right")]
     return motion.positions[:, joints].astype(np.float64)
 
 
 def _speed(wrists: np.ndarray, fps: float) -> np.ndarray:
-    """(T,) sum of the speeds of both wrists in metres a second, smoothed."""
+    """Return the (T,) smoothed sum of the speeds of both wrists in metres per second."""
     speed = np.linalg.norm(np.gradient(wrists, axis=0) * fps, axis=-1).sum(axis=-1)
     window = np.hanning(2 * round(_SMOOTHING * fps / 2) + 3)
     padded = np.pad(speed, len(window) // 2, mode="edge")
     return np.convolve(padded, window / window.sum(), mode="valid")
 
 
-def _of_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int) -> int:
-    """Of the moments in a span of frames, away from its ends, the one of the farthest reach; else its middle."""
+def _choose_in_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int) -> int:
+    """Return the moment of the largest reach inside a span of frames and away from its ends, or else the middle."""
     margin = _MARGIN * (end - start)
     inside = moments[(moments >= start + margin) & (moments < end - margin)]
     return int(inside[np.argmax(reach[inside])]) if len(inside) else (start + end) // 2
@@ -149,16 +151,16 @@ def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence
 
 
 def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> list[Word]:
-    """The words nearer to this column's moment than to another's, as far as they are heard within a second of it."""
+    """Return the words within a second of the moment of a column that are nearer to it than to another column's."""
     time = times[column]
-    start = max(time - _HEARD, (times[column - 1] + time) / 2 if column else 0)
-    end = min(time + _HEARD, (time + times[column + 1]) / 2 if column + 1 < len(times) else np.inf)
+    start = max(time - _NEAR, (times[column - 1] + time) / 2 if column else 0)
+    end = min(time + _NEAR, (time + times[column + 1]) / 2 if column + 1 < len(times) else np.inf)
     middles = ((word, (word.start + word.end) / 2) for word in words)
     return [word for word, middle in middles if start <= middle < end or word.start <= time < word.end]
 
 
 def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[Word]]:
-    """The words broken into lines of a width in pixels, as many as there is room for."""
+    """Break words into lines of a width in pixels; words that do not fit in three lines are left out."""
     row: list[Word] = []
     rows = 0
     for word in words:

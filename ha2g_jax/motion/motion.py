@@ -1,4 +1,4 @@
-"""The value that generation returns, and its file."""
+"""Motion of a skeleton over time, and the `.npz` file that stores it."""
 
 import dataclasses
 import json
@@ -13,19 +13,19 @@ from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
 
 _ARRAYS = ("directions", "positions", "fps", "joint_names", "meta")
-_MAX_BYTES = 1 << 31  # of all arrays: half an hour at 240 frames a second has the fifth part of it
+_MAX_BYTES = 1 << 31  # of all arrays together; half an hour at 240 frames per second takes a fifth of this
 
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Poses over time, in the axes of the TED data: metres, root at the origin, y down; `meta` says where x points.
+    """Poses over time in the axes of the TED data: metres, root at the origin, y down; `meta` says where x points.
 
     Attributes:
-        directions: (T, bones, 3) float32 unit direction vectors, parent to child.
-        positions: (T, joints, 3) float32 positions in metres.
+        directions: (T, bones, 3) float32 unit direction vectors from parent to child.
+        positions: (T, joints, 3) float32 joint positions in metres.
         fps: frames per second; frame k shows the time k / fps.
         joint_names: names of the joints; joint 0 is the root.
-        meta: how the motion was made; everything in it can be written as JSON. "skeleton" names the skeleton.
+        meta: JSON values that say how the motion was made; "skeleton" is the name of the skeleton.
     """
 
     directions: np.ndarray
@@ -38,7 +38,17 @@ class Motion:
     def from_directions(
         cls, skeleton: Skeleton, directions: np.ndarray, fps: float, meta: dict[str, Any] | None = None
     ) -> "Motion":
-        """The motion of direction vectors (T, bones, 3), which are normalised, with the skeleton's bone lengths."""
+        """Build a motion from direction vectors and the bone lengths of a skeleton.
+
+        Args:
+            skeleton: skeleton of the direction vectors.
+            directions: (T, bones, 3) direction vectors of any positive length; they are normalised.
+            fps: frames per second.
+            meta: further entries of `Motion.meta`, as JSON values.
+
+        Returns:
+            The motion with T frames.
+        """
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
         axes = {"units": "metres", "x": f"the person's {'left' if left > right else 'right'}", "y": "down"}
@@ -62,25 +72,24 @@ class Motion:
     def num_frames(self) -> int:
         return len(self.directions)
 
-    def save(self, path: str | pathlib.Path, rig: str = "ha2g") -> None:
-        """Writes the motion as the suffix says: `.npz`, the motion itself, or `.bvh`, `.glb`, `.vrma`, `.json`, `.csv`.
+    def save(self, path: str | pathlib.Path) -> None:
+        """Write the motion to an `.npz` file; `formats.export` writes the files of other programs.
 
-        The `.npz` is numpy's, without pickle: directions, positions, fps, joint_names and meta (JSON text). The others
-        are described in `formats.export`. The same motion gives the same bytes. The file is whole or not there.
+        The file is a numpy archive without pickle that holds directions, positions, fps, joint_names and meta (JSON
+        text). The same motion gives the same bytes. The file is written completely or not at all.
 
         Args:
-            path: where to.
-            rig: whose joints the file has, one of `rigs.RIGS`; an `.npz` of the rig smplx holds SMPL-X poses.
+            path: `.npz` file to write.
 
         Raises:
-            UserError: no such format or rig, the motion cannot be posed, or the place cannot be written.
+            UserError: the path does not end in `.npz`, or the file cannot be written.
         """
         path = pathlib.Path(path)
-        if path.suffix.lower() != ".npz" or rig != "ha2g":
-            from ha2g_jax.motion import formats  # imports glTF, which most uses of a motion do not need
-
-            formats.export(self, path, rig=rig)
-            return
+        if path.suffix.lower() != ".npz":
+            raise UserError(
+                f"Motion.save writes .npz, not {path.name!r}; for other files call "
+                f"ha2g_jax.motion.formats.export(motion, {path.name!r})"
+            )
         with whole_file(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
@@ -93,10 +102,16 @@ class Motion:
 
     @classmethod
     def load(cls, path: str | pathlib.Path) -> "Motion":
-        """Reads what `save` wrote.
+        """Read a motion from a file that `save` wrote.
+
+        Args:
+            path: `.npz` file to read.
+
+        Returns:
+            The motion.
 
         Raises:
-            UserError: the file is missing or is not such a motion.
+            UserError: the file is missing or does not hold a motion.
         """
         path = pathlib.Path(path)
         if not path.is_file():

@@ -1,4 +1,4 @@
-"""Direction vectors at other moments than those of their frames, interpolated on the sphere."""
+"""Resampling of direction vectors in time by interpolation on the sphere."""
 
 import numpy as np
 
@@ -6,25 +6,31 @@ import numpy as np
 # between two opposite vectors is not defined.
 _MIN_ANGLE = 1e-4
 _MAX_ANGLE = np.pi - 1e-3
-# A bone that turns further than this from one frame to the next did not move there on a curve that could be known.
+# Where a bone rotates further than this from one frame to the next, the curve between the frames cannot be known.
 _MAX_STEP = np.pi / 2
-_CHUNK = 4096  # moments at a time, so that half an hour at 240 frames a second needs no more memory than a minute
+_CHUNK = 4096  # moments at a time, so that half an hour at 240 frames per second needs no more memory than a minute
 
 
 def num_frames(duration: float, fps: float) -> int:
-    """Frames of a motion that lasts `duration` seconds: round(duration x fps), at least 1."""
+    """Return the number of frames of a motion: round(duration x fps), at least 1.
+
+    Args:
+        duration: length in seconds.
+        fps: frames per second.
+    """
     return max(1, round(duration * fps))
 
 
 def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Spherical interpolation between unit vectors.
+    """Interpolate between unit vectors on the sphere.
 
     Args:
-        first, second: (..., 3) unit vectors.
-        fraction: broadcastable to (..., 1); 0 gives `first`, 1 gives `second`.
+        first: (..., 3) unit vectors.
+        second: (..., 3) unit vectors.
+        fraction: array that broadcasts with (..., 1); 0 gives `first`, 1 gives `second`.
 
     Returns:
-        (..., 3) unit vectors. Between opposite vectors there is no shortest way; the nearer of the two is taken.
+        (..., 3) unit vectors; between opposite vectors, which have no shortest arc, the nearer of the two.
     """
     chord = np.linalg.norm(first - second, axis=-1, keepdims=True)
     angle = 2 * np.arctan2(chord, np.linalg.norm(first + second, axis=-1, keepdims=True))
@@ -37,9 +43,15 @@ def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.nda
 
 
 def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """The turns from unit vectors to others, tangent at `base`: (..., 3), their length the angle in radians.
+    """Return the tangent vectors at unit vectors that lead to other unit vectors along great circles.
 
-    Between opposite vectors no turn is the shortest; there it is 0.
+    Args:
+        base: (..., 3) unit vectors.
+        vectors: (..., 3) unit vectors.
+
+    Returns:
+        (..., 3) tangent vectors at `base`, whose lengths are the angles in radians; 0 between opposite vectors, which
+        have no shortest arc.
     """
     chord = np.linalg.norm(vectors - base, axis=-1, keepdims=True)
     angle = 2 * np.arctan2(chord, np.linalg.norm(vectors + base, axis=-1, keepdims=True))
@@ -48,41 +60,49 @@ def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.where(is_clear, across / np.where(is_clear, np.sinc(angle / np.pi), 1), 0)
 
 
-def exp_map(base: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """The unit vectors (..., 3) that `log_map` gives these turns for."""
-    angle = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return np.cos(angle) * base + np.sinc(angle / np.pi) * turns
+def exp_map(base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """Return the unit vectors that tangent vectors lead to along great circles, the inverse of `log_map`.
+
+    Args:
+        base: (..., 3) unit vectors.
+        tangents: (..., 3) tangent vectors at `base`, whose lengths are angles in radians.
+
+    Returns:
+        (..., 3) unit vectors.
+    """
+    angle = np.linalg.norm(tangents, axis=-1, keepdims=True)
+    return np.cos(angle) * base + np.sinc(angle / np.pi) * tangents
 
 
 def resample(directions: np.ndarray, fps: float, new_fps: float, new_frames: int) -> np.ndarray:
-    """The motion at another frame rate; frame k shows the time k / fps.
+    """Resample a motion at another frame rate; frame k shows the time k / fps.
 
     Args:
         directions: (T, bones, 3) unit vectors.
         fps: frames per second of `directions`.
         new_fps: frames per second of the result.
-        new_frames: frames of the result; past the last frame the last pose is held.
+        new_frames: number of frames of the result; after the last frame of the input the last pose is held.
 
     Returns:
-        (new_frames, bones, 3) float32 unit vectors, those of `sample`.
+        (new_frames, bones, 3) float32 unit vectors on the curve of `sample`.
     """
     return sample(directions, np.arange(new_frames) * (fps / new_fps))
 
 
 def sample(directions: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """The motion at any moments, on a curve through its poses whose velocity is continuous.
+    """Sample a motion at any moments on a curve through its poses whose velocity is continuous.
 
-    Between two poses it is a cubic Hermite curve: the great circle between them, plus what turns its velocities at both
-    ends into those of the poses, normalised. The velocity at a pose is the mean of the turns from the pose before
-    and to the pose after it (Catmull and Rom 1974, with turns on the sphere in place of differences). A steady turn
-    stays steady, and four poses decide about each moment, so that a pose is heard of two frames away at most.
+    Between two poses it is a cubic Hermite curve: the great circle between them plus a term that adjusts the
+    velocities at both ends, normalised. The velocity at a pose is the mean of the tangents from the pose before and to
+    the pose after it (Catmull and Rom 1974, with tangents on the sphere in place of differences). A rotation of
+    constant speed stays one. Each moment depends on four poses, so that a pose has an effect up to two frames away.
 
     Args:
         directions: (T, bones, 3) unit vectors.
-        places: (n,) moments in frames; before the first and after the last pose these are held.
+        places: (n,) moments in frames; before the first and after the last pose that pose is held.
 
     Returns:
-        (n, bones, 3) float32 unit vectors; a pose itself at its own place.
+        (n, bones, 3) float32 unit vectors; at the moment of a frame exactly its pose.
     """
     poses = np.asarray(directions, np.float32)
     places = np.clip(places, 0, len(poses) - 1)
@@ -96,12 +116,12 @@ def sample(directions: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _curve(poses: np.ndarray, before: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """The curve of `sample` between the poses `before` and those after them, (n, bones, 3) float64."""
+    """Return the curve of `sample` between the poses `before` and those after them, (n, bones, 3) float64."""
     last = len(poses) - 1
     rows = (before - 1, before, np.minimum(before + 1, last), before + 2)
     earlier, first, second, later = (poses[np.clip(row, 0, last)].astype(np.float64) for row in rows)
     out, arriving = log_map(first, second), -log_map(second, first)
-    # An end has one neighbour; a velocity as if the turn there went on is that of the great circle.
+    # An end has one neighbour; its velocity is that of the great circle to it.
     bend_out = np.where((rows[0] < 0)[:, None, None], 0, (-log_map(first, earlier) - out) / 2)
     bend_in = np.where((rows[3] > last)[:, None, None], 0, (log_map(second, later) - arriving) / 2)
     bends = fraction * (1 - fraction) * ((1 - fraction) * bend_out - fraction * bend_in)

@@ -1,4 +1,4 @@
-"""Motion without its jitter, and no later than before."""
+"""Smoothing of a motion over time, without delay."""
 
 import math
 
@@ -7,26 +7,26 @@ import numpy as np
 from ha2g_jax.errors import UserError
 
 MAX_SMOOTHING = 2.0  # seconds
-_MIN_LENGTH = 1e-6  # of a mean of directions that has a direction
+_MIN_LENGTH = 1e-6  # a mean of directions shorter than this has no direction
 
 
 def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
-    """Each pose becomes the mean of those around it, with the weights of a raised cosine (Hann), at unit length.
+    """Replace each pose by the normalised mean of the poses around it, weighted by a raised cosine (Hann window).
 
-    The weights are the same before and after a frame: strokes stay where they are in time, and a steady turn stays as
-    it is. Near an end the window is as narrow as the nearer end allows, so the first and the last pose stay. Whoever
-    hears the frames one by one waits for half the window: that is the delay of the same smoothing in a stream.
+    The window is symmetric: strokes keep their times, and a rotation of constant speed does not change. Near an end
+    the window is as narrow as the nearer end allows, so that the first and the last pose do not change. The same
+    smoothing of a stream needs a delay of half the window.
 
     Args:
         directions: (T, bones, 3) unit vectors.
         fps: frames per second.
-        seconds: width of the window; one of no more than 2 frames changes nothing.
+        seconds: width of the window in seconds; one of at most 2 frames changes nothing.
 
     Returns:
         (T, bones, 3) float32 unit vectors; the input itself where nothing changes.
 
     Raises:
-        UserError: a width that is no number from 0 to 2.
+        UserError: the width is not a number from 0 to 2.
     """
     check_width(seconds)
     reach = math.ceil(seconds * fps / 2) - 1  # frames on either side whose weight is not 0
@@ -43,26 +43,40 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     return _to_unit(means, poses).astype(np.float32)
 
 
-def minimum_jerk(share: np.ndarray) -> np.ndarray:
-    """A course from 0 at a share 0 to 1 at 1, that begins and ends at rest (Flash and Hogan 1985)."""
-    return share**3 * (10 - 15 * share + 6 * share**2)
+def minimum_jerk(time: np.ndarray) -> np.ndarray:
+    """Return the minimum-jerk curve, which goes from 0 to 1 and is at rest at both ends (Flash and Hogan 1985).
+
+    Args:
+        time: times from 0 to 1, an array of any shape.
+
+    Returns:
+        Values from 0 to 1 of the same shape.
+    """
+    return time**3 * (10 - 15 * time + 6 * time**2)
 
 
 def check_width(seconds: float) -> None:
-    """Raises UserError for a width that `smooth` does not take."""
+    """Check the width of the window of `smooth`.
+
+    Args:
+        seconds: width in seconds.
+
+    Raises:
+        UserError: the width is not a number from 0 to 2.
+    """
     if not (math.isfinite(seconds) and 0 <= seconds <= MAX_SMOOTHING):
-        raise UserError(f"a smoothing of {seconds} s; expected 0 to {MAX_SMOOTHING:g}")
+        raise UserError(f"the smoothing window is {seconds} s; expected 0 to {MAX_SMOOTHING:g}")
 
 
 def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
-    """The posture that a motion moves about: the mean of the poses around each, under a Hann window.
+    """Return the mean of the poses around each pose under a Hann window: the posture that a motion moves about.
 
-    Unlike `smooth`, the window keeps its width at the ends, where one half of it is empty.
+    Unlike in `smooth`, the window keeps its width at the ends, where one half of it is empty.
 
     Args:
-        poses: (T, ..., n) unit vectors or, with signs that do not jump, quaternions.
+        poses: (T, ..., n) unit vectors, or quaternions with signs that are continuous over time.
         fps: frames per second.
-        seconds: width of the window.
+        seconds: width of the window in seconds.
 
     Returns:
         (T, ..., n) float64 unit vectors.
@@ -76,21 +90,21 @@ def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 
 
 def _to_unit(means: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Means at unit length; a pose where the directions around it are opposite and have no mean."""
+    """Return means at unit length, or the pose itself where the directions around it cancel."""
     lengths = np.linalg.norm(means, axis=-1, keepdims=True)
     is_clear = lengths > _MIN_LENGTH
     return np.where(is_clear, means / np.where(is_clear, lengths, 1), poses)
 
 
 def _weights(reach: int, width: float) -> np.ndarray:
-    """(2 reach + 1,) weights of the frames around one, their sum 1; narrower than `width` frames near an end."""
+    """Return (2 reach + 1,) weights with sum 1 of the frames around a frame; near an end narrower than `width`."""
     offsets = np.arange(-reach, reach + 1)
     weights = np.cos(np.pi * offsets / min(width, 2 * (reach + 1))) ** 2
     return weights / weights.sum()
 
 
 def _sums(poses: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted sums over each window of poses (T, ...), (T - len(weights) + 1, ...), by fast convolution."""
+    """Return weighted sums (T - len(weights) + 1, ...) over each window of poses (T, ...) by fast convolution."""
     from scipy import signal
 
     return signal.oaconvolve(poses, weights.reshape(-1, *[1] * (poses.ndim - 1)), mode="valid", axes=0)

@@ -1,4 +1,4 @@
-"""A video of the figure that performs a motion, or of several side by side, with the sound."""
+"""Videos of a figure with a motion, or of several figures side by side, with the sound."""
 
 import collections
 import concurrent.futures
@@ -29,18 +29,18 @@ from ha2g_jax.motion.solver import check
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 VIDEO_FPS = 30
-MIN_SIDE, MAX_SIDE = 32, 4096  # of a picture, in pixels: 4096 is the most that players of H.264 have to take
+MIN_SIDE, MAX_SIDE = 32, 4096  # pixels; players of H.264 need not support more than 4096
 
-_PIECE = 2 * VIDEO_FPS  # frames that are drawn and encoded on their own, whatever the number of workers
-# One thread each: the bytes of H.264 depend on the number. On plain shapes slower presets take twice the time, for a
-# file that is a third smaller and looks the same.
+_PIECE = 2 * VIDEO_FPS  # frames that are drawn and encoded together, whatever the number of workers
+# One thread for each encoder: the bytes of H.264 depend on the number of threads. On plain shapes slower presets take
+# twice the time for a file that is a third smaller and looks the same.
 _ENCODER = {
     "preset": "ultrafast",
     "crf": "25",
     "threads": "1",
     "x264-params": "bframes=0:rc-lookahead=0:mbtree=0:weightp=0:scenecut=0:subme=0:me=dia",
 }
-_BT709 = 1  # the number of this standard in the tables of H.264
+_BT709 = 1  # number of this standard in the tables of H.264
 _TIME_BASE = fractions.Fraction(1, VIDEO_FPS)
 
 Result = TypeVar("Result")
@@ -57,23 +57,24 @@ def write_video(
     workers: int | None = None,
     has_progress: bool = True,
 ) -> None:
-    """Writes an mp4 (H.264 and AAC, 30 frames a second) that lasts as long as the sound.
+    """Write an `.mp4` (H.264 and AAC, 30 frames per second) that lasts as long as the sound.
 
-    The poses between the motion's frames are interpolated on the sphere. The same input gives the same bytes on one
-    machine, whatever the number of workers. The file is whole or not there.
+    The poses between the frames of a motion are interpolated on the sphere. The same input gives the same bytes on one
+    machine, whatever the number of workers. The file is written completely or not at all.
 
     Args:
-        path: the `.mp4` to write.
-        motion: what the figure does; several motions by name are drawn side by side, each with its name.
+        path: `.mp4` file to write.
+        motion: one motion, or several by name, whose figures are drawn side by side with their names.
         audio: (samples,) float32 mono sound; with None the video is silent and lasts as long as the longest motion.
-        sample_rate: samples per second.
-        look: how the figure is dressed.
-        size: width and height of the picture in pixels, even; one number is both, for each figure.
-        workers: threads that draw and encode, by default one a core.
-        has_progress: whether to show a progress bar; it needs a terminal.
+        sample_rate: samples per second of the sound.
+        look: colours and build of the figures.
+        size: width and height of the picture in pixels, both even, or one number for the side of a square for each
+            figure.
+        workers: number of threads that draw and encode; by default one for each core.
+        has_progress: whether to show a progress bar on a terminal.
 
     Raises:
-        UserError: a motion has values that are none, the size cannot be had, or the place cannot be written.
+        UserError: a motion is not valid (see `solver.check`), the size is out of range, or the file cannot be written.
     """
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
@@ -106,14 +107,20 @@ def write_video(
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """The size, if a video can have it.
+    """Check the size of a video.
+
+    Args:
+        size: width and height in pixels.
+
+    Returns:
+        The same size.
 
     Raises:
         UserError: a side is odd, too small or too large.
     """
     if any(side % 2 or not MIN_SIDE <= side <= MAX_SIDE for side in size):
         raise UserError(
-            f"a picture of {size[0]}x{size[1]} pixels cannot be had; give even sides of {MIN_SIDE} to {MAX_SIDE}"
+            f"the size of the video is {size[0]}x{size[1]} pixels; give even sides of {MIN_SIDE} to {MAX_SIDE}"
         )
     return size
 
@@ -121,7 +128,7 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 def _in_order(
     executor: concurrent.futures.Executor, function: Callable[[int], Result], tasks: Iterable[int], workers: int
 ) -> Generator[Result, None, None]:
-    """The results in the order of the tasks, of which few are under way at a time."""
+    """Yield the results of a function in the order of its tasks, with few more tasks at a time than workers."""
     pending: collections.deque[concurrent.futures.Future[Result]] = collections.deque()
     try:
         for task in tasks:
@@ -138,7 +145,7 @@ def _in_order(
 def _encode_piece(
     stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], look: Look, start: int
 ) -> list[av.Packet]:
-    """The pictures from frame `start`, encoded as if there were no others: the first needs none before it."""
+    """Encode the pictures of one piece from frame `start`, whose first picture does not depend on the one before."""
     drawings = []
     for index, (directions, skeleton) in enumerate(poses):
         positions = directions_to_positions(skeleton, directions[start : start + _PIECE])
@@ -164,7 +171,7 @@ def _set_up(encoder: VideoCodecContext, width: int, height: int) -> None:
 
 
 def _planes(picture: av.VideoFrame) -> list[np.ndarray]:
-    """The three planes of a picture, to write into."""
+    """Return the three planes of a picture as arrays that can be written to."""
     return [
         np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: plane.height, : plane.width]
         for plane in picture.planes
@@ -172,7 +179,7 @@ def _planes(picture: av.VideoFrame) -> list[np.ndarray]:
 
 
 def _sound(container: OutputContainer, audio: np.ndarray, sample_rate: int) -> Iterator[list[av.Packet]]:
-    """A track of sound, which is added to the container at once, and its packets, those of each second."""
+    """Add a track of sound to a container at once and return an iterator over its packets, second by second."""
     stream = container.add_stream("aac", rate=sample_rate, layout="mono")
     samples = np.clip(np.asarray(audio, np.float32), -1, 1)
 

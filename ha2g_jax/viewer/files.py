@@ -1,4 +1,4 @@
-"""Files in, a page out."""
+"""Pages of the viewer from files of motion, sound and words."""
 
 import collections
 import pathlib
@@ -22,19 +22,19 @@ def view_files(
     audio: pathlib.Path | None = None,
     words: pathlib.Path | None = None,
 ) -> pathlib.Path:
-    """Writes a page with the motion of several files side by side, each under its file's name.
+    """Write a page with the motions of several files side by side, each with the name of its file.
 
     Args:
-        motions: `.npz` that `ha2g generate` wrote, or `.bvh` of a skeleton that `ha2g data import-bvh` knows.
-        out: the `.html` to write.
-        audio: a file with sound.
-        words: a transcript, with times, or without them if there is sound to align it to.
+        motions: `.npz` files of `ha2g generate`, or `.bvh` files with a skeleton that `ha2g data import-bvh` supports.
+        out: `.html` file to write.
+        audio: audio or video file with the sound.
+        words: transcript with times, or without times if there is sound that it can be aligned to.
 
     Returns:
-        The path of the page.
+        Path of the page.
 
     Raises:
-        UserError: a file cannot be read or is no motion, or the page cannot be written.
+        UserError: a file cannot be read or does not hold a motion, or the page cannot be written.
     """
     if out in motions or out in (audio, words):
         raise UserError(f"the page would overwrite {out}; choose another name with -o")
@@ -57,15 +57,21 @@ def _read(path: pathlib.Path) -> Motion:
 
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
-    """A name for each file: its stem, with its folder where two have the same, its path where that is not enough.
+    """Choose a name for each file: its stem, with its folder where two stems are equal, or else its path.
+
+    Args:
+        paths: files to name.
+
+    Returns:
+        Different names in the order of the files.
 
     Raises:
-        UserError: a file is named twice.
+        UserError: a file is given twice.
     """
     names = [path.stem for path in paths]
     for name in (lambda path: f"{path.resolve().parent.name}/{path.stem}", lambda path: str(path)):
         counts = collections.Counter(names)
         names = [old if counts[old] == 1 else name(path) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):
-        raise UserError(f"{', '.join(map(str, paths))} names a motion twice; give each once")
+        raise UserError(f"{', '.join(map(str, paths))} contains a motion twice; give each file once")
     return names

@@ -1,4 +1,4 @@
-"""Motion and sound as few bytes for a page: numbers that change little from frame to frame, deflated, in base64."""
+"""Compact encoding of motion and sound for a page: differences from frame to frame, deflated, in base64."""
 
 import base64
 import zlib
@@ -10,21 +10,21 @@ from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import normalize
 
-PEAK_RATE = 50  # peaks of the waveform a second
-# 12 bits an octahedral coordinate: a direction is off by at most 0.07 degrees, a fingertip by under a millimetre.
+PEAK_RATE = 50  # peaks of the waveform per second
+# 12 bits per octahedral coordinate: the error of a direction is at most 0.07 degrees, of a fingertip below 1 mm.
 LEVELS = 4095
 
 
 def pack_motion(motion: Motion) -> dict[str, Any]:
-    """What the page needs of a motion, with y up and the person facing +z.
+    """Encode a motion for a page, with y up and the person facing +z.
 
     Args:
-        motion: in the axes of the TED data.
+        motion: motion in the axes of the TED data.
 
     Returns:
-        JSON values: "fps", "frames", "joints" (names), "bones" (parent, child), "lengths" in metres and "directions":
-        octahedral coordinates (see `octahedral`), each a row over time, as differences from frame to frame in
-        zigzag order, low bytes before high bytes.
+        JSON values: "fps", "frames" (their number), "joints" (names), "bones" (parent, child), "lengths" in metres and
+        "directions". The directions are octahedral coordinates (see `octahedral`), one row over time for each, as
+        zigzag-encoded differences from frame to frame, all low bytes before all high bytes.
     """
     skeleton = motion.skeleton
     codes = octahedral(normalize(motion.directions * export_axes(skeleton)))
@@ -43,9 +43,9 @@ def pack_motion(motion: Motion) -> dict[str, Any]:
 
 
 def octahedral(directions: np.ndarray) -> np.ndarray:
-    """Unit vectors as points of a square: the octahedron |x| + |y| + |z| = 1, its back folded over its front.
+    """Encode unit vectors as points of a square: the octahedron |x| + |y| + |z| = 1 with its back folded outwards.
 
-    From Cigolle et al., A Survey of Efficient Representations for Independent Unit Vectors, JCGT 3(2), 2014.
+    See Cigolle et al., A Survey of Efficient Representations for Independent Unit Vectors, JCGT 3(2), 2014.
 
     Args:
         directions: (..., 3) unit vectors.
@@ -61,7 +61,15 @@ def octahedral(directions: np.ndarray) -> np.ndarray:
 
 
 def peaks(audio: np.ndarray, sample_rate: int) -> str:
-    """The loudest sample of each fiftieth of a second, one byte each, 255 the loudest of all; packed."""
+    """Encode the peaks of a waveform, the largest absolute sample in each 20 ms.
+
+    Args:
+        audio: (samples,) float32 mono sound.
+        sample_rate: samples per second.
+
+    Returns:
+        One byte for each peak, 255 for the largest of all, as text of `deflated`.
+    """
     num_peaks = -(-len(audio) * PEAK_RATE // sample_rate)
     edges = np.arange(num_peaks) * sample_rate // PEAK_RATE
     loudest = np.maximum.reduceat(np.abs(audio), edges)
@@ -69,5 +77,5 @@ def peaks(audio: np.ndarray, sample_rate: int) -> str:
 
 
 def deflated(content: bytes) -> str:
-    """Bytes as text that the page inflates."""
+    """Compress bytes to base64 text, which the page decompresses."""
     return base64.b64encode(zlib.compress(content, 9)).decode()

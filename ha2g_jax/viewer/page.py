@@ -1,4 +1,4 @@
-"""The page: motions, sound, words, the drawing's JavaScript and three.js in one HTML text."""
+"""The page of the viewer: motions, sound, words, its JavaScript and three.js in one HTML document."""
 
 import base64
 import dataclasses
@@ -20,18 +20,18 @@ from ha2g_jax.motion.solver import check
 from ha2g_jax.viewer import sound
 from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
 
-MAX_FRAMES = 1_000_000  # of all motions of a page: four hours at 60 frames a second, some 100 MB
+MAX_FRAMES = 1_000_000  # of all motions of a page together: four hours at 60 frames per second, about 100 MB
 MAX_MOTIONS = 12
 _SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
 
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """A page as text; a notebook shows it.
+    """A page as text, which a notebook shows as the result of a cell.
 
     Attributes:
-        text: the HTML document.
-        height: of its frame in a notebook, in pixels.
+        text: HTML document.
+        height: height of the frame in a notebook in pixels.
     """
 
     text: str
@@ -42,10 +42,16 @@ class Page:
         return f'<iframe style="{style}" allow="autoplay; fullscreen" srcdoc="{html.escape(self.text)}"></iframe>'
 
     def save(self, path: str | pathlib.Path) -> pathlib.Path:
-        """Writes the page, whole or not at all.
+        """Write the page to a file, completely or not at all.
+
+        Args:
+            path: `.html` file to write.
+
+        Returns:
+            The path.
 
         Raises:
-            UserError: the name does not end in `.html`, or the place cannot be written.
+            UserError: the path does not end in `.html`, or the file cannot be written.
         """
         path = pathlib.Path(path)
         if path.suffix.lower() not in (".html", ".htm"):
@@ -64,21 +70,21 @@ def view(
     title: str = "",
     height: int = 620,
 ) -> Page:
-    """A page that plays motions side by side, with their sound; it loads nothing from anywhere.
+    """Build a page that plays motions side by side with their sound and loads nothing from the network.
 
     Args:
-        motions: one motion, or several by name, in the order in which they stand.
+        motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
         sample_rate: samples per second.
-        words: what is said, with times in seconds.
-        title: of the page; by default the motions' names.
-        height: of the frame in a notebook, in pixels.
+        words: words of the speech with times in seconds.
+        title: title of the page; by default the names of the motions.
+        height: height of the frame in a notebook in pixels.
 
     Returns:
-        The page; `save` writes it, a notebook shows it.
+        The page; `Page.save` writes it, and a notebook shows it.
 
     Raises:
-        UserError: no motion, too many of them, a motion that is too long or that cannot be drawn.
+        UserError: there is no motion, there are too many, or one is too long or not valid (see `solver.check`).
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
@@ -90,7 +96,7 @@ def view(
         "sound": None,
     }
     if audio is not None and len(audio):
-        # The sound is the clock, so it lasts at least as long as the longest motion.
+        # The player takes its time from the sound, so the sound lasts at least as long as the longest motion.
         padded = np.pad(audio, (0, max(0, round(duration * sample_rate) - len(audio))))
         duration = len(padded) / sample_rate
         content["sound"] = base64.b64encode(sound.encode(padded, sample_rate)).decode()
@@ -108,10 +114,21 @@ def write_page(
     *,
     title: str = "",
 ) -> pathlib.Path:
-    """Writes the page of `view` to an `.html` file and returns its path. The same input gives the same bytes.
+    """Write the page of `view` to a file. The same input gives the same bytes.
+
+    Args:
+        path: `.html` file to write.
+        motions: see `view`.
+        audio: see `view`.
+        sample_rate: see `view`.
+        words: see `view`.
+        title: see `view`.
+
+    Returns:
+        The path.
 
     Raises:
-        UserError: as `view`; the name does not end in `.html`, or the place cannot be written.
+        UserError: see `view`; or the path does not end in `.html`, or the file cannot be written.
     """
     return view(motions, audio, sample_rate, words, title=title).save(path)
 
@@ -133,7 +150,7 @@ def _document(title: str, content: dict) -> str:
         title=html.escape(title),
         style=(assets / "style.css").read_text("utf-8"),
         three=deflated(library.read_bytes()),
-        # "<" must not stand in a script element, where it could end it.
+        # A "<" could end the script element.
         content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
         scripts="\n".join(f"<script>\n{(assets / name).read_text('utf-8')}</script>" for name in _SCRIPTS),
     )

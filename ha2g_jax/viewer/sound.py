@@ -1,4 +1,4 @@
-"""Sound for a page: MP3, which every browser plays, an eighth of the samples' size."""
+"""Encoding of sound for a page as MP3, which every browser plays, at an eighth of the size of the samples."""
 
 import fractions
 import io
@@ -8,18 +8,22 @@ import numpy as np
 
 from ha2g_jax.features.librosa_once import librosa
 
-_RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # of MP3
+_RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # sample rates of MP3
 _BIT_RATE = 32000
 
 
 def encode(audio: np.ndarray, sample_rate: int) -> bytes:
-    """An MP3 file whose header says how many samples the encoder put before the sound, so that players drop them.
+    """Encode sound as an MP3 file.
 
-    The same sound gives the same bytes.
+    Its header has the number of samples that the encoder puts before the sound, so that players skip them. The same
+    sound gives the same bytes.
 
     Args:
         audio: (samples,) float32 mono sound.
         sample_rate: samples per second.
+
+    Returns:
+        Content of the file.
     """
     if sample_rate not in _RATES:
         audio = librosa().resample(audio, orig_sr=sample_rate, target_sr=_RATES[0], res_type="soxr_hq")

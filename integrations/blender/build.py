@@ -1,4 +1,4 @@
-"""Writes the add-on's table of bone names from the rigs of ha2g-jax, and the .zip that Blender installs.
+"""Writes the table of bone names of the add-on from the rigs of ha2g-jax, and the .zip that Blender installs.
 
 python integrations/blender/build.py            # the table, and dist/ha2g_motion.zip
 """
@@ -19,18 +19,22 @@ _FINGERS = {"thumb": "thumb", "index": "f_index", "middle": "f_middle", "ring": 
 
 
 def bone_names() -> dict[str, dict[str, tuple[str, float]]]:
-    """For each rig, by bone of the upper body: the joint whose rotation it takes, and what share of it."""
+    """Return for each rig the joint whose rotation a bone of the upper body takes, and its weight, by bone."""
     tables = {}
     for name in rigs.RIGS:
-        if name == rigs.OWN:  # its bones are the joints themselves
+        if name == rigs.OWN:  # has the names of the joints
             continue
         rows = [joint for joint in rigs.load_rig(name).joints if _is_upper(joint.carries)]
-        tables[name] = {joint.name: (str(joint.carries), joint.share) for joint in rows}
+        tables[name] = {joint.name: (str(joint.carries), joint.weight) for joint in rows}
     return tables | {"rigify": _rigify()}
 
 
 def write_bone_names(path: pathlib.Path = ADDON / "bone_names.json") -> None:
-    """Writes the table, a bone a line."""
+    """Write the table with one bone on each line.
+
+    Args:
+        path: JSON file to write.
+    """
     rigs_text = []
     for rig, rows in bone_names().items():
         lines = ",\n".join(f"    {json.dumps(bone)}: {json.dumps(row)}" for bone, row in rows.items())
@@ -39,7 +43,11 @@ def write_bone_names(path: pathlib.Path = ADDON / "bone_names.json") -> None:
 
 
 def write_zip(path: pathlib.Path = ZIP) -> None:
-    """Writes the extension: its files at the top of the archive, as Blender wants them."""
+    """Write the extension as an archive with its files at the top, as Blender requires.
+
+    Args:
+        path: zip file to write.
+    """
     files = sorted(file for file in ADDON.iterdir() if file.suffix in (".py", ".json", ".toml"))
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -54,7 +62,7 @@ def _is_upper(joint: str | None) -> bool:
 
 
 def _rigify() -> dict[str, tuple[str, float]]:
-    """The bones of Rigify's human meta-rig, which comes with Blender."""
+    """Return the joints and weights of the bones of Rigify's human meta-rig, which comes with Blender."""
     rows = {"spine.001": ("spine", 0.3333), "spine.002": ("spine", 0.6667), "spine.003": ("spine", 1.0)}
     rows |= {"spine.004": ("head", 0.3333), "spine.005": ("head", 0.6667), "spine.006": ("head", 1.0)}
     for side, letter in (("left", "L"), ("right", "R")):

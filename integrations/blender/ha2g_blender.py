@@ -1,4 +1,4 @@
-"""Loads a motion in Blender without its window, onto an armature or as a figure of its own, and writes the result.
+"""Loads a motion in Blender without a window, onto an armature or as a new figure, and writes the result.
 
     blender --background --python ha2g_blender.py -- motion.glb -o scene.blend
     blender --background --python ha2g_blender.py -- motion.glb --open character.fbx --rig Armature -o moving.fbx
@@ -18,7 +18,14 @@ from ha2g_motion.motion import MotionError
 
 
 def main(argv: list[str]) -> int:
-    """Does what the flags say; returns 0, or 2 for a user's mistake."""
+    """Run the script.
+
+    Args:
+        argv: command-line arguments.
+
+    Returns:
+        Exit code: 0, or 2 for a mistake of the user.
+    """
     arguments = _parser().parse_args(argv)
     try:
         _run(arguments)
@@ -65,18 +72,22 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ha2g_blender", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("motion", type=pathlib.Path, help=f"{', '.join(reading.SUFFIXES)}, as ha2g export writes them")
-    parser.add_argument("-o", "--out", type=pathlib.Path, required=True, help=f"where to; {', '.join(scene.OUTPUTS)}")
+    parser.add_argument("motion", type=pathlib.Path, help=f"a file of ha2g export: {', '.join(reading.SUFFIXES)}")
+    parser.add_argument(
+        "-o", "--out", type=pathlib.Path, required=True, help=f"file to write: {', '.join(scene.OUTPUTS)}"
+    )
     parser.add_argument("--open", type=pathlib.Path, help="a character: .blend, .fbx, .glb or .gltf")
-    parser.add_argument("--rig", help="name of the armature that shall move (default: a new one)")
-    parser.add_argument("--names", type=pathlib.Path, help='JSON of one\'s own bone names: {"BONE": "JOINT"}')
+    parser.add_argument("--rig", help="name of the armature to move (default: a new one)")
+    parser.add_argument("--names", type=pathlib.Path, help='JSON of your bone names: {"BONE": "JOINT"}')
     parser.add_argument("--audio", type=pathlib.Path, help="the speech, for the scene and an .mp4")
     parser.add_argument("--start", type=int, default=0, help="frame of the first pose (default: 0)")
     parser.add_argument("--keep-rate", action="store_true", help="keep the scene's frame rate, not the motion's")
-    parser.add_argument("--size", type=_size, default=(640, 640), metavar="WxH", help="of pictures (default: 640x640)")
+    parser.add_argument(
+        "--size", type=_size, default=(640, 640), metavar="WxH", help="size of images in pixels (default: 640x640)"
+    )
     parser.add_argument("--samples", type=int, default=8, help="rays per pixel of Cycles (default: 8)")
-    parser.add_argument("--engine", default="CYCLES", help="CYCLES (default) or another of Blender's")
-    parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="moment of a .png (default: 0)")
+    parser.add_argument("--engine", default="CYCLES", help="CYCLES (default) or another render engine of Blender")
+    parser.add_argument("--time", type=float, default=0.0, metavar="SECONDS", help="time of a .png (default: 0)")
     return parser
 
 

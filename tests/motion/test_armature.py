@@ -80,7 +80,7 @@ def test_the_palms_are_down_and_the_thumbs_in_front():
 def test_both_skeletons_are_exported_upright_with_the_left_at_plus_x_facing_plus_z(name):
     skeleton = load_skeleton(name)
     mean = skeleton.mean_pose * export_axes(skeleton)
-    assert np.prod(export_axes(skeleton)) == 1  # a turn, not a mirror
+    assert np.prod(export_axes(skeleton)) == 1  # a rotation, not a mirror
     assert mean[skeleton.joint("left_shoulder"), 0] > 0.1
     assert mean[skeleton.joint("neck"), 1] > mean[0, 1] + 0.1
     assert mean[skeleton.joint("nose"), 2] > mean[skeleton.joint("neck"), 2] + 0.03

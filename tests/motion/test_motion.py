@@ -60,8 +60,10 @@ def test_the_same_motion_gives_the_same_bytes_and_comes_back(tmp_path):
 
 
 def test_other_suffixes_and_other_files_are_refused(tmp_path):
-    with pytest.raises(UserError, match=r"\.txt; expected one of"):
-        make().save(tmp_path / "m.txt")
+    for name in ("m.txt", "m.bvh", "m"):
+        with pytest.raises(UserError, match=rf"writes \.npz, not '{name}'; .*formats\.export\(motion, '{name}'\)"):
+            make().save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
     (tmp_path / "text.npz").write_text("hello")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     for name in ("missing.npz", "text.npz", "other.npz"):

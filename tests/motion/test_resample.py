@@ -51,8 +51,8 @@ def test_frames_that_both_rates_have_agree_and_the_end_is_held():
 
 def test_a_steady_turn_stays_steady():
     angle = np.arange(15) * 0.2
-    turn = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None].astype(np.float32)
-    finer = resample(turn, 15, 24, 23)[:, 0]
+    rotating = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)[:, None].astype(np.float32)
+    finer = resample(rotating, 15, 24, 23)[:, 0]
     steps = np.arccos(np.clip(np.sum(finer[1:] * finer[:-1], axis=-1), -1, 1))
     np.testing.assert_allclose(steps, 0.2 * 15 / 24, atol=1e-3)
 
@@ -131,7 +131,7 @@ def test_a_bone_that_flips_stays_on_the_sphere():
 
 
 def test_the_log_map_is_the_turn_to_a_vector():
-    turn = log_map(np.array([1.0, 0, 0]), np.array([np.cos(0.7), 0, np.sin(0.7)]))
-    np.testing.assert_allclose(turn, [0, 0, 0.7], atol=1e-12)
-    np.testing.assert_allclose(exp_map(np.array([1.0, 0, 0]), turn), [np.cos(0.7), 0, np.sin(0.7)], atol=1e-12)
+    tangent = log_map(np.array([1.0, 0, 0]), np.array([np.cos(0.7), 0, np.sin(0.7)]))
+    np.testing.assert_allclose(tangent, [0, 0, 0.7], atol=1e-12)
+    np.testing.assert_allclose(exp_map(np.array([1.0, 0, 0]), tangent), [np.cos(0.7), 0, np.sin(0.7)], atol=1e-12)
     np.testing.assert_array_equal(log_map(np.array([1.0, 0, 0]), np.array([-1.0, 0, 0])), 0)

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, rotations
 from ha2g_jax.motion.armature import Animation, ha2g_armature, world
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton
 
-OTHERS = tuple(rig for rig in rigs.RIGS if rig != "ha2g")
 SIDES = {"left": 1.0, "right": -1.0}
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
@@ -33,6 +33,7 @@ NAMES = {
     "smplx": {"spine": "spine3", "left_clavicle": "left_collar", "right_middle_3": "right_middle3"},
 }
 COUNTS = {"mixamo": 65, "unreal": 64, "unity": 52, "vrm": 52, "smplx": 55}
+PROGRAMS = tuple(COUNTS)
 # Bones without which an avatar is no VRM (VRMC_vrm-1.0, humanoid.md).
 VRM_REQUIRED = ["hips", "spine", "head"] + [
     side + part for side in SIDES for part in ("UpperLeg", "LowerLeg", "Foot", "UpperArm", "LowerArm", "Hand")
@@ -46,17 +47,27 @@ def make_animation(skeleton: str = "ted_expressive", size: float = 0.3, frames: 
     still = [index for index in range(len(armature.joints)) if index not in armature.parents]
     still += [armature.joint(name) for name in ("neck", "nose")]
     vectors[:, still] = 0
-    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
-    return Animation(armature, turns, np.zeros((frames, 3)), 15.0, {"seed": 1})
+    local = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
+    return Animation(armature, local, np.zeros((frames, 3)), 15.0, {"seed": 1})
 
 
-@pytest.mark.parametrize("name", OTHERS)
-def test_a_table_has_its_programs_names_each_after_its_parent(name):
+@pytest.mark.parametrize("name", [name for name in rigs.RIGS if name != "ha2g"])
+def test_a_table_names_joints_of_ours_and_has_each_after_its_parent(name):
     rig = rigs.load_rig(name)
-    assert len(rig.joints) == COUNTS[name]
+    assert rig.name == name
     assert len({joint.name for joint in rig.joints}) == len(rig.joints)
     assert [joint.parent for joint in rig.joints].count(-1) == 1
     assert all(joint.parent < index for index, joint in enumerate(rig.joints))
+    assert all(0 < joint.weight <= 1 for joint in rig.joints)
+    lower = {"pelvis", *(f"{side}_{part}" for side in SIDES for part in ("hip", "knee", "ankle", "foot"))}
+    ours = {*ha2g_armature(load_skeleton("ted_expressive")).joints, *lower}
+    assert {joint.carries for joint in rig.joints} | {joint.place for joint in rig.joints} <= ours | {None}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_table_has_the_names_of_its_program(name):
+    rig = rigs.load_rig(name)
+    assert len(rig.joints) == COUNTS[name]
     for ours, theirs in NAMES[name].items():
         assert rig.names[ours] == theirs
 
@@ -65,9 +76,9 @@ def test_the_bones_that_vrm_requires_are_there():
     assert set(VRM_REQUIRED) <= {joint.name for joint in rigs.load_rig("vrm").joints}
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_a_table_is_the_same_on_both_sides(name):
-    rest = rigs.retarget(make_animation(size=0), rigs.load_rig(name))
+    rest = retarget(make_animation(size=0), rigs.load_rig(name))
     _, positions = rigs.rest_positions(rest.armature)
     places = rigs.places(rest.armature)
     for left in [joint for joint in places if joint.startswith("left_")]:
@@ -75,10 +86,10 @@ def test_a_table_is_the_same_on_both_sides(name):
         np.testing.assert_allclose(positions[places[left]], there, atol=2e-3)
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_our_t_pose_is_a_t_on_every_rig(name):
     """Whatever the rig's rest pose: arms along x, fingers along the arm, head up, feet below, facing +z."""
-    animation = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name))
+    animation = retarget(make_animation(size=0, frames=1), rigs.load_rig(name))
     _, positions = world(animation)
     places = {joint: positions[0, index] for joint, index in rigs.places(animation.armature).items()}
     for side, sign in SIDES.items():
@@ -97,13 +108,13 @@ def test_our_t_pose_is_a_t_on_every_rig(name):
     assert places["pelvis"][1] > 0.9
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", PROGRAMS)
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
 def test_joints_lie_where_ours_lie(name, skeleton):
     """Relative to the chest, arms and shoulders agree to the last digit where the rig has our lengths."""
     ours = make_animation(skeleton)
     _, our_positions = world(ours)
-    theirs = rigs.retarget(ours, rigs.load_rig(name))
+    theirs = retarget(ours, rigs.load_rig(name))
     _, positions = world(theirs)
     places = rigs.places(theirs.armature)
     for joint in ("neck", *(f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist"))):
@@ -114,16 +125,16 @@ def test_joints_lie_where_ours_lie(name, skeleton):
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_bones_point_where_ours_point(name):
     """Also on a rig with lengths and a rest pose of its own, and in the fingers."""
     ours = make_animation()
     _, our_positions = world(ours)
-    theirs = rigs.retarget(ours, rigs.load_rig(name))
+    theirs = retarget(ours, rigs.load_rig(name))
     _, positions = world(theirs)
     places = rigs.places(theirs.armature)
     bones = [("shoulder", "elbow"), ("elbow", "wrist")]
-    # Collarbones turn from their own rest by as much as ours: that of a body of its own starts elsewhere.
+    # Collarbones rotate from their rest pose by as much as ours; with other lengths the rest pose differs.
     bones += [("clavicle", "shoulder")] if name != "smplx" else []
     bones += [(f"{finger}_{part}", f"{finger}_{part + 1}") for finger in FINGERS for part in (1, 2)]
     for side in SIDES:
@@ -134,25 +145,25 @@ def test_bones_point_where_ours_point(name):
             np.testing.assert_allclose(rotations.unit(bone), expected, atol=2e-3, err_msg=f"{side} {first}")
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_hands_turn_as_ours_from_the_t_pose(name):
     """The roll of a hand is no matter of directions: it must survive a rest pose that is not ours."""
     ours, still = make_animation(), make_animation(size=0, frames=1)
     rig = rigs.load_rig(name)
-    theirs, at_t = rigs.retarget(ours, rig), rigs.retarget(still, rig)
+    theirs, at_t = retarget(ours, rig), retarget(still, rig)
     turned, expected = world(theirs)[0], world(ours)[0]
     straight = world(at_t)[0]
     for side in SIDES:
         for joint in (f"{side}_wrist", f"{side}_elbow", f"{side}_clavicle", f"{side}_index_2"):
             index = rigs.carriers(theirs.armature)[joint]
-            turn = rotations.multiply(turned[:, index], rotations.conjugate(straight[:, index]))
-            away = rotations.angle_between(turn, expected[:, ours.armature.joint(joint)])
+            rotation = rotations.multiply(turned[:, index], rotations.conjugate(straight[:, index]))
+            away = rotations.angle_between(rotation, expected[:, ours.armature.joint(joint)])
             np.testing.assert_allclose(away, 0, atol=1e-7)
 
 
 def test_neck_and_spine_share_what_ours_do_in_one_joint():
     ours = make_animation()
-    theirs = rigs.retarget(ours, rigs.load_rig("mixamo"))
+    theirs = retarget(ours, rigs.load_rig("mixamo"))
     turned = world(theirs)[0]
     armature = theirs.armature
     angles = [
@@ -170,7 +181,7 @@ def test_neck_and_spine_share_what_ours_do_in_one_joint():
 
 
 def test_legs_stand_still():
-    theirs = rigs.retarget(make_animation(), rigs.load_rig("unreal"))
+    theirs = retarget(make_animation(), rigs.load_rig("unreal"))
     for joint in ("thigh_l", "calf_r", "foot_l", "pelvis"):
         index = theirs.armature.joint(joint)
         np.testing.assert_allclose(
@@ -179,7 +190,7 @@ def test_legs_stand_still():
 
 
 def axes_at_rest(name: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    armature = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
+    armature = retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
     turned, positions = rigs.rest_positions(armature)
     matrices = rotations.to_matrix(turned)
     return dict(zip(armature.joints, matrices)), dict(zip(armature.joints, positions))
@@ -205,7 +216,7 @@ def test_the_mannequin_stands_in_its_a_pose_with_x_along_its_bones():
 
 @pytest.mark.parametrize("name", ["vrm", "unity", "smplx"])
 def test_rigs_without_axes_of_their_own_rest_unturned(name):
-    armature = rigs.retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
+    armature = retarget(make_animation(size=0, frames=1), rigs.load_rig(name)).armature
     np.testing.assert_array_equal(armature.rest, np.tile(rotations.IDENTITY, (len(armature.joints), 1)))
 
 
@@ -217,7 +228,7 @@ def test_the_thumbs_of_a_vrm_rest_level_at_45_degrees():
 
 
 def test_fingers_that_the_motion_lacks_stay_at_rest():
-    theirs = rigs.retarget(make_animation("ted_gesture"), rigs.load_rig("unity"))
+    theirs = retarget(make_animation("ted_gesture"), rigs.load_rig("unity"))
     index = theirs.armature.joint("LeftIndexProximal")
     np.testing.assert_allclose(theirs.rotations[:, index], [[0, 0, 0, 1]] * 6, atol=1e-12)
     assert np.linalg.norm(theirs.armature.offsets[index]) > 0.08
@@ -225,7 +236,7 @@ def test_fingers_that_the_motion_lacks_stay_at_rest():
 
 def test_our_own_rig_is_the_animation_itself():
     animation = make_animation("ted_gesture")
-    assert rigs.retarget(animation, rigs.load_rig("ha2g")) is animation
+    assert retarget(animation, rigs.load_rig("ha2g")) is animation
 
 
 def test_an_unknown_rig_is_named():

@@ -98,8 +98,8 @@ def test_a_bone_that_is_turned_round_has_a_defined_twist():
 def test_slerp_goes_the_short_way_at_a_steady_pace():
     a = some(1)[0]
     b = -rotations.multiply(rotations.about(np.array([0.0, 0.0, 1.0]), 1.0), a)
-    shares = np.linspace(0, 1, 11)
-    between = rotations.slerp(a, b, shares)
+    fractions = np.linspace(0, 1, 11)
+    between = rotations.slerp(a, b, fractions)
     same(between[0], a)
     same(between[-1], b)
     np.testing.assert_allclose(rotations.angle_between(between[1:], between[:-1]), 0.1, atol=1e-9)

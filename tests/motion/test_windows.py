@@ -44,7 +44,7 @@ def test_the_fade_turns_in_fifths_and_stays_on_the_sphere():
 
 
 def test_a_disagreement_is_spread_over_the_fade():
-    """Two windows that stand still at an angle: no step is larger than its share."""
+    """Two windows that stand still at an angle: no step is larger than its fraction."""
     rest = np.random.default_rng(0).normal(size=(2, 1, 42, 3)).astype(np.float32)
     rest /= np.linalg.norm(rest, axis=-1, keepdims=True)
     joined = join_windows(np.repeat(rest, 34, axis=1), 4)

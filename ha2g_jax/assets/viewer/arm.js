@@ -1,5 +1,5 @@
 "use strict";
-// Sleeve, forearm and hand of one side; a mitten where the skeleton has no fingers.
+// Sleeve, forearm and hand of one side, with a mitten where the skeleton has no fingers.
 
 const FINGERS = ["thumb", "index", "middle", "ring", "pinky"];
 const FINGER_RADII = { thumb: 0.0132, index: 0.0112, middle: 0.0116, ring: 0.0111, pinky: 0.0098 };
@@ -12,7 +12,7 @@ const SLEEVE = [
 ];
 const FOREARM = [[0.8, 0.0265], [0.9, 0.0245], [1, 0.0235]];
 const MITTEN = [[0, 0.024], [0.35, 0.03], [0.7, 0.03], [1, 0.021]];
-// [place along the joints, share of the finger's radius]; 0 to 1 lies in the palm.
+// [place along the joints, factor of the finger's radius]; 0 to 1 is in the palm.
 const THUMB_ROOT = [[0, 1.35], [0.4, 1.5], [0.8, 1.4]];
 const FINGER_ROOT = [[0, 1.05], [0.5, 1.1]];
 const FINGER = [
@@ -29,8 +29,8 @@ class Arm {
     if (joint(`${side}_index_1`)) {
       this.palm = new Loft(9, 28, paint.skin, 0.8);
       for (const finger of FINGERS) {
-        const shares = [...(finger === "thumb" ? THUMB_ROOT : FINGER_ROOT), ...FINGER];
-        const profile = shares.map(([place, share]) => [place, share * FINGER_RADII[finger]]);
+        const factors = [...(finger === "thumb" ? THUMB_ROOT : FINGER_ROOT), ...FINGER];
+        const profile = factors.map(([place, factor]) => [place, factor * FINGER_RADII[finger]]);
         this.fingers.set(finger, new Tube(profile, 14, paint.skin, 1));
       }
     } else {
@@ -59,14 +59,14 @@ class Arm {
 
   poseFinger(finger, tube, wrist) {
     const [first, second, third] = [1, 2, 3].map((part) => this.joint(`${this.side}_${finger}_${part}`));
-    // The skeleton has no tips: the bend goes on.
+    // Skeletons have no fingertips; the bend of the finger is continued.
     const before = unit(second.clone().sub(first)), last = unit(third.clone().sub(second));
     const ahead = unit(last.multiplyScalar(1.4).addScaledVector(before, -0.4));
     const tip = third.clone().addScaledVector(ahead, TIP);
     tube.pose([wrist.clone().lerp(first, finger === "thumb" ? 0.25 : 0.5), first, second, third, tip]);
   }
 
-  // Flat boxes from the wrist to the knuckles, as wide as these stand apart.
+  // Flat boxes from the wrist to the knuckles, as wide as the distance between these.
   posePalm(wrist) {
     const [index, middle, ring, pinky] = FINGERS.slice(1).map((finger) => this.joint(`${this.side}_${finger}_1`));
     const along = index.clone().add(middle).add(ring).add(pinky).multiplyScalar(0.25).sub(wrist);
@@ -80,8 +80,8 @@ class Arm {
       [-0.1, 0.01, 0.008], [-0.05, 0.0215, 0.0175], [0.02, 0.0245, 0.0195], [0.22, 0.6 * wide + 0.011, 0.0185],
       [0.45, 0.85 * wide + 0.006, 0.0165], [0.7, wide + 0.001, 0.0145], [0.9, wide - 0.001, 0.0125],
       [1, wide - 0.006, 0.0095], [1.03, 0.6 * wide, 0.004],
-    ].forEach(([share, half, thick], ring) => {
-      const centre = wrist.clone().addScaledVector(along, share * reach);
+    ].forEach(([fraction, half, thick], ring) => {
+      const centre = wrist.clone().addScaledVector(along, fraction * reach);
       this.palm.setRing(ring, centre, across.clone().multiplyScalar(half), through.clone().multiplyScalar(thick));
     });
     this.palm.finish();

@@ -1,7 +1,7 @@
 "use strict";
-// A figure that is dressed over the joints. Positions are never changed: what lies between them is drawn.
+// A dressed figure. The positions of the joints are never changed; the body is drawn around them.
 
-// Height over the spine joint, half width, half depth, place ahead, share of the chest's tilt, opacity.
+// Height above the spine, half width, half depth, offset to the front, fraction of the tilt of the chest, opacity.
 const TRUNK = [
   [-0.43, 0.178, 0.124, -0.01, 0, 0], [-0.4, 0.179, 0.125, -0.01, 0, 0.15], [-0.35, 0.179, 0.124, -0.01, 0, 0.6],
   [-0.29, 0.174, 0.119, -0.008, 0, 1], [-0.2, 0.16, 0.11, -0.002, 0.1, 1], [-0.11, 0.151, 0.105, 0.004, 0.35, 1],
@@ -47,7 +47,7 @@ class Body {
     this.poseSticks();
   }
 
-  // The chest goes with spine, neck and shoulders; the hips turn with it but stay upright.
+  // The chest follows spine, neck and shoulders; the hips rotate with it but stay upright.
   poseTrunk() {
     const spine = this.joint("spine"), neck = this.joint("neck");
     const up = unit(neck.clone().sub(spine));
@@ -56,7 +56,7 @@ class Body {
     const level = unit(across.clone().setY(0));
     const stretch = neck.distanceTo(spine) / 0.26, world = new THREE.Vector3(0, 1, 0);
     this.up = up; this.across = across; this.ahead = new THREE.Vector3().crossVectors(across, up);
-    // The trunk bends: each ring stands on the one below.
+    // The trunk bends: each ring is placed on the one below.
     const centre = spine.clone(), start = TRUNK.findIndex(([height]) => height > -0.03);
     const place = (i, from) => {
       const [height, wide, deep, forward, tilt] = TRUNK[i];
@@ -82,7 +82,7 @@ class Body {
       ahead = nose.clone().sub(ears);
       unit(ahead.addScaledVector(left, -ahead.dot(left)));
       up = new THREE.Vector3().crossVectors(ahead, left);
-      // The nose lies below the ears: their line is levelled.
+      // The nose is below the ears, so the line between them is levelled.
       const tilt = (18 * Math.PI) / 180, forward = ahead.clone();
       ahead.multiplyScalar(Math.cos(tilt)).addScaledVector(up, Math.sin(tilt));
       up.multiplyScalar(Math.cos(tilt)).addScaledVector(forward, -Math.sin(tilt));
@@ -128,7 +128,7 @@ class Body {
     positions.needsUpdate = true;
   }
 
-  // Bones show through the body; over another figure only the arms are drawn, and they are translucent.
+  // Bones are drawn through the body; of a figure over another one only the arms are drawn, translucent.
   show({ hasSticks, isGhost }) {
     const opacity = hasSticks ? 0.28 : isGhost ? 0.5 : 1;
     for (const [name, material] of Object.entries(this.paint)) {

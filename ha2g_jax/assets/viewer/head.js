@@ -1,5 +1,5 @@
 "use strict";
-// The head, once, in its own axes: +x the person's left, +y up, +z ahead, metres, the origin between the ears.
+// The head in its own axes: +x the person's left, +y up, +z ahead, metres, the origin between the ears.
 
 function makeHead(paint) {
   const head = new THREE.Group();
@@ -55,7 +55,7 @@ function skull(point) {
   );
 }
 
-// The skull a little larger, sunk into it where the face and the neck are.
+// The skull a little larger, and below its surface at the face and the neck.
 function hair(point) {
   const { x, y, z } = point;
   skull(point);

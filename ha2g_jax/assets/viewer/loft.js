@@ -1,8 +1,8 @@
 "use strict";
-// Closed smooth surfaces through rings, moved every frame: sleeves, fingers, palms, the trunk, the neck.
+// Closed smooth surfaces through rings, updated in every frame: sleeves, fingers, palms, the trunk, the neck.
 
 class Loft {
-  // A `corner` under 1 makes the rings boxy.
+  // A `corner` below 1 makes the rings more rectangular.
   constructor(rings, sides, material, corner = 1) {
     this.rings = rings;
     this.sides = sides;
@@ -27,7 +27,7 @@ class Loft {
     this.mesh.castShadow = this.mesh.receiveShadow = true;
   }
 
-  // An ellipse with half axes `across` and `ahead`, seen from the end of the surface against the clock.
+  // An ellipse with half axes `across` and `ahead`, anticlockwise as seen from the end of the surface.
   setRing(ring, centre, across, ahead) {
     const array = this.points.array;
     let i = 3 * ring * this.sides;
@@ -38,7 +38,7 @@ class Loft {
     }
   }
 
-  // Normals of a grid: the way around times the way along.
+  // Normals of a grid: the cross product of the directions around and along.
   finish() {
     const p = this.points.array, n = this.normals.array, { rings, sides } = this;
     for (let ring = 0; ring < rings; ring++) {
@@ -57,9 +57,9 @@ class Loft {
   }
 }
 
-// A tube along a chain of joints: the corners rounded, the ends round.
+// A tube along a chain of joints, with rounded corners and ends.
 class Tube {
-  // `profile`: [place along the chain (joint number and share of the bone after it), radius in metres] in order.
+  // `profile`: [place along the chain (joint number and fraction of the bone after it), radius in metres] in order.
   constructor(profile, sides, material, rounding = 2) {
     this.profile = profile;
     this.rounding = rounding;
@@ -82,7 +82,7 @@ class Tube {
         before = here;
       }
     }
-    // The frame goes along without turning about the line.
+    // The frame is transported along the line without twist.
     const along = new THREE.Vector3().subVectors(line[1], line[0]).normalize();
     const across = new THREE.Vector3(Math.abs(along.x) > 0.9 ? 0 : 1, Math.abs(along.x) > 0.9 ? 1 : 0, 0);
     for (let i = 0; i <= last; i++) {

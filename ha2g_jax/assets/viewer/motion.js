@@ -1,5 +1,5 @@
 "use strict";
-// Unpacks what ha2g_jax/viewer/packing.py packed, and gives the joints at any time. y is up, the person faces +z.
+// Unpacks the data of ha2g_jax/viewer/packing.py and computes the joints at any time. y is up, the person faces +z.
 
 function bytesOf(base64) {
   const text = atob(base64);
@@ -39,7 +39,7 @@ class MotionData {
     this.positions = new Float32Array(3 * this.joints.length);
   }
 
-  // Bones so that each comes after the one that it hangs on.
+  // Bones in an order in which each comes after its parent.
   fromTheRoot() {
     const order = [], reached = new Set([0]);
     while (order.length < this.bones.length) {
@@ -50,7 +50,7 @@ class MotionData {
     return order;
   }
 
-  // Frame k shows the time k / fps; a time that lies on a frame but for rounding is that frame.
+  // Frame k shows the time k / fps; a time that is a frame but for rounding errors is that frame.
   place(time) {
     return Math.min(Math.max(time * this.fps, 0), this.frames - 1);
   }
@@ -69,17 +69,17 @@ class MotionData {
     return out;
   }
 
-  // (joints x 3) metres at a time, between two frames the direction between their directions.
+  // Positions (joints x 3) in metres at a time; between two frames directions are interpolated.
   positionsAt(time, isSmooth = true) {
     const frame = this.frameAt(time), next = Math.min(frame + 1, this.frames - 1);
-    const share = isSmooth ? Math.max(this.place(time) - frame, 0) : 0;
+    const fraction = isSmooth ? Math.max(this.place(time) - frame, 0) : 0;
     const a = [0, 0, 0], b = [0, 0, 0], positions = this.positions;
     for (const bone of this.order) {
       const [parent, child] = this.bones[bone];
       this.direction(bone, frame, a);
-      if (share > 0) {
+      if (fraction > 0) {
         this.direction(bone, next, b);
-        for (let i = 0; i < 3; i++) a[i] += share * (b[i] - a[i]);
+        for (let i = 0; i < 3; i++) a[i] += fraction * (b[i] - a[i]);
       }
       const scale = this.lengths[bone] / (Math.hypot(...a) || 1);
       for (let i = 0; i < 3; i++) positions[3 * child + i] = positions[3 * parent + i] + scale * a[i];

@@ -1,5 +1,5 @@
 "use strict";
-// Play, pause, seek, keys. Where there is sound it is the clock: what is drawn is what is heard.
+// Play, pause, seek, keys. Where there is sound, its time is the time of the figures.
 
 const SPEEDS = [0.25, 0.5, 0.75, 1, 1.5, 2];
 
@@ -68,7 +68,7 @@ class Player {
     this.stage.isStale = true;
   }
 
-  // To the start of a frame of the first motion; a hair after it, so that no rounding shows the one before.
+  // Seek to a frame of the first motion, plus a tiny offset so that rounding does not show the frame before.
   step(frames) {
     this.pause();
     const [motion] = this.motions;
@@ -84,7 +84,7 @@ class Player {
     this.setSpeed(SPEEDS[Math.min(Math.max(SPEEDS.indexOf(this.speed) + by, 0), SPEEDS.length - 1)]);
   }
 
-  // What is drawn now: for whoever drives the page from a script.
+  // The state that is drawn now, for scripts that control the page.
   shown() {
     return {
       time: this.drawnTime,
@@ -164,8 +164,8 @@ class Player {
       ",": () => this.step(-1), ".": () => this.step(1),
       Home: () => this.seek(0), End: () => this.seek(this.duration),
       ArrowUp: () => this.changeSpeed(1), ArrowDown: () => this.changeSpeed(-1),
-      a: () => this.stage.turn(-0.15, 0), d: () => this.stage.turn(0.15, 0),
-      w: () => this.stage.turn(0, 0.1), s: () => this.stage.turn(0, -0.1),
+      a: () => this.stage.rotate(-0.15, 0), d: () => this.stage.rotate(0.15, 0),
+      w: () => this.stage.rotate(0, 0.1), s: () => this.stage.rotate(0, -0.1),
       r: press("#home"), o: press("#overlay"), b: press("#bones"), l: press("#loop"), m: press("#mute"),
       t: press("#theme"), "?": press("#keys"),
       i: () => { this.isSmooth = !this.isSmooth; this.stage.isStale = true; },

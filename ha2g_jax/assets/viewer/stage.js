@@ -1,5 +1,5 @@
 "use strict";
-// The figures, each in its part of one canvas, all seen by the same camera.
+// The figures, each in its part of one canvas, with one camera for all.
 
 const SHIRTS = [0x3e6e9e, 0xb5583f, 0x4b8a63, 0x7d5a94, 0xb08a35, 0x3f8a91, 0x9c4668, 0x60707f];
 const HOME = { eye: [0, 0.12, 2.5], target: [0, 0.07, 0.03] };
@@ -69,7 +69,7 @@ class Stage {
     this.isStale = true;
   }
 
-  turn(around, up) {
+  rotate(around, up) {
     const sphere = new THREE.Spherical().setFromVector3(this.camera.position.clone().sub(this.controls.target));
     sphere.theta += around;
     sphere.phi = Math.min(Math.max(sphere.phi - up, 0.05), Math.PI - 0.05);
@@ -83,7 +83,7 @@ class Stage {
     this.layOut();
   }
 
-  // As many columns as let the figures be largest; a figure is narrower than high.
+  // Uses the number of columns that makes the figures largest; a figure is higher than wide.
   layOut() {
     const { clientWidth: width, clientHeight: height } = this.holder;
     if (!width || !height) return;
@@ -112,7 +112,7 @@ class Stage {
 
   aim(part) {
     this.camera.aspect = part.width / part.height;
-    // A part that is narrow shows as much of the width.
+    // A narrow part shows the same width of the scene.
     this.camera.fov = this.camera.aspect < 0.8 ? 2 * Math.atan(0.2 / this.camera.aspect) * (180 / Math.PI) : 28;
     this.camera.updateProjectionMatrix();
   }
@@ -132,7 +132,7 @@ class Stage {
     this.isStale = false;
   }
 
-  // Without a graphics card shadows are left out, then pixels. Called for each picture while it plays.
+  // On a slow computer switches shadows off, then reduces the resolution. Called for each image while playing.
   keepPace(now) {
     const isSlow = now - this.before > 55;
     this.before = now;
@@ -144,7 +144,7 @@ class Stage {
     this.layOut();
   }
 
-  // Where a joint is in the picture, in pixels of the canvas.
+  // Position of a joint in pixels of the canvas.
   onScreen(figure, joint) {
     const part = this.parts[this.isOverlaid ? 0 : figure];
     this.aim(part);

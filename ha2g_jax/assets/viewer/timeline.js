@@ -1,5 +1,5 @@
 "use strict";
-// Under the figures: the whole length, and the seconds around now with waveform and words.
+// Below the figures: the whole length, and the seconds around the current time with waveform and words.
 
 const SPAN = 10; // seconds in the lower strip
 
@@ -20,15 +20,15 @@ class Timeline {
     canvas.addEventListener("pointermove", (event) => { if (event.buttons) this.drag(event, false); });
   }
 
-  // Pressing in the upper strip goes to that part of the whole; the lower strip is drawn along by the pointer.
+  // Pressing in the upper strip seeks in the whole length; the lower strip is dragged with the pointer.
   drag(event, isStart) {
-    const box = this.canvas.getBoundingClientRect(), share = (event.clientX - box.left) / box.width;
+    const box = this.canvas.getBoundingClientRect(), fraction = (event.clientX - box.left) / box.width;
     if (isStart) {
       this.isWhole = this.isShort || event.clientY - box.top < this.overview();
-      this.from = { share, time: this.time };
+      this.from = { fraction, time: this.time };
     }
-    if (this.isWhole) this.seek(share * this.duration);
-    else if (isStart) this.seek(this.first() + share * this.span);
+    if (this.isWhole) this.seek(fraction * this.duration);
+    else if (isStart) this.seek(this.first() + fraction * this.span);
     else this.seek(this.time - (event.movementX / box.width) * this.span);
   }
 

@@ -1,6 +1,7 @@
-"""Control of a finished motion: how much, how large, with which hand, and what it does at a time.
+"""Control of a generated motion: its energy, its extent, the hand that gestures, and its poses at given times.
 
-All functions are pure: direction vectors (T, bones, 3) in, others out, with neutral settings the same bytes.
+All functions are pure: they take direction vectors (T, bones, 3) and return others. With neutral settings they return
+their input.
 """
 
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls, apply, check, describe

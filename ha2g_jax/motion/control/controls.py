@@ -1,4 +1,4 @@
-"""All controls as one value, and what they do to a motion."""
+"""All controls of a motion as one value, and their application."""
 
 import dataclasses
 import itertools
@@ -14,20 +14,20 @@ from ha2g_jax.motion.control.parts import SIDES
 from ha2g_jax.motion.control.spans import Pin, Span
 from ha2g_jax.skeleton import Skeleton
 
-MOST = 2.0  # of energy and extent
+MOST = 2.0  # largest energy and extent
 
 
 @dataclasses.dataclass(frozen=True)
 class Controls:
-    """What is asked of a motion; by default nothing.
+    """Controls of a motion; the default values are neutral.
 
     Attributes:
-        energy: scales movement about the slow mean pose, 0 to 2.
-        extent: scales the reach of the arms about their rest, 0 to 2.
-        handedness: "left" or "right" for gestures with that arm alone, or "both".
-        mirror: whether left and right change places; before all the others.
+        energy: factor of the movement about the slow mean pose, 0 to 2.
+        extent: factor of the distance of the wrists from their rest position, 0 to 2.
+        handedness: "left" or "right" for gestures with that arm only, or "both".
+        mirror: whether to exchange left and right, before all other controls.
         pins: poses to hold or to pass through.
-        mutes: spans without gestures.
+        mutes: spans of time without gestures.
     """
 
     energy: float = 1.0
@@ -42,21 +42,21 @@ NEUTRAL = Controls()
 
 
 def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
-    """The motion under control: mirrored, then scaled, then held where it is pinned or muted.
+    """Apply controls to a motion: mirror, then scale, then hold the poses of pins and mutes.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) float32 unit vectors.
         fps: frames per second; frame k shows the time k / fps.
-        controls: what is asked.
+        controls: controls to apply.
 
     Returns:
-        (T, bones, 3) float32 unit vectors; the very input for neutral controls.
+        (T, bones, 3) float32 unit vectors; the input itself for neutral controls.
 
     Raises:
-        UserError: an amount, a side, a pose or a span that cannot be used.
+        UserError: an amount, a side, a pose or a span is not valid.
     """
-    check(controls, skeleton, (len(directions) + 0.5) / fps)  # of what rounds to so many frames
+    check(controls, skeleton, (len(directions) + 0.5) / fps)  # the longest duration that rounds to so many frames
     directions = effects.mirror(skeleton, directions, controls.mirror)
     directions = effects.energy(skeleton, directions, fps, controls.energy)
     directions = effects.extent(skeleton, directions, controls.extent)
@@ -66,18 +66,27 @@ def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Cont
 
 
 def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) -> None:
-    """Raises UserError for controls that cannot be used on a motion of `duration` seconds."""
+    """Check controls before they are applied.
+
+    Args:
+        controls: controls to check.
+        skeleton: skeleton of the motion.
+        duration: length of the motion in seconds.
+
+    Raises:
+        UserError: an amount, a side, a pose or a span is not valid.
+    """
     for name, amount in (("energy", controls.energy), ("extent", controls.extent)):
         if not (math.isfinite(amount) and 0 <= amount <= MOST):
-            raise UserError(f"an {name} of {amount}; expected 0 to {MOST:g}, 1 for the motion as it is")
+            raise UserError(f"the {name} is {amount}; expected 0 to {MOST:g}, 1 for the unchanged motion")
     if controls.handedness not in (*SIDES, "both"):
-        raise UserError(f"handedness {controls.handedness!r}; expected left, right or both")
+        raise UserError(f"the handedness is {controls.handedness!r}; expected left, right or both")
     _check_spans("pin", controls.pins, duration)
     _check_spans("mute", controls.mutes, duration)
     for pinned in controls.pins:
         if pinned.skeleton not in ("", skeleton.name):
             raise UserError(
-                f"the pose {pinned.name} is of the skeleton {pinned.skeleton}, the motion of {skeleton.name}; give "
+                f"the pose {pinned.name} has the skeleton {pinned.skeleton}, the motion has {skeleton.name}; give "
                 "a pose of the motion's skeleton"
             )
         pose = pinned.pose
@@ -105,7 +114,11 @@ def _check_spans(name: str, spans: Sequence[Pin | Span], duration: float) -> Non
 
 
 def describe(controls: Controls) -> dict[str, Any]:
-    """The controls that are not neutral, as values for JSON."""
+    """Return the controls that are not neutral as JSON values, by name.
+
+    Args:
+        controls: controls to describe.
+    """
     changed: dict[str, Any] = {
         name: getattr(controls, name)
         for name in ("energy", "extent", "handedness", "mirror")

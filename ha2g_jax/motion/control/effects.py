@@ -1,4 +1,4 @@
-"""The controls one by one: pure functions of direction vectors (T, bones, 3); the input itself if nothing is asked."""
+"""One pure function for each control of a motion; with a neutral setting each returns its input."""
 
 from collections.abc import Sequence
 
@@ -7,22 +7,25 @@ import numpy as np
 from ha2g_jax.motion.control.parts import SIDES, arm_parts, bones_of, parts, rest_pose
 from ha2g_jax.motion.control.reach import reach_farther
 from ha2g_jax.motion.control.scaling import scale_about, scale_about_mean
-from ha2g_jax.motion.control.spans import Pin, Span, own_share
+from ha2g_jax.motion.control.spans import Pin, Span, motion_weight
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
-POSTURE_SECONDS = 4.0  # what is slower than this is posture, not movement
+POSTURE_SECONDS = 4.0  # window of the slow mean pose, which counts as posture and not as movement
 
 
 def energy(skeleton: Skeleton, directions: np.ndarray, fps: float, amount: float) -> np.ndarray:
-    """Livelier or calmer: every movement about the slow mean pose, scaled, and so its speed.
+    """Make a motion livelier or calmer by scaling the movement about its slow mean pose, and so the speed.
 
-    When things happen, and the posture that the body moves about, stay; so do hand shapes for an amount above 1.
+    The timing and the posture do not change; above 1 neither do the shapes of the hands.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) unit vectors.
         fps: frames per second.
-        amount: 0 leaves the slow mean pose (over 4 seconds), 1 is the motion, 2 the most.
+        amount: factor from 0, the slow mean pose over 4 seconds, to 2; 1 is the unchanged motion.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
     """
     if amount == 1:
         return directions
@@ -30,14 +33,17 @@ def energy(skeleton: Skeleton, directions: np.ndarray, fps: float, amount: float
 
 
 def extent(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndarray:
-    """Larger or smaller gestures: how far the wrists are from where they rest, scaled.
+    """Make gestures larger or smaller by scaling the distance of the wrists from their rest position.
 
-    Trunk and head stay; so do the hands on their wrists for an amount above 1.
+    Trunk and head do not change; above 1 neither do the hands relative to the forearms.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) unit vectors.
-        amount: 0 leaves both arms at rest, 1 is the motion, 2 the most.
+        amount: factor from 0, both arms at rest, to 2; 1 is the unchanged motion.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
     """
     if amount == 1:
         return directions
@@ -47,9 +53,18 @@ def extent(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndar
 
 
 def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndarray:
-    """Gestures with the "left" or the "right" arm alone, while the other rests; with "both" as they are.
+    """Put one arm into the rest pose, so that only the other arm gestures.
 
-    The arm that gestures, trunk and head stay. A motion that gestures with the other arm wants `mirror` before.
+    The arm that gestures, the trunk and the head do not change. For a motion that gestures with the other arm apply
+    `mirror` first.
+
+    Args:
+        skeleton: skeleton of the directions.
+        directions: (T, bones, 3) unit vectors.
+        side: arm that gestures, "left" or "right", or "both" for the unchanged motion.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
     """
     if side == "both":
         return directions
@@ -60,37 +75,56 @@ def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndar
     return result
 
 
-def mirror(skeleton: Skeleton, directions: np.ndarray, wanted: bool = True) -> np.ndarray:
-    """The motion as a mirror shows it: what the left hand did, the right hand does."""
-    return mirror_directions(skeleton, directions) if wanted else directions
+def mirror(skeleton: Skeleton, directions: np.ndarray, is_mirrored: bool = True) -> np.ndarray:
+    """Exchange left and right in a motion.
+
+    Args:
+        skeleton: skeleton of the directions.
+        directions: (T, bones, 3) unit vectors.
+        is_mirrored: False for the unchanged motion.
+
+    Returns:
+        (T, bones, 3) unit vectors.
+    """
+    return mirror_directions(skeleton, directions) if is_mirrored else directions
 
 
 def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[Pin]) -> np.ndarray:
-    """Poses of the whole body that the motion holds, or passes through.
+    """Make a motion hold poses of the whole body, or pass through them.
+
+    More than half a second away from a pin the motion does not change.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) unit vectors.
         fps: frames per second.
-        pins: holds that do not overlap; half a second before and after each, the motion is its own.
+        pins: poses with their times, which do not overlap.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
     """
     for one in pins:
-        share = own_share(one, [other for other in pins if other is not one], len(directions), fps)
+        weight = motion_weight(one, [other for other in pins if other is not one], len(directions), fps)
         pose = rest_pose(skeleton) if one.pose is None else one.pose
-        directions = scale_about(pose, directions, share, parts(skeleton))
+        directions = scale_about(pose, directions, weight, parts(skeleton))
     return directions
 
 
 def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence[Span]) -> np.ndarray:
-    """Spans without gestures: both arms rest, while trunk and head go on.
+    """Remove gestures from spans of time: both arms rest, while trunk and head do not change.
+
+    More than half a second away from a span the arms do not change either.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) unit vectors.
         fps: frames per second.
-        mutes: spans that do not overlap; half a second before and after each, the arms are their own.
+        mutes: spans that do not overlap.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
     """
     for one in mutes:
-        share = own_share(one, [other for other in mutes if other is not one], len(directions), fps)
-        directions = scale_about(rest_pose(skeleton), directions, share, arm_parts(skeleton))
+        weight = motion_weight(one, [other for other in mutes if other is not one], len(directions), fps)
+        directions = scale_about(rest_pose(skeleton), directions, weight, arm_parts(skeleton))
     return directions

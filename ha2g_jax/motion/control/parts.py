@@ -1,4 +1,4 @@
-"""What moves together: trunk, head, and of each arm the upper arm, the forearm, the hand and the finger bones."""
+"""Division of a skeleton into parts: trunk, head, and upper arm, forearm, hand and finger bones of each arm."""
 
 from typing import NamedTuple
 
@@ -9,18 +9,18 @@ from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 SIDES = ("left", "right")
 TRUNK, HEAD, UPPER_ARM, FOREARM, HAND, FINGER = "trunk", "head", "upper arm", "forearm", "hand", "finger"
 
-# Between a resting forearm and straight down: low before the body, as speakers hold it between gestures.
+# Angle between a resting forearm and straight down; speakers hold the forearms so between gestures.
 _RESTING_FOREARM = np.deg2rad(65)
 
 
 class Part(NamedTuple):
-    """Bones that are turned as one.
+    """Bones that rotate together.
 
     Attributes:
-        kind: what they are.
+        kind: `TRUNK`, `HEAD`, `UPPER_ARM`, `FOREARM`, `HAND` or `FINGER`.
         side: "left" or "right", "" on the midline.
-        bones: their indices; those of the head, and those that leave the wrist, turn together.
-        parent: the bone they hang on and go with, -1 where they keep their direction whatever is above them.
+        bones: indices of the bones; more than one for the head and for the bones that leave the wrist.
+        parent: index of the bone that the part rotates with, -1 for a part that rotates with none.
     """
 
     kind: str
@@ -30,9 +30,13 @@ class Part(NamedTuple):
 
 
 def parts(skeleton: Skeleton) -> tuple[Part, ...]:
-    """All bones of the skeleton, each part after the one it hangs on.
+    """Divide all bones of a skeleton into parts, each after the part it is attached to.
 
-    Arms go by gravity and by what is pointed at, not by how the trunk leans: they hang on nothing.
+    The upper arms are attached to no part: their direction follows gravity and the target of a gesture, not the
+    inclination of the trunk.
+
+    Args:
+        skeleton: skeleton to divide.
     """
     arms = [part for side in SIDES for part in _arm(skeleton, side)]
     shoulders = [skeleton.paths[skeleton.joint(f"{side}_shoulder")] for side in SIDES]
@@ -43,12 +47,17 @@ def parts(skeleton: Skeleton) -> tuple[Part, ...]:
 
 
 def arm_parts(skeleton: Skeleton, *sides: str) -> tuple[Part, ...]:
-    """Upper arm, forearm, hand and fingers of the sides, of both by default."""
+    """Return the parts of the arms: upper arm, forearm, hand and fingers.
+
+    Args:
+        skeleton: skeleton to divide.
+        *sides: "left" or "right"; both by default.
+    """
     return tuple(part for part in parts(skeleton) if part.side in (sides or SIDES))
 
 
 def bones_of(chosen: tuple[Part, ...]) -> list[int]:
-    """Indices of all bones of the parts."""
+    """Return the indices of all bones of the given parts."""
     return [bone for part in chosen for bone in part.bones]
 
 
@@ -73,10 +82,13 @@ def _arm(skeleton: Skeleton, side: str) -> list[Part]:
 
 
 def rest_pose(skeleton: Skeleton) -> np.ndarray:
-    """A pose to rest in, (bones, 3) float32 unit vectors.
+    """Return the rest pose of a skeleton, (bones, 3) float32 unit vectors.
 
-    The mean pose of the skeleton's data, made symmetric, with the forearms lowered until they are 65 degrees off
-    straight down; the hands go with them.
+    It is the mean pose of the skeleton's data, made symmetric, with forearms and hands lowered until the forearms are
+    at 65 degrees from straight down.
+
+    Args:
+        skeleton: skeleton of the pose.
     """
     mean = skeleton.mean_directions.astype(np.float64)
     pose = normalize(mean + mirror_directions(skeleton, mean))
@@ -87,7 +99,7 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
 
 
 def _lowered(vectors: np.ndarray, forearm: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned as the forearm (3,) turns when it is lowered."""
+    """Return vectors (n, 3) after the rotation that lowers the forearm (3,)."""
     down = np.array([0.0, 1.0, 0.0])
     axis = np.cross(forearm, down)
     sine = np.linalg.norm(axis)

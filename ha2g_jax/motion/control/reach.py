@@ -1,4 +1,4 @@
-"""Arms that reach farther: the wrist is moved, and the arm follows."""
+"""Enlargement of gestures: the wrists are moved away from their rest position, and the arms follow."""
 
 import numpy as np
 
@@ -9,19 +9,19 @@ from ha2g_jax.skeleton import Skeleton
 
 
 def reach_farther(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndarray:
-    """Each wrist `amount` times as far from where it rests, seen from its shoulder.
+    """Move each wrist to `amount` times its distance from its rest position relative to the shoulder.
 
-    A wrist is not raised above its shoulder, where the hand would hide the face, unless the motion raises it; and it
-    goes less far where the arm would be straight or folded. The elbow stays on its side of the arm, and the hand on
-    the forearm as it was.
+    A wrist is not raised above its shoulder, where the hand would hide the face, unless the motion raises it. It moves
+    less where the arm would be straight or folded. The elbow stays on its side of the arm, and the hand keeps its pose
+    relative to the forearm.
 
     Args:
-        skeleton: of the directions.
+        skeleton: skeleton of the directions.
         directions: (T, bones, 3) unit vectors.
-        amount: at least 1.
+        amount: factor of the distance, at least 1.
 
     Returns:
-        (T, bones, 3) float32 unit vectors; only those of the arms are new.
+        (T, bones, 3) float32 unit vectors; only those of the arms change.
     """
     result = np.array(directions, np.float32)
     resting = rest_pose(skeleton).astype(np.float64)
@@ -34,29 +34,30 @@ def reach_farther(skeleton: Skeleton, directions: np.ndarray, amount: float) -> 
         target = _within_reach(wrist, _below_the_face(wrist, rest + amount * (wrist - rest)), lengths)
         swing = between(wrist, target)
         new = _bend(rotate(swing, old[:, 0]), target, lengths)
-        turn = multiply(between(rotate(swing, old[:, 1]), new[:, 1]), swing)
+        rotation = multiply(between(rotate(swing, old[:, 1]), new[:, 1]), swing)
         result[:, [upper, fore]] = new
-        result[:, hand] = rotate(turn[:, None], result[:, hand].astype(np.float64))
+        result[:, hand] = rotate(rotation[:, None], result[:, hand].astype(np.float64))
     return result
 
 
 def _below_the_face(wrist: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Targets (T, 3) that rise from the wrist by less than it hangs below the shoulder; y points down."""
-    rise, room = wrist[:, 1] - target[:, 1], np.maximum(wrist[:, 1], 1e-4)
-    return np.column_stack([target[:, 0], wrist[:, 1] - np.minimum(rise, room * np.tanh(rise / room)), target[:, 2]])
+    """Limit targets (T, 3) to rise by less than the height of the shoulder above the wrist; y points down."""
+    rise, headroom = wrist[:, 1] - target[:, 1], np.maximum(wrist[:, 1], 1e-4)
+    limited = np.minimum(rise, headroom * np.tanh(rise / headroom))
+    return np.column_stack([target[:, 0], wrist[:, 1] - limited, target[:, 2]])
 
 
 def _within_reach(wrist: np.ndarray, target: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Targets (T, 3) brought so near, or so far off, that the elbow is neither straight nor folded."""
+    """Limit targets (T, 3) to distances at which the elbow is neither straight nor folded."""
     farthest, nearest = (np.sqrt(lengths @ lengths + 2 * lengths.prod() * np.cos(bend)) for bend in ELBOW_LIMITS)
     old, new = (np.linalg.norm(vectors, axis=-1) for vectors in (wrist, target))
-    room = np.maximum(np.where(new > old, farthest - old, old - nearest), 1e-4)
-    held = old + room * np.tanh((new - old) / room)
-    return target * (held / np.maximum(new, 1e-9))[:, None]
+    headroom = np.maximum(np.where(new > old, farthest - old, old - nearest), 1e-4)
+    limited = old + headroom * np.tanh((new - old) / headroom)
+    return target * (limited / np.maximum(new, 1e-9))[:, None]
 
 
 def _bend(upper: np.ndarray, target: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Upper arm and forearm (T, 2, 3) that bring the wrist to `target` with the elbow on the side of `upper`."""
+    """Return the upper arm and forearm (T, 2, 3) that reach `target` with the elbow on the side of `upper`."""
     distance = np.linalg.norm(target, axis=-1, keepdims=True)
     along = target / distance
     across = upper - np.sum(upper * along, axis=-1, keepdims=True) * along

@@ -1,4 +1,4 @@
-"""Controls as a person writes them."""
+"""Parsing of pins and mutes from text."""
 
 import pathlib
 
@@ -11,12 +11,17 @@ from ha2g_jax.motion.resample import sample
 
 
 def read_pin(text: str) -> Pin:
-    """The pin of START:END:POSE; times in seconds, POSE a motion's `.npz`, with or without @SECONDS, or "rest".
+    """Parse a pin from START:END:POSE.
 
-    Without a time the first pose of the motion is taken.
+    Args:
+        text: start and end in seconds; POSE is "rest", MOTION.npz for the first pose of a motion, or
+            MOTION.npz@SECONDS for a pose at another time.
+
+    Returns:
+        The pin.
 
     Raises:
-        UserError: it is written in another way, or there is no such motion.
+        UserError: the text has another form, or there is no such motion.
     """
     start, end, pose = _split(text, 3, "START:END:POSE, such as 2:3.5:wave.npz@1.2 or 2:3.5:rest")
     moments = _seconds(start, text), _seconds(end, text)
@@ -35,10 +40,16 @@ def read_pin(text: str) -> Pin:
 
 
 def read_mute(text: str) -> Span:
-    """The span of START:END, in seconds.
+    """Parse a span from START:END.
+
+    Args:
+        text: start and end in seconds.
+
+    Returns:
+        The span.
 
     Raises:
-        UserError: it is written in another way.
+        UserError: the text has another form.
     """
     start, end = _split(text, 2, "START:END in seconds, such as 2:3.5")
     return Span(_seconds(start, text), _seconds(end, text))
@@ -47,7 +58,7 @@ def read_mute(text: str) -> Span:
 def _split(text: str, count: int, expected: str) -> list[str]:
     parts = text.split(":", count - 1)
     if len(parts) != count or not all(parts):
-        raise UserError(f"{text!r} is not {expected}")
+        raise UserError(f"{text!r} has another form; expected {expected}")
     return parts
 
 
@@ -55,4 +66,4 @@ def _seconds(text: str, whole: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise UserError(f"{text!r} in {whole!r} is no time; give seconds") from error
+        raise UserError(f"{text!r} in {whole!r} is not a time; give seconds") from error

@@ -1,4 +1,4 @@
-"""Spans of time in which a motion is held in a pose, and how it gets there and back."""
+"""Spans of time in which a motion holds a pose, and the transitions before and after them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,17 +7,18 @@ import numpy as np
 
 from ha2g_jax.motion.smoothing import minimum_jerk
 
-EASE = 0.5  # seconds in which a motion leaves its way for a pose, and in which it returns
+EASE = 0.5  # seconds of the transition from the motion to a pose, and of the transition back
 
 
 class Pin(NamedTuple):
-    """A pose that the motion holds; it passes through it where `end` is `start`.
+    """A pose that the motion holds from `start` to `end`, or passes through where the two are equal.
 
     Attributes:
-        start, end: seconds.
+        start: start in seconds.
+        end: end in seconds.
         pose: (bones, 3) unit vectors; None for the rest pose.
-        name: of the pose, for the record.
-        skeleton: name of the pose's skeleton, "" where it is not known.
+        name: name of the pose for the record of the controls.
+        skeleton: name of the skeleton of the pose, "" where it is not known.
     """
 
     start: float
@@ -28,17 +29,31 @@ class Pin(NamedTuple):
 
 
 class Span(NamedTuple):
-    """From `start` to `end`, seconds."""
+    """A span of time.
+
+    Attributes:
+        start: start in seconds.
+        end: end in seconds.
+    """
 
     start: float
     end: float
 
 
-def own_share(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: float) -> np.ndarray:
-    """Share (T,) that the motion keeps of its own: 0 within the span, 1 from `EASE` seconds away on.
+def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: float) -> np.ndarray:
+    """Compute the weight of the motion around a span: 0 within the span, 1 at least `EASE` seconds away from it.
 
-    Start and end are taken at the nearest frames. Between them the share is minimum-jerk, so the motion leaves and
-    returns without a jolt. Where another span is nearer than that, the gap between them is what the motion has.
+    Start and end are rounded to the nearest frames. The weight follows a minimum-jerk curve in the transitions. A
+    transition is not longer than the gap to the next span.
+
+    Args:
+        span: span in which the pose is held.
+        others: other spans of the motion.
+        frames: number of frames T.
+        fps: frames per second.
+
+    Returns:
+        (T,) weights from 0 to 1.
     """
     first, last = (round(moment * fps) for moment in (span.start, span.end))
     gaps_before = [first - round(other.end * fps) for other in others if other.end <= span.start]

@@ -1,69 +1,70 @@
-"""Files for other programs: one entry, `export`, and a module for each format.
+"""Export of a motion to the files of other programs: one function, `export`, and one module for each format.
 
-Axes everywhere: y up, the figure faces +z, its left is +x. Metres, in BVH centimetres.
+All formats use the same axes: y up, the figure faces +z, its left is at +x. Lengths are in metres, in BVH in
+centimetres.
 """
 
 import pathlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
-from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats import bvh, glb, smplx, tables, vrma
-
-if TYPE_CHECKING:
-    from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.retargeting import retarget
 
 __all__ = ["SUFFIXES", "export"]
 
-# Suffix -> what writes (path, animation, facts about the speech).
+# Suffix -> function that writes (path, animation); its keywords are `duration` and `audio_name` of the speech.
 _WRITERS: dict[str, Callable[..., None]] = {
     ".bvh": lambda path, animation, **_: bvh.write(path, animation),
-    ".glb": lambda path, animation, **facts: glb.write(path, animation, **facts),
-    ".vrma": lambda path, animation, **facts: vrma.write(path, animation, **facts),
+    ".glb": glb.write,
+    ".vrma": vrma.write,
     ".json": lambda path, animation, **_: tables.write_json(path, animation),
     ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
     ".npz": lambda path, animation, **_: smplx.write(path, animation),
 }
 SUFFIXES = tuple(_WRITERS)
 
+# Formats that do not take every rig. The first rig of a list takes the place of the default.
+_RIGS = {".vrma": ("vrm",), ".npz": (rigs.OWN, "smplx")}
+
 
 def export(
-    motion: "Motion", path: str | pathlib.Path, *, rig: str = rigs.OWN, audio_seconds: float | None = None
+    motion: Motion, path: str | pathlib.Path, *, rig: str = rigs.OWN, audio_seconds: float | None = None
 ) -> None:
-    """Writes a motion for another program; the suffix of the name says in which format.
+    """Write a motion to a file in the format that the suffix of the path names.
 
-    `.bvh`, `.glb`, `.json` and `.csv` take any rig. `.vrma` is of the rig vrm, which need not be named. `.npz` is the
-    motion itself, or with the rig smplx a file of SMPL-X poses. The same motion gives the same bytes, and the file is
-    whole or not there.
+    `.bvh`, `.glb`, `.json` and `.csv` take any rig. `.vrma` always has the rig vrm. `.npz` is the file of
+    `Motion.save`, or with the rig smplx a file of SMPL-X poses. The same motion gives the same bytes. The file is
+    written completely or not at all.
 
     Args:
-        motion: any motion of this package.
-        path: where to.
-        rig: one of `rigs.RIGS`.
-        audio_seconds: length of the speech, noted in `.glb` and `.vrma`; by default what the motion says of itself.
+        motion: motion to export.
+        path: file to write; its suffix is one of `SUFFIXES`.
+        rig: name of the rig whose joints the file has, one of `rigs.RIGS`.
+        audio_seconds: length of the speech in seconds, stored in `.glb` and `.vrma`; by default the length that is
+            stored in `motion.meta`, or else that of the motion.
 
     Raises:
-        UserError: the format, the rig or both together are not known, the motion has values that are no motion, or
-            the place cannot be written.
+        UserError: the suffix or the rig is unknown, the format does not take the rig, the motion is not valid (see
+            `solver.check`), or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         found = suffix or "no suffix"
         raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join(SUFFIXES)}")
-    if suffix == ".vrma" and rig == rigs.OWN:
-        rig = "vrm"
-    chosen = rigs.load_rig(rig)
-    if suffix == ".vrma" and rig != "vrm":
-        raise UserError(f"{path.name} takes the rig vrm, not {rig}; leave the rig out, or write .glb or .bvh")
-    if suffix == ".npz" and rig not in (rigs.OWN, "smplx"):
-        raise UserError(f"{path.name} takes the rig ha2g or smplx, not {rig}; write .glb or .bvh")
+    allowed = _RIGS.get(suffix, rigs.RIGS)
+    if rig == rigs.OWN and rig not in allowed:
+        rig = allowed[0]
+    target = rigs.load_rig(rig)
+    if rig not in allowed:
+        raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
     solver.check(motion)
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
         return
-    animation: Animation = rigs.retarget(solver.animate(motion), chosen)
+    animation = retarget(solver.animate(motion), target)
     seconds = motion.meta.get("duration", motion.num_frames / motion.fps) if audio_seconds is None else audio_seconds
     _WRITERS[suffix](path, animation, duration=seconds, audio_name=motion.meta.get("speech"))

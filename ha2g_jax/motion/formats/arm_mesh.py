@@ -1,4 +1,4 @@
-"""Arms and hands of the body: a sleeve from the shoulder to the cuff, palm, fingers."""
+"""Meshes of the arms of the body: a sleeve from the shoulder to the cuff, palm and fingers."""
 
 import itertools
 
@@ -11,11 +11,17 @@ _FOUR = ("index", "middle", "ring", "pinky")
 _RADII = {"thumb": 0.0125, "index": 0.0103, "middle": 0.0107, "ring": 0.0102, "pinky": 0.0088}
 _TIPS = {"thumb": 0.028, "index": 0.026, "middle": 0.028, "ring": 0.027, "pinky": 0.022}
 _AHEAD = np.array([0.0, 0.0, 1.0])
-_CUFF = 0.93  # of the forearm that the sleeve covers
+_CUFF = 0.93  # fraction of the forearm that the sleeve covers
 
 
 class Joints:
-    """Where joints lie at rest, (3,) metres by name, and rows (J,) of influence for the joint that turns as each."""
+    """Positions of joints at rest by name, and the influence (J,) of the joint that rotates as each of them.
+
+    Attributes:
+        places: (3,) metres by the name of a `ha2g` joint.
+        carriers: index of the joint that rotates as a `ha2g` joint does, by the name of the latter.
+        scale: size of the body relative to that of the tables.
+    """
 
     def __init__(self, places: dict[str, np.ndarray], carriers: dict[str, int], count: int, scale: float) -> None:
         self.places, self.carriers, self.scale = places, carriers, scale
@@ -28,23 +34,40 @@ class Joints:
         return self.places[name]
 
     def moved_by(self, *names: str) -> np.ndarray:
-        """(J,) all on the first of the names that the armature has."""
+        """Return (J,) influence that is 1 for the first of the named joints that the armature has, and 0 for others."""
         return self._rows[next(self.carriers[name] for name in names if name in self.carriers)]
 
 
 def smooth(values: np.ndarray, start: float, end: float) -> np.ndarray:
-    """0 before start, 1 after end, and a smooth step between."""
-    share = np.clip((np.asarray(values) - start) / (end - start), 0, 1)
-    return share * share * (3 - 2 * share)
+    """Return a smooth step of values of any shape: 0 up to `start`, 1 from `end` on."""
+    fraction = np.clip((np.asarray(values) - start) / (end - start), 0, 1)
+    return fraction * fraction * (3 - 2 * fraction)
 
 
-def mix(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Influence (n, J): `first` where the share (n,) is 0, `second` where it is 1."""
-    return (1 - share)[:, None] * first + share[:, None] * second
+def mix(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Mix influences.
+
+    Args:
+        first: (J,) or (n, J) influence where the weight is 0.
+        second: (J,) or (n, J) influence where the weight is 1.
+        weight: (n,) weights from 0 to 1.
+
+    Returns:
+        (n, J) influence.
+    """
+    return (1 - weight)[:, None] * first + weight[:, None] * second
 
 
 def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
-    """The sleeve of the "left" or "right" arm, and the skin below it."""
+    """Build the surfaces of an arm.
+
+    Args:
+        joints: joints of the body at rest.
+        side: "left" or "right".
+
+    Returns:
+        The sleeve, and the surfaces of the skin below it.
+    """
     size = joints.scale
     shoulder, elbow, wrist = (joints[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist"))
     inside = shoulder + 0.075 * size * unit(np.array([-np.sign(shoulder[0]), -0.25, 0.0]))
@@ -56,7 +79,7 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     where = [0, lengths[1], 0.5 * (lengths[1] + lengths[2]), lengths[2], lengths[2] + 0.3 * (lengths[3] - lengths[2])]
     radii = size * np.interp(at, [*where, lengths[3]], [0.058, 0.059, 0.053, 0.046, 0.045, 0.034])
     influence = mix(
-        joints.moved_by(f"{side}_clavicle"),
+        joints.moved_by(f"{side}_clavicle", "spine"),
         joints.moved_by(f"{side}_shoulder"),
         smooth(at, lengths[1] - 0.05 * size, lengths[1] + 0.06 * size),
     )
@@ -70,7 +93,7 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
 
 
 def _rounded_path(corners: np.ndarray, lengths: np.ndarray, at: np.ndarray, reach: float) -> np.ndarray:
-    """Points (n, 3) at lengths `at` along a line through corners, averaged over `reach` to both sides."""
+    """Return points (n, 3) at lengths `at` along a polyline, averaged over `reach` metres about each length."""
 
     def on_line(where: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(where, lengths, corners[:, axis]) for axis in range(3)], axis=-1)
@@ -83,43 +106,43 @@ def _rounded_path(corners: np.ndarray, lengths: np.ndarray, at: np.ndarray, reac
 
 def _wrist(joints: Joints, side: str) -> Surface:
     elbow, wrist = joints[f"{side}_elbow"], joints[f"{side}_wrist"]
-    share = np.array([0.82, 0.88, 0.93, 0.97, 1.0, 1.04])
-    path = elbow + share[:, None] * (wrist - elbow)
+    fraction = np.array([0.82, 0.88, 0.93, 0.97, 1.0, 1.04])
+    path = elbow + fraction[:, None] * (wrist - elbow)
     radii = joints.scale * np.stack([[0.026, 0.025, 0.0235, 0.0225, 0.022, 0.022], [0.029] * 3 + [0.0285] * 3], axis=-1)
-    turned = smooth(share, 0.93, 1.03)
-    influence = mix(joints.moved_by(f"{side}_elbow"), joints.moved_by(f"{side}_wrist"), turned)
+    weight = smooth(fraction, 0.93, 1.03)
+    influence = mix(joints.moved_by(f"{side}_elbow"), joints.moved_by(f"{side}_wrist"), weight)
     return tube(path, radii, influence, _AHEAD)
 
 
 def _palm(joints: Joints, side: str) -> Surface:
-    """From the wrist to the knuckles, or a whole flat hand where the armature has no fingers."""
+    """Build the palm from the wrist to the knuckles, or a whole flat hand where the armature has no fingers."""
     size, wrist = joints.scale, joints[f"{side}_wrist"]
     hand = joints.moved_by(f"{side}_wrist")
     if f"{side}_index_1" not in joints:
         along = unit(wrist - joints[f"{side}_elbow"])
-        share = np.linspace(0, 1, 9)
-        path = wrist + size * 0.17 * share[:, None] * along
-        thick = size * np.interp(share, [0, 0.3, 1], [0.021, 0.017, 0.009])
-        wide = size * np.interp(share, [0, 0.35, 0.6, 1], [0.029, 0.043, 0.042, 0.024])
+        fraction = np.linspace(0, 1, 9)
+        path = wrist + size * 0.17 * fraction[:, None] * along
+        thick = size * np.interp(fraction, [0, 0.3, 1], [0.021, 0.017, 0.009])
+        wide = size * np.interp(fraction, [0, 0.35, 0.6, 1], [0.029, 0.043, 0.042, 0.024])
         across = unit(_AHEAD - (_AHEAD @ along) * along)
         return loft(path, np.cross(along, across), across, np.stack([thick, wide], -1), np.tile(hand, (9, 1)))
     knuckles = np.array([joints[f"{side}_{finger}_1"] for finger in _FOUR])
     across = unit(knuckles[0] - knuckles[-1])
     middle = (knuckles[0] + knuckles[-1]) / 2 * 0.5 + knuckles[1:3].mean(axis=0) * 0.5
     across = unit(across - (across @ unit(middle - wrist)) * unit(middle - wrist))
-    share = np.linspace(0, 1, 9)
-    path = wrist + share[:, None] * (middle - wrist)
+    fraction = np.linspace(0, 1, 9)
+    path = wrist + fraction[:, None] * (middle - wrist)
     half = 0.5 * float(np.linalg.norm(knuckles[0] - knuckles[-1])) + 0.008 * size
-    wide = np.interp(share, [0, 0.25, 0.6, 1], [0.029 * size, 0.55 * half + 0.012 * size, 0.93 * half, half])
-    thick = size * np.interp(share, [0, 0.4, 1], [0.022, 0.0185, 0.0125])
+    wide = np.interp(fraction, [0, 0.25, 0.6, 1], [0.029 * size, 0.55 * half + 0.012 * size, 0.93 * half, half])
+    thick = size * np.interp(fraction, [0, 0.4, 1], [0.022, 0.0185, 0.0125])
     along = unit(middle - wrist)
     sides = 20
-    # Near the knuckles a point goes with the bones of the hand beside it.
+    # Near the knuckles a point moves with the bones of the hand beside it.
     fingers = np.array([joints.moved_by(f"{side}_{finger}_0", f"{side}_wrist") for finger in _FOUR])
     at = half * np.sin(2 * np.pi * np.arange(sides) / sides)
     near = np.exp(-((at[:, None] - (knuckles - middle) @ across) ** 2) / (0.018 * size) ** 2)
     beside = (near / near.sum(axis=1, keepdims=True)) @ fingers
-    late = smooth(share, 0.3, 1.0)[:, None, None]
+    late = smooth(fraction, 0.3, 1.0)[:, None, None]
     influence = (1 - late) * hand + late * beside
     radii = np.stack([thick, wide], axis=-1)
     return loft(path, np.cross(along, across), across, radii, influence, sides=sides, squareness=2.6, caps=(0.5, 0.25))

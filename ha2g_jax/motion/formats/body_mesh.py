@@ -1,21 +1,24 @@
-"""The body that a `.glb` shows: a plain person in a pullover, made of lofts between the joints of an armature at rest.
+"""Mesh of the body in a `.glb`: a person in a pullover, made of lofts between the joints of an armature at rest.
 
-Sizes are those of a tall adult whose shoulder joints are 0.418 m apart, as the mean bone lengths of TED-Expressive have
-them, and grow with that distance. Legs are drawn where the armature has them.
+Sizes are those of a tall adult whose shoulder joints are 0.418 m apart, as with the mean bone lengths of
+TED-Expressive, and are scaled with that distance. Legs are drawn where the armature has them.
 """
 
 import numpy as np
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Armature
 from ha2g_jax.motion.formats.arm_mesh import Joints, arm, mix, smooth
 from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube
 
+# Joints that a rig must have for a body, besides neck and head.
+_NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
 _SHOULDERS = 0.418
 _X, _Y, _Z = np.eye(3)
 
-# Heights above the spine's joint, half-width, half-depth and how far ahead, of the pullover.
+# Pullover: height above the joint of the spine, half-width, half-depth and offset to the front, in metres.
 _TORSO = np.array(
     [
         (-0.385, 0.158, 0.108, 0.004),
@@ -36,7 +39,7 @@ _TORSO = np.array(
         (0.287, 0.060, 0.058, 0.003),
     ]
 )
-# Heights above the chin, half-width, half-depth and how far ahead, of the head.
+# Head: height above the chin, half-width, half-depth and offset to the front, in metres.
 _HEAD = np.array(
     [
         (0.000, 0.022, 0.024, 0.046),
@@ -54,13 +57,13 @@ _HEAD = np.array(
     ]
 )
 _HEAD_SIZE = 1.14
-_CHIN = np.array([0.0, 0.088, 0.036])  # from the neck's joint
+_CHIN = np.array([0.0, 0.088, 0.036])  # metres from the joint of the neck
 
 
 def _linear(colour: tuple[int, int, int], factor: float = 1.0) -> tuple[float, float, float]:
-    """glTF's linear colour of an sRGB one of 0 to 255."""
-    share = np.clip(np.array(colour) * factor / 255, 0, 1)
-    red, green, blue = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4).round(4).tolist()
+    """Convert an sRGB colour of 0 to 255, times a factor, to the linear colour of glTF."""
+    value = np.clip(np.array(colour) * factor / 255, 0, 1)
+    red, green, blue = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).round(4).tolist()
     return red, green, blue
 
 
@@ -78,11 +81,26 @@ COLOURS = {
 
 
 def body_mesh(armature: Armature) -> dict[str, Surface]:
-    """The surfaces of each material of `COLOURS` that is used, in metres from the root, in the armature's rest pose."""
+    """Build the surfaces of the body in the rest pose of an armature.
+
+    Args:
+        armature: armature of any rig.
+
+    Returns:
+        The surface of each material of `COLOURS` that is used, in metres from the root.
+
+    Raises:
+        UserError: the rig lacks a joint that the body needs.
+    """
     _, positions = rigs.rest_positions(armature)
     places = {name: positions[index] for name, index in rigs.places(armature).items()}
+    carriers = rigs.carriers(armature)
+    missing = [f"place {name!r}" for name in ("neck", *_NEEDED) if name not in places]
+    missing += [f"carries {name!r} with weight 1" for name in ("head", *_NEEDED) if name not in carriers]
+    if missing:
+        raise UserError(f"the rig {armature.name} has no joint with {', '.join(missing)}; a body needs one: write .bvh")
     scale = float(np.linalg.norm(places["left_shoulder"] - places["right_shoulder"])) / _SHOULDERS
-    joints = Joints(places, rigs.carriers(armature), len(armature.joints), scale)
+    joints = Joints(places, carriers, len(armature.joints), scale)
     parts: dict[str, list[Surface]] = {colour: [] for colour in COLOURS}
     parts["shirt"].append(_torso(joints))
     for side in ("left", "right"):
@@ -109,7 +127,7 @@ def _torso(joints: Joints) -> Surface:
     radii, sides = size * _TORSO[:, 1:3], 28
     x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
     shrugged = smooth(np.abs(x) / size, 0.07, 0.19) * smooth(_TORSO[:, 0], 0.02, 0.17)[:, None]
-    left, right = (joints.moved_by(f"{side}_clavicle") for side in ("left", "right"))
+    left, right = (joints.moved_by(f"{side}_clavicle", "spine") for side in ("left", "right"))
     clavicles = np.where((x > 0)[..., None], left, right)
     trunk = joints.moved_by("spine")
     if "pelvis" in joints:
@@ -129,10 +147,10 @@ def _hips(joints: Joints) -> Surface:
 def _leg(joints: Joints, side: str) -> dict[str, Surface]:
     size = joints.scale
     hip, knee, ankle, ball = (joints[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot"))
-    share = np.linspace(0, 2, 21)
-    path = np.stack([np.interp(share, [0, 1, 2], [a, b, c]) for a, b, c in zip(hip, knee, ankle)], axis=-1)
-    radii = size * np.interp(share, [0, 0.5, 1, 1.4, 2], [0.092, 0.080, 0.062, 0.062, 0.048])
-    influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smooth(share, 0.85, 1.15))
+    at = np.linspace(0, 2, 21)  # 0 at the hip, 1 at the knee, 2 at the ankle
+    path = np.stack([np.interp(at, [0, 1, 2], [a, b, c]) for a, b, c in zip(hip, knee, ankle)], axis=-1)
+    radii = size * np.interp(at, [0, 0.5, 1, 1.4, 2], [0.092, 0.080, 0.062, 0.062, 0.048])
+    influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smooth(at, 0.85, 1.15))
     trousers = tube(path, radii, influence, _Z, caps=(0.8, 0.1))
     heel = np.array([ankle[0], ball[1], ankle[2]]) - 0.02 * size * _Z
     toe = ball + 0.055 * size * _Z
@@ -146,13 +164,13 @@ def _leg(joints: Joints, side: str) -> dict[str, Surface]:
 
 
 def _head(joints: Joints) -> dict[str, list[Surface]]:
-    """Neck, face, ears and hair."""
+    """Build neck, face, ears and hair."""
     size, neck = joints.scale, joints["neck"]
     head = joints.moved_by("head")
-    turned = smooth(np.linspace(0, 1, 8), 0.1, 0.9)
+    weight = smooth(np.linspace(0, 1, 8), 0.1, 0.9)
     path = neck + size * np.linspace(0, 1, 8)[:, None] * np.array([0, 0.165, 0.022]) - size * np.array([0, 0.03, 0])
-    radii = size * np.stack([np.interp(turned, [0, 1], [0.053, 0.052]), np.interp(turned, [0, 1], [0.052, 0.056])], -1)
-    throat = loft(path, _X, _Z, radii, mix(joints.moved_by("spine"), head, turned))
+    radii = size * np.stack([np.interp(weight, [0, 1], [0.053, 0.052]), np.interp(weight, [0, 1], [0.052, 0.056])], -1)
+    throat = loft(path, _X, _Z, radii, mix(joints.moved_by("spine"), head, weight))
     scale = size * _HEAD_SIZE
     chin = neck + size * _CHIN
 
@@ -192,7 +210,7 @@ _BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
 
 
 def _hair(chin: np.ndarray, scale: float, head: np.ndarray) -> Surface:
-    """A shell about the head that goes under the skin at the hairline."""
+    """Build a shell around the head that ends below the skin at the hairline."""
     shape, sides = _HEAD[3:], 36
     centres = chin + scale * (shape[:, :1] * _Y + shape[:, 3:] * _Z)
     shell = loft(centres, _X, _Z, scale * shape[:, 1:3], np.tile(head, (len(shape), 1)), sides=sides, caps=(0.2, 0.30))

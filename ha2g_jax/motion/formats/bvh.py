@@ -1,4 +1,4 @@
-"""BVH: centimetres, y up, facing +z; all rotations zero is the rest pose of the rig."""
+"""BVH files: centimetres, y up, facing +z; with all rotations zero the figure is in the rest pose of the rig."""
 
 import pathlib
 from collections.abc import Iterator
@@ -12,21 +12,25 @@ from ha2g_jax.motion.armature import Animation, Armature, world
 from ha2g_jax.motion.rigs import rest_positions
 
 _CENTIMETRES = 100.0
-_TIP = 2.0  # centimetres from a last joint to its end site
+_TIP = 2.0  # centimetres from the last joint of a chain to its end site
 _ORDER = "ZXY"
 _CHANNELS = "Zrotation Xrotation Yrotation"
-_BLOCK = 2000  # frames turned to text at a time
+_BLOCK = 2000  # frames formatted at a time
 
 
 def write(path: str | pathlib.Path, animation: Animation) -> None:
-    """Writes a `.bvh`.
+    """Write a `.bvh` file.
 
-    Every joint has three rotations in the order Z, X, Y, in degrees, unwrapped over time; the root has its position
-    too, and an offset of zero, so that programs agree whether or not they add the two. A BVH has no axes of joints: at
-    rest all are those of the world, whatever the rig's are.
+    Every joint has three rotations in the order Z, X, Y, in degrees, unwrapped over time. The root also has its
+    position, and an offset of zero, so that the result is the same in programs that add the two and in others. A BVH
+    has no axes of joints: at rest all joints have the axes of the world, whatever the axes of the rig.
+
+    Args:
+        path: file to write.
+        animation: animation of any rig.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     armature = animation.armature
     _, places = rest_positions(armature)
@@ -42,24 +46,24 @@ def write(path: str | pathlib.Path, animation: Animation) -> None:
         for start in tqdm(blocks, desc="bvh", unit="block", disable=None if len(blocks) > 1 else True, leave=False):
             frames = slice(start, start + _BLOCK)
             values = np.concatenate([root[frames], angles[frames].reshape(-1, 3 * len(order))], axis=1)
-            # Adding zero turns -0.0 to 0.0.
+            # Adding zero changes -0.0 to 0.0.
             file.writelines(line % tuple(row) for row in (np.round(values, 6) + 0.0).tolist())
 
 
 def _angles(animation: Animation) -> np.ndarray:
-    """(T, J, 3) degrees, of joints whose axes at rest are those of the world."""
-    turned, _ = world(animation)
+    """Return (T, J, 3) angles in degrees of joints whose axes at rest are those of the world."""
+    rotated, _ = world(animation)
     at_rest, _ = rest_positions(animation.armature)
-    turned = rotations.multiply(turned, rotations.conjugate(at_rest))
-    local = turned.copy()
+    rotated = rotations.multiply(rotated, rotations.conjugate(at_rest))
+    local = rotated.copy()
     for joint, parent in enumerate(animation.armature.parents):
         if parent >= 0:
-            local[:, joint] = rotations.multiply(rotations.conjugate(turned[:, parent]), turned[:, joint])
+            local[:, joint] = rotations.multiply(rotations.conjugate(rotated[:, parent]), rotated[:, joint])
     return np.unwrap(rotations.to_euler(local, _ORDER), period=360, axis=0)
 
 
 def _depth_first(armature: Armature) -> list[int]:
-    """Joints in the order in which the hierarchy names them, which is that of the channels."""
+    """Return the indices of the joints in the order of the hierarchy, which is also that of the channels."""
 
     def below(joint: int) -> list[int]:
         return [joint, *(index for child in _children(armature, joint) for index in below(child))]
@@ -72,7 +76,7 @@ def _children(armature: Armature, joint: int) -> list[int]:
 
 
 def _hierarchy(armature: Armature, places: np.ndarray, joint: int, depth: int) -> Iterator[str]:
-    """Lines of a joint and all below it; places (J, 3) in centimetres."""
+    """Yield the lines of a joint and all joints below it, from positions (J, 3) in centimetres."""
     indent, parent = "\t" * depth, armature.parents[joint]
     bone = places[joint] - places[parent] if parent >= 0 else np.zeros(3)
     yield f"{indent}{'JOINT' if parent >= 0 else 'ROOT'} {armature.joints[joint]}"

@@ -1,4 +1,4 @@
-"""GLB: joints as nodes, one animation, and a skinned body, so that any viewer shows a person at once."""
+"""GLB files: joints as nodes, one animation, and a skinned body that any glTF viewer shows."""
 
 import pathlib
 
@@ -16,17 +16,19 @@ from ha2g_jax.motion.rigs import rest_positions
 def write(
     path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
 ) -> None:
-    """Writes a `.glb` (glTF 2.0): metres, y up, facing +z.
+    """Write a `.glb` file (glTF 2.0): metres, y up, facing +z.
 
-    Nodes have the names of the rig's joints, under a node named after the rig; the rest pose of the nodes is the
-    rig's. The scene's `extras` hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
+    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of
+    the scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
 
     Args:
-        duration: seconds of the speech.
+        path: file to write.
+        animation: animation of any rig.
+        duration: length of the speech in seconds.
         audio_name: file name of the speech.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     document = Document()
     nodes = document.add_armature(animation)
@@ -37,7 +39,7 @@ def write(
 
 
 def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:
-    """The mesh in the rest pose, its materials and its skin."""
+    """Add the mesh of the body in the rest pose, its materials and its skin."""
     gltf = document.gltf
     root = animation.translation[0]
     parts = body_mesh(animation.armature)
@@ -71,9 +73,9 @@ def _material(name: str) -> pygltflib.Material:
 
 
 def _inverse_bind(animation: Animation, root: np.ndarray) -> np.ndarray:
-    """(J, 16) inverses of the joints' places in the rest pose, column by column as glTF has matrices."""
-    turned, places = rest_positions(animation.armature)
-    back = rotations.to_matrix(rotations.conjugate(turned))
+    """Return (J, 16) inverse bind matrices of the joints, column by column as in glTF."""
+    orientations, places = rest_positions(animation.armature)
+    back = rotations.to_matrix(rotations.conjugate(orientations))
     matrices = np.zeros((len(places), 4, 4))
     matrices[:, :3, :3] = back
     matrices[:, :3, 3] = -np.einsum("jab,jb->ja", back, places + root)

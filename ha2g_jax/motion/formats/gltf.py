@@ -1,4 +1,4 @@
-"""What `.glb` and `.vrma` share: the nodes of an armature, one animation, and a binary chunk."""
+"""The common part of `.glb` and `.vrma`: the nodes of an armature, one animation, and a binary chunk."""
 
 import json
 from typing import Any
@@ -8,7 +8,7 @@ import pygltflib
 
 from ha2g_jax.motion.armature import Animation
 
-# Below this a joint counts as still, and needs no channel: the animation would write its rest rotation.
+# A joint that changes by less than this needs no channel: its node already has the rest rotation.
 _STILL = 1e-9
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 _COMPONENTS = {
@@ -20,11 +20,11 @@ _COMPONENTS = {
 
 
 class Document:
-    """A glTF document that grows.
+    """A glTF document to which arrays and armatures are added.
 
     Attributes:
-        gltf: pygltflib's tree.
-        roots: nodes that the scene shows, with all below them.
+        gltf: the document as an object of pygltflib.
+        roots: indices of the root nodes of the scene.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,16 @@ class Document:
         self._length = 0
 
     def add_array(self, values: np.ndarray, *, target: int | None = None, bounds: bool = False) -> int:
-        """Stores an array (n,), (n, 3), (n, 4) or (n, 16) and returns the index of its accessor."""
+        """Store an array in the binary chunk.
+
+        Args:
+            values: (n,), (n, 3), (n, 4) or (n, 16) array of float32 or unsigned integers.
+            target: glTF's constant for the use of the buffer view, or None.
+            bounds: whether to store the minimum and maximum of the columns.
+
+        Returns:
+            Index of the accessor.
+        """
         data = np.ascontiguousarray(values).tobytes()
         view = pygltflib.BufferView(buffer=0, byteOffset=self._length, byteLength=len(data), target=target)
         padded = data + bytes(-len(data) % 4)
@@ -55,7 +64,14 @@ class Document:
         return len(self.gltf.accessors) - 1
 
     def add_armature(self, animation: Animation) -> list[int]:
-        """Adds a node for each joint under one named after the rig, and the animation; returns the joints' nodes."""
+        """Add a node for each joint below a node with the name of the rig, and the animation.
+
+        Args:
+            animation: animation of any rig.
+
+        Returns:
+            Index of the node of each joint.
+        """
         armature, gltf = animation.armature, self.gltf
         top = len(gltf.nodes)
         nodes = [top + 1 + index for index in range(len(armature.joints))]
@@ -73,7 +89,7 @@ class Document:
         return nodes
 
     def _animate(self, animation: Animation, nodes: list[int]) -> None:
-        """One linear animation. A joint that never leaves its rest rotation has no channel, but the root always has."""
+        """Add one linear animation with a channel for the root and for each joint that leaves its rest rotation."""
         time = self.add_array((np.arange(animation.num_frames) / animation.fps).astype(np.float32), bounds=True)
         clip = pygltflib.Animation(name="motion", channels=[], samplers=[])
 
@@ -86,13 +102,13 @@ class Document:
         if np.ptp(animation.translation, axis=0).max() > _STILL:
             add(nodes[0], "translation", animation.translation)
         for index, node in enumerate(nodes):
-            turns = animation.rotations[:, index]
-            if index == 0 or np.abs(turns - animation.armature.rest[index]).max() > _STILL:
-                add(node, "rotation", turns)
+            rotations = animation.rotations[:, index]
+            if index == 0 or np.abs(rotations - animation.armature.rest[index]).max() > _STILL:
+                add(node, "rotation", rotations)
         self.gltf.animations.append(clip)
 
     def to_bytes(self) -> bytes:
-        """The binary container; the same document gives the same bytes."""
+        """Return the document as a binary container; the same document gives the same bytes."""
         blob = b"".join(self._chunks)
         self.gltf.buffers = [pygltflib.Buffer(byteLength=len(blob))]
         self.gltf.set_binary_blob(blob)
@@ -100,7 +116,13 @@ class Document:
 
 
 def describe(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
-    """What `extras` say of a motion: `fps`, `frames`, the speech's `audio_seconds` and `audio`, and `meta`."""
+    """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`.
+
+    Args:
+        animation: animation of any rig.
+        duration: length of the speech in seconds, or None.
+        audio_name: file name of the speech, or None.
+    """
     facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
     known = {key: value for key, value in facts.items() if value is not None}
     return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))

@@ -1,4 +1,4 @@
-"""SMPL-X poses in a numpy `.npz`, with the names of AMASS and BEAT2."""
+"""SMPL-X poses in a numpy `.npz` with the field names of AMASS and BEAT2."""
 
 import pathlib
 
@@ -12,15 +12,19 @@ _NUM_BETAS = 16
 
 
 def write(path: str | pathlib.Path, animation: Animation) -> None:
-    """Writes the poses of an animation of the rig smplx.
+    """Write the poses of an animation of the rig smplx.
 
-    Fields: `poses` (T, 165) float32, axis-angle in radians of the 55 joints, each relative to its parent, the flat
-    hand being zero (flat_hand_mean=True); hips, legs, jaw and eyes are zero. `trans` (T, 3) float32 metres, zero, y
-    up, facing +z. `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral",
-    `surface_model_type` "smplx", `joint_names` (55,).
+    Fields: `poses` (T, 165) float32, axis-angle vectors in radians of the 55 joints, each relative to its parent, with
+    zero for the flat hand (flat_hand_mean=True); hips, legs, jaw and eyes are zero. `trans` (T, 3) float32 metres,
+    zero, y up, facing +z. `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender`
+    "neutral", `surface_model_type` "smplx", `joint_names` (55,).
+
+    Args:
+        path: file to write.
+        animation: animation of the rig smplx.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     vectors = rotations.to_vector(animation.rotations)
     frames = animation.num_frames

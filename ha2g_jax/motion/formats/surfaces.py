@@ -1,4 +1,4 @@
-"""Closed smooth surfaces made of rings, with the weights by which joints move them."""
+"""Closed smooth surfaces made of rings of points, with the influence of the joints on each point."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,18 +8,18 @@ import numpy as np
 from ha2g_jax.motion.rotations import unit
 
 _CAP_ANGLES = np.deg2rad([25.0, 50.0, 70.0])
-_MAX_JOINTS = 4  # that may move a point in glTF's first set
+_MAX_JOINTS = 4  # joints that may move a point in the first set of glTF
 _MIN_WEIGHT = 1e-4
 
 
 class Surface(NamedTuple):
-    """Triangles.
+    """A surface of triangles.
 
     Attributes:
         points: (n, 3) metres.
         normals: (n, 3) unit vectors.
-        faces: (m, 3) indices, anticlockwise from outside.
-        influence: (n, J) how much each joint moves a point; a row sums to 1.
+        faces: (m, 3) indices of the corners of each triangle, anticlockwise from outside.
+        influence: (n, J) weight of each joint in the movement of a point; each row sums to 1.
     """
 
     points: np.ndarray
@@ -29,12 +29,12 @@ class Surface(NamedTuple):
 
     @property
     def bindings(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 4) indices of the joints that move a point most, and (n, 4) float32 shares of theirs, which sum to 1."""
+        """(n, 4) indices of the joints with the most influence on a point, and their (n, 4) weights, with sum 1."""
         joints = np.argsort(-self.influence, axis=1, kind="stable")[:, :_MAX_JOINTS]
         weights = np.take_along_axis(self.influence, joints, axis=1)
         weights = np.where(weights < _MIN_WEIGHT, 0, weights)
         weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
-        # glTF wants joint 0 where the weight is none.
+        # glTF requires joint 0 where the weight is 0.
         return np.where(weights > 0, joints, 0), weights
 
 
@@ -49,16 +49,20 @@ def loft(
     squareness: float = 2.0,
     caps: tuple[float, float] = (1.0, 1.0),
 ) -> Surface:
-    """A skin over rings, closed at both ends.
+    """Build a surface over rings, closed at both ends.
 
     Args:
-        centres: (R, 3) middles of the rings.
-        across, ahead: (R, 3) or (3,) unit axes of the rings; the rings go along `ahead` x `across`.
-        radii: (R, 2) half-widths along the axes.
-        influence: (R, J) of the joints on each ring, or (R, sides, J).
-        sides: points of a ring.
-        squareness: 2 for ellipses; more for rounder boxes.
-        caps: how far the ends bulge, in radii; 1 for half spheres.
+        centres: (R, 3) centres of the rings in metres.
+        across: (R, 3) or (3,) unit vectors of the first axis of the rings.
+        ahead: (R, 3) or (3,) unit vectors of the second axis; the rings follow each other along `ahead` x `across`.
+        radii: (R, 2) half-widths along the two axes in metres.
+        influence: (R, J) influence of the joints on each ring, or (R, sides, J) on each point.
+        sides: number of points of a ring.
+        squareness: exponent of the superellipse of a ring: 2 for an ellipse, more for a rounded rectangle.
+        caps: height of the caps at both ends in radii; 1 for half spheres.
+
+    Returns:
+        The closed surface.
     """
     across, ahead = np.broadcast_to(across, centres.shape), np.broadcast_to(ahead, centres.shape)
     influence = influence if influence.ndim == 3 else np.repeat(influence[:, None], sides, axis=1)
@@ -85,7 +89,18 @@ def tube(
     reference: np.ndarray,
     **options: int | float | tuple[float, float],
 ) -> Surface:
-    """A loft of round rings (R,) or (R, 2) radii along a path (R, 3); `reference` (3,) is across the path."""
+    """Build a loft along a path, with rings at right angles to it.
+
+    Args:
+        path: (R, 3) centres of the rings in metres.
+        radii: (R,) radii or (R, 2) half-widths of the rings in metres.
+        influence: (R, J) influence of the joints on each ring.
+        reference: (3,) vector that is not parallel to the path; the first axis of the rings is at right angles to it.
+        **options: further arguments of `loft`.
+
+    Returns:
+        The closed surface.
+    """
     along = unit(np.gradient(path, axis=0))
     across = unit(np.cross(along, reference))
     ahead = np.cross(across, along)
@@ -94,7 +109,17 @@ def tube(
 
 
 def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], influence: np.ndarray) -> Surface:
-    """An ellipsoid about a point (3,) with axes (3, 3), right-handed rows, moved by joints (J,)."""
+    """Build an ellipsoid.
+
+    Args:
+        centre: (3,) centre in metres.
+        axes: (3, 3) right-handed unit vectors of the axes, one in each row.
+        radii: half-length of each axis in metres.
+        influence: (J,) influence of the joints.
+
+    Returns:
+        The closed surface.
+    """
     height = np.linspace(-0.8, 0.8, 9)
     width = np.sqrt(1 - height**2)
     centres = centre + radii[1] * height[:, None] * axes[1]
@@ -104,7 +129,13 @@ def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], infl
 
 
 def finish(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
-    """A surface with the normals of its faces, weighted by their areas."""
+    """Build a surface whose normals are the means of the normals of the faces around a point, weighted by area.
+
+    Args:
+        points: (n, 3) metres.
+        faces: (m, 3) indices of the corners of each triangle.
+        influence: (n, J) influence of the joints.
+    """
     corners = points[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)
@@ -113,7 +144,7 @@ def finish(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surf
 
 
 def join(surfaces: Sequence[Surface]) -> Surface:
-    """All surfaces as one."""
+    """Join several surfaces to one."""
     starts = np.cumsum([0, *(len(surface.points) for surface in surfaces[:-1])])
     faces = [surface.faces + start for surface, start in zip(surfaces, starts)]
     points, normals, _, influence = (np.concatenate(parts) for parts in zip(*surfaces))
@@ -123,7 +154,7 @@ def join(surfaces: Sequence[Surface]) -> Surface:
 def _cap(
     centres: np.ndarray, across: np.ndarray, ahead: np.ndarray, radii: np.ndarray, end: int, bulge: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rings that close an end: centres, radii and the pole."""
+    """Return the rings that close an end: (3, 3) centres, (3, 2) radii and the (3,) pole."""
     out = np.cross(ahead[end], across[end]) * (1 if end else -1)
     height = bulge * radii[end].mean()
     rings = centres[end] + height * np.sin(_CAP_ANGLES)[:, None] * out
@@ -131,7 +162,7 @@ def _cap(
 
 
 def _extend(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
-    """The first and last entries repeated before and after."""
+    """Repeat the first entry before and the last entry after an array, each as often as counted."""
     return np.concatenate([np.repeat(values[:1], counts[0], axis=0), values, np.repeat(values[-1:], counts[1], axis=0)])
 
 

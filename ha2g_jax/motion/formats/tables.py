@@ -1,4 +1,4 @@
-"""Plain tables for one's own programs: JSON and CSV, with positions, directions and rotations of every joint."""
+"""JSON and CSV tables of the positions, directions and rotations of every joint, for programs of the user."""
 
 import json
 import pathlib
@@ -18,15 +18,19 @@ _POSITION, _DIRECTION, _ROTATION = "xyz", ("dx", "dy", "dz"), ("qx", "qy", "qz",
 
 
 def write_json(path: str | pathlib.Path, animation: Animation) -> None:
-    """Writes a `.json`: an object with the armature, and a list of frames, one a line.
+    """Write a `.json` file: an object with the armature and a list of frames, one frame on each line.
 
-    `rig`, `fps`, `axes`, `quaternions`, `meta`; `joints`, a list of `name`, `parent` (an index, -1 for the root),
-    `offset` and `rest` as in `armature.Armature`; `frames`, each with `time` in seconds, and for every joint a
-    `positions` [x, y, z] in metres, a `directions` [x, y, z], the unit vector from its parent to it in the world (zero
-    for the root and for joints at their parent's place), and a `rotations` [x, y, z, w].
+    Fields: `rig`, `fps`, `axes`, `quaternions`, `meta`; `joints`, a list of `name`, `parent` (an index, -1 for the
+    root), `offset` and `rest` as in `armature.Armature`; `frames`, each with `time` in seconds and for every joint its
+    `positions` [x, y, z] in metres, its `directions` [x, y, z], the unit vector in the world from its parent to it
+    (zero for the root and for joints at the position of their parent), and its `rotations` [x, y, z, w].
+
+    Args:
+        path: file to write.
+        animation: animation of any rig.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     armature = animation.armature
     rows = zip(armature.joints, armature.parents, _rounded(armature.offsets), _rounded(armature.rest), strict=True)
@@ -41,12 +45,12 @@ def write_json(path: str | pathlib.Path, animation: Animation) -> None:
     start = json.dumps(head, indent=1, sort_keys=True).removesuffix("\n}")
     with whole_file(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write(f'{start},\n "frames": [')
-        for index, (positions, directions, turns) in enumerate(_frames(animation)):
+        for index, (positions, directions, local) in enumerate(_frames(animation)):
             frame = {
                 "time": round(index / animation.fps, _MILLIONTHS),
                 "positions": positions,
                 "directions": directions,
-                "rotations": turns,
+                "rotations": local,
             }
             file.write(",\n  " if index else "\n  ")
             file.write(json.dumps(frame, separators=(",", ":")))
@@ -54,14 +58,18 @@ def write_json(path: str | pathlib.Path, animation: Animation) -> None:
 
 
 def write_csv(path: str | pathlib.Path, animation: Animation) -> None:
-    """Writes a `.csv`: a line of names, then one line a frame.
+    """Write a `.csv` file: a line of names, then one line for each frame.
 
-    Columns: `frame`, `time` in seconds, and for every joint ten: NAME_x, NAME_y, NAME_z, its position in metres;
-    NAME_dx, NAME_dy, NAME_dz, the unit vector from its parent to it; NAME_qx, NAME_qy, NAME_qz, NAME_qw, its rotation.
-    They are the values of `write_json`.
+    The columns are `frame`, `time` in seconds, and ten for every joint: NAME_x, NAME_y, NAME_z, its position in
+    metres; NAME_dx, NAME_dy, NAME_dz, the unit vector from its parent to it; NAME_qx, NAME_qy, NAME_qz, NAME_qw, its
+    rotation. The values are those of `write_json`.
+
+    Args:
+        path: file to write.
+        animation: animation of any rig.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     fields = (*_POSITION, *_DIRECTION, *_ROTATION)
     names = ["frame", "time", *(f"{joint}_{field}" for joint in animation.armature.joints for field in fields)]
@@ -74,14 +82,14 @@ def write_csv(path: str | pathlib.Path, animation: Animation) -> None:
 
 
 def _frames(animation: Animation) -> Iterator[tuple[list, list, list]]:
-    """Lists of positions, directions and rotations of each frame, rounded to a millionth."""
+    """Yield lists of the positions, directions and rotations of each frame, rounded to six decimals."""
     _, positions = world(animation)
     parents = np.array([max(parent, 0) for parent in animation.armature.parents])
     starts = range(0, animation.num_frames, _BLOCK)
     for start in tqdm(starts, desc="frames", unit="block", disable=None if len(starts) > 1 else True, leave=False):
         frames = slice(start, start + _BLOCK)
         bones = positions[frames] - positions[frames][:, parents]
-        # What forward kinematics leaves of a bone of no length points nowhere.
+        # A bone of length 0 has no direction; forward kinematics leaves rounding errors of it.
         bones = np.where(np.linalg.norm(bones, axis=-1, keepdims=True) > 1e-9, bones, 0.0)
         parts = (positions[frames], rotations.unit(bones), animation.rotations[frames])
         yield from zip(*(_rounded(part) for part in parts), strict=True)

@@ -1,4 +1,4 @@
-"""VRM Animation: a `.glb` without a mesh whose nodes are named by the extension VRMC_vrm_animation."""
+"""VRM Animation files: a `.glb` without a mesh whose nodes are assigned by the extension VRMC_vrm_animation."""
 
 import pathlib
 
@@ -12,17 +12,19 @@ _EXTENSION = "VRMC_vrm_animation"
 def write(
     path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
 ) -> None:
-    """Writes a `.vrma` of an animation of the rig vrm (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
+    """Write a `.vrma` file (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
 
-    Any VRM avatar can play it: a player turns the avatar's bones as these turn from the VRM T-pose, which is how the
-    nodes lie at rest.
+    Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
+    is the rest pose of the nodes.
 
     Args:
-        duration: seconds of the speech.
+        path: file to write.
+        animation: animation of the rig vrm.
+        duration: length of the speech in seconds.
         audio_name: file name of the speech.
 
     Raises:
-        UserError: the place cannot be written.
+        UserError: the file cannot be written.
     """
     document = Document()
     nodes = document.add_armature(animation)

@@ -1,4 +1,4 @@
-"""Direction vectors -> joint rotations of the `ha2g` armature, and the way back (decision D10)."""
+"""Conversion of direction vectors to joint rotations of the `ha2g` armature, and back (decision D10)."""
 
 import numpy as np
 
@@ -14,21 +14,22 @@ __all__ = ["MAX_FRAMES", "animate", "check", "directions_of"]
 
 
 def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
-    """The rotations of every joint of the `ha2g` armature.
+    """Convert a motion to rotations of the joints of the `ha2g` armature.
 
-    Each bone has its direction exactly. How it is turned about itself is not in the direction; it is read from the
-    bones around it: the trunk from the shoulders, the head from the face, the upper arm from the bend of the elbow, the
-    forearm from the palm, a finger from its bend. Where these show nothing, as at a straight arm, the twist is held.
+    Each bone has exactly its direction. The rotation of a bone about its own length (its twist) is not in the
+    direction; it is estimated from the bones around it: that of the trunk from the shoulders, of the head from the
+    face, of the upper arm from the bend of the elbow, of the forearm from the palm, of a finger from its bend. Where
+    these do not show it, as at a straight arm, the twist is held over time.
 
     Args:
-        motion: of any skeleton.
-        limits: whether joints that turn further than those of a body are held at the end of their range.
+        motion: motion of any skeleton.
+        limits: whether to keep joints within the range of a human body.
 
     Returns:
-        An animation whose root stays where it is; the signs of its quaternions do not jump from frame to frame.
+        An animation whose root does not move; the signs of its quaternions are continuous over time.
 
     Raises:
-        UserError: see `check`.
+        UserError: the motion is not valid, see `check`.
     """
     check(motion)
     skeleton = motion.skeleton
@@ -42,8 +43,16 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
 
 
 def directions_of(animation: armatures.Animation, skeleton: Skeleton) -> np.ndarray:
-    """(T, bones, 3) direction vectors of an animation of the `ha2g` armature, in the axes of the skeleton."""
-    turned, _ = armatures.world(animation)
+    """Convert an animation of the `ha2g` armature to direction vectors, the inverse of `animate`.
+
+    Args:
+        animation: animation of the `ha2g` armature.
+        skeleton: skeleton of the direction vectors.
+
+    Returns:
+        (T, bones, 3) unit vectors in the axes of the skeleton.
+    """
+    rotated, _ = armatures.world(animation)
     joints = [animation.armature.joint(name) for name in armatures.carriers(skeleton)]
     rest = armatures.rest_directions(skeleton)
-    return rotations.rotate(turned[:, joints], rest) * armatures.export_axes(skeleton)
+    return rotations.rotate(rotated[:, joints], rest) * armatures.export_axes(skeleton)

@@ -1,4 +1,4 @@
-"""Refuses a motion that has no pose, before anything is made of it."""
+"""Validation of a motion before it is converted, drawn or exported."""
 
 import numpy as np
 
@@ -6,18 +6,21 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
-MAX_FRAMES = 1_000_000  # over an hour at 240 frames a second; rotations take 2 GB
+MAX_FRAMES = 1_000_000  # more than an hour at 240 frames per second; rotations take 2 GB
 MAX_METRES = 100.0
 
-_MIN_LENGTH = 1e-3  # of a direction vector, which should have length 1
+_MIN_LENGTH = 1e-3  # least length of a direction vector, which should have length 1
 
 
 def check(motion: Motion) -> None:
-    """Says what is wrong with a motion, if anything.
+    """Check that a motion is valid.
+
+    Args:
+        motion: motion to check.
 
     Raises:
-        UserError: its skeleton or joints are unknown, its arrays do not fit together, or it has no frames, too many of
-            them, values that are no numbers, bones without a direction or without a length.
+        UserError: the skeleton or the joints are unknown, the arrays do not fit together, there are no or too many
+            frames, a value is not finite, a direction vector has length 0, or a position is too far away.
     """
     name = motion.meta.get("skeleton")
     if name not in SKELETONS:
@@ -56,7 +59,10 @@ def _check_values(motion: Motion, ends: list[str]) -> None:
         is_bad = ~np.isfinite(array).all(axis=-1)
         if is_bad.any():
             frame, index = np.argwhere(is_bad)[0]
-            raise UserError(f"the {kind} {names[index]} in frame {frame} is no number; generate the motion again")
+            raise UserError(
+                f"the {kind} {names[index]} in frame {frame} is not a number; expected finite values: generate the "
+                "motion again"
+            )
     is_short = np.linalg.norm(motion.directions.astype(np.float64), axis=-1) < _MIN_LENGTH
     if is_short.any():
         frame, bone = np.argwhere(is_short)[0]

@@ -1,4 +1,4 @@
-"""Keeps every joint within the range of a body's; the ranges and their sources are in assets/joint_limits.json."""
+"""Limits of the joints to the range of a human body; the ranges and their sources are in assets/joint_limits.json."""
 
 import functools
 import importlib.resources
@@ -11,21 +11,21 @@ from ha2g_jax.motion.armature import FOUR_FINGERS, Armature
 
 Range = tuple[float, float]
 
-# Names of the two angles of the swing and of the twist, and the vectors about which a left limb, or the head, turns.
+# Names of the two angles of the swing and of the twist, with their axes of rotation for a left limb and for the head.
 _LIMB = {"forward": (0.0, -1.0, 0.0), "up": (0.0, 0.0, 1.0), "twist": (1.0, 0.0, 0.0)}
-_HEAD = {"bow": (1.0, 0.0, 0.0), "tip": (0.0, 0.0, -1.0), "turn": (0.0, 1.0, 0.0)}
+_HEAD = {"pitch": (1.0, 0.0, 0.0), "roll": (0.0, 0.0, -1.0), "yaw": (0.0, 1.0, 0.0)}
 
-# Other bones swing about axes of their parent's. A hand bends last, about axes that turn with the forearm: its axis to
-# the thumb, about which it goes up and down, stays nearly at right angles to the forearm, see `arms`.
+# Other bones swing about axes of their parent. A hand is twisted first and then bends about axes that rotate with the
+# forearm: the axis to the thumb, about which it bends up and down, stays nearly at right angles to the forearm.
 _WRIST = "XYZ"
-_TURNING = np.deg2rad(150)
-_FASTEST = np.deg2rad(80)  # from one frame to the next, between the ends of a range
-_MIRROR = np.array([1.0, -1.0, -1.0, 1.0])  # a rotation seen in the mirror that exchanges left and right
+_NEARLY_REVERSED = np.deg2rad(150)  # beyond this twist the limited twist is reduced, to 0 at 180 degrees
+_FASTEST = np.deg2rad(80)  # change from one frame to the next, between the ends of a range
+_MIRROR = np.array([1.0, -1.0, -1.0, 1.0])  # signs of a rotation in the mirror that exchanges left and right
 
 
 @functools.cache
 def joint_limits() -> dict[str, dict[str, Range]]:
-    """Lowest and highest value in degrees of each limited angle, by the name of a joint without its side."""
+    """Return the lowest and highest value in degrees of each limited angle, by the name of a joint without its side."""
     file = importlib.resources.files("ha2g_jax") / "assets" / "joint_limits.json"
     table = json.loads(file.read_text(encoding="utf-8"))
     noise = table["noise"]
@@ -37,18 +37,29 @@ def joint_limits() -> dict[str, dict[str, Range]]:
 
 
 def limits_of(joint: str) -> dict[str, Range]:
-    """Limits of a joint of the armature, empty where it has none."""
+    """Return the limits in degrees of a joint of the armature by angle, empty for a joint without limits.
+
+    Args:
+        joint: name of the joint, with its side.
+    """
     name = joint.removeprefix("left_").removeprefix("right_")
-    if name == "nose_0":  # the head of a skeleton that calls another joint so
+    if name == "nose_0":  # rotates the head, where the skeleton has another joint of that name
         name = "head"
     finger, _, part = name.partition("_")
     return joint_limits().get(f"finger_{part}" if finger in FOUR_FINGERS else name, {})
 
 
 def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
-    """Rotations (T, J, 4) relative to the parents, each within its limits; one that is so already stays as it is.
+    """Clamp the rotations of all joints to their limits; rotations within them do not change.
 
-    Each joint is clamped on its own, and what hangs on it turns with it.
+    Each joint is clamped on its own, so that the joints below it rotate with it.
+
+    Args:
+        armature: armature with J joints.
+        local: (T, J, 4) rotations relative to the parents.
+
+    Returns:
+        (T, J, 4) rotations relative to the parents.
     """
     clamped = local.copy()
     for joint, name in enumerate(armature.joints):
@@ -57,21 +68,28 @@ def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
         angles = joint_angles(name, local[:, joint])
         low, high = np.deg2rad([limits.get(angle, (-np.inf, np.inf)) for angle in angles]).T
         found = np.stack(list(angles.values()), axis=-1)
-        kept = _turn_back(found, np.clip(found, low, high))
+        kept = _reduce_near_reversal(found, np.clip(found, low, high))
         is_out = (found != kept).any(axis=-1)
         if "angle" in limits:
-            share = kept[is_out, 0] / found[is_out, 0]
-            clamped[is_out, joint] = rotations.slerp(rotations.IDENTITY, local[is_out, joint], share)
+            fraction = kept[is_out, 0] / found[is_out, 0]
+            clamped[is_out, joint] = rotations.slerp(rotations.IDENTITY, local[is_out, joint], fraction)
         else:
             clamped[is_out, joint] = from_angles(name, kept[is_out])
     return clamped
 
 
 def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
-    """Clamped rotations (T, J, 4) that go from one end of a range to the other no faster than 80 degrees a frame.
+    """Limit the speed of clamped rotations from one end of a range to the other to 80 degrees per frame.
 
-    A joint out of its range may be near to both ends, and be held now at one, now at the other. On the way it may be
-    out of its range; where the joint itself turns faster, by `local`, so may the clamped one.
+    A joint outside of its range may be near to both ends and so be clamped to one in one frame and to the other in the
+    next. Between the ends the result may be outside of the range. Where the joint itself is faster, so is the result.
+
+    Args:
+        local: (T, J, 4) rotations before they were clamped.
+        clamped: (T, J, 4) rotations of `clamp`.
+
+    Returns:
+        (T, J, 4) rotations relative to the parents.
     """
     most = np.maximum(rotations.angle_between(local[1:], local[:-1]), _FASTEST)
     slowed = clamped.copy()
@@ -80,24 +98,32 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
             step = float(rotations.angle_between(slowed[frame + 1, joint], slowed[frame, joint]))
             if step <= most[frame, joint]:
                 break
-            share = most[frame, joint] / step
-            slowed[frame + 1, joint] = rotations.slerp(slowed[frame, joint], slowed[frame + 1, joint], share)
+            fraction = most[frame, joint] / step
+            slowed[frame + 1, joint] = rotations.slerp(slowed[frame, joint], slowed[frame + 1, joint], fraction)
     return slowed
 
 
-def _turn_back(found: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Angles (T, n) kept within limits, the last, a twist, made smaller where it comes near half a turn.
+def _reduce_near_reversal(found: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return clamped angles (T, n) whose last, a twist, is reduced where the twist is nearly 180 degrees.
 
-    Beyond half a turn the other end of the range is nearer, and on the way there a joint must not jump from end to end.
+    Beyond 180 degrees the other end of the range is nearer, and the joint must not jump from one end to the other.
     """
-    share = np.clip((np.pi - np.abs(found[:, -1])) / (np.pi - _TURNING), 0, 1)
-    turned = kept.copy()
-    turned[:, -1] *= np.where(found[:, -1] == kept[:, -1], 1, share)
-    return turned
+    weight = np.clip((np.pi - np.abs(found[:, -1])) / (np.pi - _NEARLY_REVERSED), 0, 1)
+    reduced = kept.copy()
+    reduced[:, -1] *= np.where(found[:, -1] == kept[:, -1], 1, weight)
+    return reduced
 
 
 def joint_angles(joint: str, local: np.ndarray) -> dict[str, np.ndarray]:
-    """The angles of a joint's rotations (T, 4) by their names in the table, (T,) radians each."""
+    """Split rotations of a joint into the angles of the table of limits.
+
+    Args:
+        joint: name of the joint, with its side.
+        local: (T, 4) rotations relative to the parent.
+
+    Returns:
+        (T,) angles in radians by their name in the table.
+    """
     if "angle" in limits_of(joint):
         return {"angle": np.linalg.norm(rotations.to_vector(local), axis=-1)}
     axes = _axes(joint)
@@ -112,7 +138,15 @@ def joint_angles(joint: str, local: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def from_angles(joint: str, angles: np.ndarray) -> np.ndarray:
-    """The rotations (T, 4) of a joint with angles (T, 3) in radians, in the order of `joint_angles`."""
+    """Return the rotations with given angles, the inverse of `joint_angles`.
+
+    Args:
+        joint: name of the joint, with its side.
+        angles: (T, 3) angles in radians in the order of `joint_angles`.
+
+    Returns:
+        (T, 4) rotations relative to the parent.
+    """
     if joint.endswith("wrist"):
         forward, up, twist = np.rad2deg(angles).T
         return _as_left(joint, rotations.from_euler(np.stack([twist, -forward, up], axis=-1), _WRIST))
@@ -126,5 +160,5 @@ def _axes(joint: str) -> dict[str, tuple[float, float, float]]:
 
 
 def _as_left(joint: str, local: np.ndarray) -> np.ndarray:
-    """Rotations (T, 4) of a right joint as those of a left one, or back; those of others as they are."""
+    """Mirror rotations (T, 4) of a right joint to those of a left one, or back; leave those of others unchanged."""
     return local * _MIRROR if joint.startswith("right_") else local

@@ -1,87 +1,107 @@
-"""How a bone is turned about its own length: as seen where that is seen well, held from its neighbours elsewhere."""
+"""Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time."""
 
 import numpy as np
 from scipy.linalg import solveh_banded
 
 from ha2g_jax.motion import rotations
 
-# Seconds squared. Its root over that of a weight is the time over which a twist seen with that weight is averaged:
-# 6 ms for weight 1, more than a second for 2e-5.
+# Seconds squared. An observation of weight w is averaged over sqrt(_STIFFNESS / w) seconds: 6 ms for weight 1, more
+# than a second for 2e-5.
 _STIFFNESS = 4e-5
-_NOTHING = 1e-12  # weight of a frame in which nothing is seen
+_NOTHING = 1e-12  # weight of a frame without an observation
 
 
-def carry(above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Rotations that take a bone along its path and, seen from its parent, never turn it about itself.
+def transport(above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Transport a bone along its path without twist relative to its parent (parallel transport).
 
-    Unlike the shortest way from one rest direction, this way has no direction at which it jumps.
+    Unlike the shortest rotations from the rest direction, these rotations have no direction at which they jump.
 
     Args:
         above: (T, 4) rotations of the parent.
-        axis: (3,) unit vector, the bone at rest.
-        along: (T, 3) unit vectors.
+        axis: (3,) unit vector of the bone at rest.
+        along: (T, 3) unit vectors of the bone over time.
 
     Returns:
-        (T, 4) rotations that take `axis` to `along`, each the shortest way on from the one before.
+        (T, 4) rotations that take `axis` to `along`, each continued from the frame before by the shortest rotation.
     """
     path = rotations.rotate(rotations.conjugate(above), along)
-    turns = np.concatenate([rotations.between(axis, path[:1]), rotations.between(path[:-1], path[1:])])
+    steps = np.concatenate([rotations.between(axis, path[:1]), rotations.between(path[:-1], path[1:])])
     shift = 1
-    while shift < len(turns):  # the product of all turns up to each, by doubling
-        turns[shift:] = rotations.unit(rotations.multiply(turns[shift:], turns[:-shift]))
+    while shift < len(steps):  # the product of all steps up to each, by doubling
+        steps[shift:] = rotations.unit(rotations.multiply(steps[shift:], steps[:-shift]))
         shift *= 2
-    return swing(rotations.multiply(above, turns), axis, along)
+    return swing(rotations.multiply(above, steps), axis, along)
 
 
 def swing(frames: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """The frames (T, 4), each turned on by the shortest way that brings `axis` (3,) at rest to `along` (T, 3)."""
+    """Rotate frames further by the shortest rotation that aligns a bone with given directions.
+
+    Args:
+        frames: (T, 4) rotations of the bone.
+        axis: (3,) unit vector of the bone at rest.
+        along: (T, 3) unit vectors of the bone over time.
+
+    Returns:
+        (T, 4) rotations that take `axis` to `along`.
+    """
     return rotations.multiply(rotations.between(rotations.rotate(frames, axis), along), frames)
 
 
-def sight(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.ndarray, weight) -> np.ndarray:
-    """What a mark on the side of a bone says about its twist.
+def observe(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.ndarray, weight) -> np.ndarray:
+    """Estimate the twist of a bone from the observed direction of a mark on its side.
 
     Args:
-        frames: (T, 4) the bone as it is without the twist.
-        axis: (3,) unit vector, the bone at rest.
-        mark: (3,) unit vector at right angles to it.
-        seen: (T, 3) where the mark is seen; the part at right angles to the bone counts, whatever its length.
-        weight: (T,) or a number, 1 for what is seen well.
+        frames: (T, 4) rotations of the bone without the twist.
+        axis: (3,) unit vector of the bone at rest.
+        mark: (3,) unit vector at right angles to the bone at rest.
+        seen: (T, 3) observed directions of the mark; only the component at right angles to the bone counts, whatever
+            its length.
+        weight: (T,) weights or one number; 1 for a twist that is clearly visible.
 
     Returns:
-        (T,) complex: the angle is the twist, the length the weight.
+        (T,) complex numbers whose angle is the twist in radians and whose absolute value is the weight.
     """
     local = rotations.rotate(rotations.conjugate(frames), seen)
     across = local @ mark + 1j * (local @ np.cross(axis, mark))
     return weight * across / np.maximum(np.abs(across), 1e-9)
 
 
-def follow(frames: np.ndarray, axis: np.ndarray, sights: np.ndarray, fps: float) -> np.ndarray:
-    """The frames (T, 4), turned about the bone by the twist that fits the sum of its sights (T,) smoothly."""
-    return rotations.multiply(frames, rotations.about(axis, smooth_angle(sights, fps)))
-
-
-def smooth_angle(sights: np.ndarray, fps: float) -> np.ndarray:
-    """Angles over time that minimise the integral of w (angle - seen)^2 + stiffness (rate of the angle)^2.
+def apply_twist(frames: np.ndarray, axis: np.ndarray, observations: np.ndarray, fps: float) -> np.ndarray:
+    """Rotate a bone by the smooth twist that fits its observations.
 
     Args:
-        sights: (T,) complex, w exp(i seen).
+        frames: (T, 4) rotations of the bone without the twist.
+        axis: (3,) unit vector of the bone at rest.
+        observations: (T,) complex numbers, the sum of results of `observe`.
         fps: frames per second.
 
     Returns:
-        (T,) radians, whole turns counted the shortest way.
+        (T, 4) rotations of the bone.
     """
-    if len(sights) == 1:
-        return np.angle(sights)
-    weight = np.maximum(np.abs(sights), _NOTHING)
+    return rotations.multiply(frames, rotations.about(axis, smooth_angle(observations, fps)))
+
+
+def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
+    """Fit angles over time that minimise the integral of w (angle - seen)^2 + stiffness (rate of the angle)^2.
+
+    Args:
+        observations: (T,) complex numbers w exp(i seen).
+        fps: frames per second.
+
+    Returns:
+        (T,) angles in radians, continuous over time.
+    """
+    if len(observations) == 1:
+        return np.angle(observations)
+    weight = np.maximum(np.abs(observations), _NOTHING)
     stiffness = _STIFFNESS * fps**2
     bands = np.zeros((2, len(weight)))
     bands[0, 1:] = -stiffness
     bands[1] = weight
     bands[1, 1:] += stiffness
     bands[1, :-1] += stiffness
-    # Fitted as a point of the plane, the angle needs no count of turns, but comes short where it moves fast.
-    point = solveh_banded(bands, np.stack([np.real(sights), np.imag(sights)], axis=-1))
+    # A point of the plane is fitted first: it needs no unwrapping, but lags where the angle changes fast.
+    point = solveh_banded(bands, np.stack([np.real(observations), np.imag(observations)], axis=-1))
     near = np.unwrap(np.arctan2(point[:, 1], point[:, 0]))
-    seen = near + np.angle(sights * np.exp(-1j * near))
+    seen = near + np.angle(observations * np.exp(-1j * near))
     return solveh_banded(bands, weight * seen)

@@ -1,4 +1,4 @@
-"""The paper's claims against our seeds: is one row ahead of another, by the paired difference over the seeds."""
+"""Tests of the paper's claims that one row is better than another, by paired differences over seeds."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,11 +7,18 @@ import numpy as np
 from scipy import stats
 
 HELD, NOT_HELD, UNDECIDED, NOTHING_FOUND = "held", "not held", "undecided", "no difference found"
-LEVEL = 0.95  # of every interval over seeds
+LEVEL = 0.95  # confidence level of every interval over seeds
 
 
 class Spread(NamedTuple):
-    """A mean over seeds; the interval is None where there is one seed."""
+    """A mean over seeds and its interval.
+
+    Attributes:
+        mean: mean over the seeds.
+        low: lower bound of the interval, None for one seed.
+        high: upper bound of the interval, None for one seed.
+        num: number of seeds.
+    """
 
     mean: float
     low: float | None
@@ -20,10 +27,10 @@ class Spread(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What the seeds say of one claim.
+    """Result of the test of one claim.
 
     Attributes:
-        difference: reference less row, by the seeds that both have; None without any.
+        difference: reference minus row over the seeds that both have; None without such seeds.
         verdict: `HELD`, `NOT_HELD`, `UNDECIDED` or `NOTHING_FOUND`.
     """
 
@@ -32,7 +39,11 @@ class Verdict(NamedTuple):
 
 
 def over_seeds(values: Sequence[float]) -> Spread:
-    """The mean of one value a seed, with the t interval of `LEVEL` for n - 1 degrees of freedom."""
+    """Compute the mean over seeds with the t interval of `LEVEL` for n - 1 degrees of freedom.
+
+    Args:
+        values: one value for each of n seeds.
+    """
     array = np.asarray(values, float)
     mean, count = float(array.mean()), len(array)
     if count < 2:
@@ -44,16 +55,20 @@ def over_seeds(values: Sequence[float]) -> Spread:
 def judge(
     reference: Mapping[int, float], row: Mapping[int, float], *, is_higher_better: bool, is_comparable: bool = False
 ) -> Verdict:
-    """Whether the reference is ahead of a row, as the paper claims.
+    """Test whether the reference is better than a row, as the paper claims.
 
-    Seeds are paired: those of a pair have the same order of windows, so that part of the noise cancels. An interval
-    that covers 0 decides nothing, nor does one seed. A claim that two are about the same is not held where the interval
-    leaves 0 out; that no difference was found does not show that there is none.
+    Seeds are paired: runs with the same seed have the same order of windows, so that a part of the noise cancels. With
+    an interval that contains 0, or with one seed, the claim is undecided. A claim that two rows are comparable is not
+    held where the interval excludes 0; that no difference was found does not show that there is none.
 
     Args:
-        reference, row: seed -> value of a metric.
-        is_higher_better: of this metric.
-        is_comparable: the paper claims that the two are about the same, instead.
+        reference: seed -> value of a metric for the reference.
+        row: seed -> value of the same metric for the row.
+        is_higher_better: whether a higher value of the metric is better.
+        is_comparable: whether the paper claims instead that the two rows are comparable.
+
+    Returns:
+        The difference and the verdict.
     """
     seeds = sorted(reference.keys() & row.keys())
     if not seeds:

@@ -1,4 +1,4 @@
-"""Figure 3 of a reproduction: beat consistency by the threshold of a motion beat, as a chart and as a table."""
+"""Figure 3 of a reproduction: beat consistency over the threshold of a motion beat, as a chart and as a table."""
 
 import math
 from collections.abc import Sequence
@@ -10,11 +10,17 @@ from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.reproduction.tables import RowScores, markdown, number
 from ha2g_jax.study.reproduction.threshold_chart import Panel, threshold_chart
 
-_SHOWN = (0.01, 0.03, 0.1, 0.2, 0.3)  # of the thresholds, in the table
+_SHOWN = (0.01, 0.03, 0.1, 0.2, 0.3)  # thresholds in the table
 
 
 def chart(scores: RowScores, split: str, title: str) -> str:
-    """An SVG document: F and its gain over mismatched speech by threshold, means over seeds."""
+    """Draw an SVG document of F and its gain over mismatched speech by threshold, as means over seeds.
+
+    Args:
+        scores: name of a row -> seed -> scores.
+        split: name of the split.
+        title: description of the chart.
+    """
     curves = _curves(scores, split)
     panels = (
         Panel("F with the own speech", {name: own.tolist() for name, (own, _) in curves.items()}),
@@ -24,7 +30,12 @@ def chart(scores: RowScores, split: str, title: str) -> str:
 
 
 def sweep_table(scores: RowScores, split: str) -> str:
-    """The same at a few thresholds, in Markdown."""
+    """Write the values of `chart` at a few thresholds as a Markdown table.
+
+    Args:
+        scores: name of a row -> seed -> scores.
+        split: name of the split.
+    """
     lines = [("row", *(f"{name} at {threshold:g}" for name in ("F", "gain") for threshold in _SHOWN))]
     places = [THRESHOLDS.index(threshold) for threshold in _SHOWN]
     for name, curves in _curves(scores, split).items():
@@ -33,7 +44,7 @@ def sweep_table(scores: RowScores, split: str) -> str:
 
 
 def _curves(scores: RowScores, split: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Name of a row -> F and gain by threshold; ground truth first."""
+    """Return F and gain by threshold for each row, ground truth first."""
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for row, mine in scores.items():
         sweeps = [one["splits"][split]["sweep"] for one in mine.values()]

@@ -1,4 +1,4 @@
-"""Runs of a table in processes of their own, several at once, and what can be seen of them while they work."""
+"""Execution of the runs of a table in separate processes, several at once, and the display of their progress."""
 
 import concurrent.futures
 import contextlib
@@ -17,9 +17,9 @@ from ha2g_jax.files.child_process import Stop, run_logged
 from ha2g_jax.study.reproduction.plan import Request, Run
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")
-_LOOK_EVERY = 1.0  # seconds between looks at what the runs have done
-_TAIL = 4096  # bytes at the end of metrics.jsonl that hold its last line
-# Most of a step on a Linux CPU can go into giving memory back and asking for it again; this keeps it.
+_LOOK_EVERY = 1.0  # seconds between updates of the progress
+_TAIL = 4096  # bytes at the end of metrics.jsonl that contain its last line
+# Most of the time of a step on a Linux CPU can go into returning and requesting memory; this keeps the memory.
 _KEEP_MEMORY = (
     "glibc.malloc.hugetlb=1:glibc.malloc.mmap_max=0:glibc.malloc.trim_threshold=17179869184"
     ":glibc.malloc.top_pad=268435456"
@@ -27,35 +27,40 @@ _KEEP_MEMORY = (
 
 
 class Stopped(Exception):
-    """A signal ended the work; its number."""
+    """A signal ended the work.
+
+    Attributes:
+        number: number of the signal.
+    """
 
     def __init__(self, number: int):
         super().__init__(f"stopped by signal {number}")
         self.number = number
 
 
-# Trains a run if it is not finished and scores it: (request, corpus, run, number of the worker, stop). A UserError is
-# the reason why it failed.
+# Function that trains a run if it is not finished, and scores it: (request, corpus, run, number of the worker, stop).
+# It raises a UserError with the reason where it fails.
 Perform: TypeAlias = Callable[[Request, pathlib.Path, Run, int, Stop], None]
 
 
 def run_all(
     request: Request, corpus: pathlib.Path, runs: Sequence[Run], perform: Perform, stop: Stop, title: str
 ) -> dict[str, str]:
-    """Performs runs, `request.jobs` at once; one that fails does not keep the others from going on.
+    """Execute runs, `request.jobs` at once; a run that fails does not end the others.
 
     Args:
-        request, corpus: what the runs are for.
-        runs: in the order in which they start.
-        perform: `perform_in_process`.
-        stop: ends the runs and the waiting.
-        title: of the runs, for those who watch.
+        request: request that the runs belong to.
+        corpus: folder of the corpus.
+        runs: runs in the order in which they start.
+        perform: function that trains and scores one run, such as `perform_in_process`.
+        stop: signal that ends the runs.
+        title: title of the progress bar.
 
     Returns:
-        Name of a run that failed -> reason, in one line.
+        Name of a run that failed -> reason in one line.
 
     Raises:
-        Stopped: a signal came; what the runs had done is saved.
+        Stopped: a signal came; the progress of the runs is saved.
     """
     failures: dict[str, str] = {}
     watch = _Watch(runs, title)
@@ -87,10 +92,17 @@ def run_all(
 
 
 def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker: int, stop: Stop) -> None:
-    """Trains and scores one run in a process of its own; what it prints goes to RUN.log beside the workdir.
+    """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
+
+    Args:
+        request: request that the run belongs to.
+        corpus: folder of the corpus.
+        run: run to train and score.
+        worker: number of the worker, from 0.
+        stop: signal that ends the process.
 
     Raises:
-        UserError: the process failed; its last line.
+        UserError: the process failed; the message is its last line of output.
     """
     path = run.workdir.with_name(f"{run.name}.log")
     task = {
@@ -107,7 +119,7 @@ def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker:
 
 
 def _cores(worker: int, jobs: int) -> list[int]:
-    """The share of a worker of the cores of this process; [] for all of them."""
+    """Return the cores of this process that a worker may use; [] for all of them."""
     if jobs == 1 or not hasattr(os, "sched_getaffinity"):
         return []
     cores = sorted(os.sched_getaffinity(0))
@@ -117,9 +129,9 @@ def _cores(worker: int, jobs: int) -> list[int]:
 
 
 def _environment(request: Request, environment: Mapping[str, str]) -> dict[str, str]:
-    """Of a worker; what the user has set stays."""
+    """Return the environment of a worker; variables that the user has set keep their values."""
     defaults = {
-        # The seeds of a row are one program: compiled once, for all of them.
+        # The seeds of a row have the same program, which is compiled once.
         "JAX_COMPILATION_CACHE_DIR": str(request.workdir.resolve() / "compiled"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
     }
@@ -131,7 +143,7 @@ def _environment(request: Request, environment: Mapping[str, str]) -> dict[str, 
 
 
 class _Watch:
-    """A bar over the steps of all runs, and a line for each run that ends."""
+    """A progress bar of the steps of all runs, and a line for each run that ends."""
 
     def __init__(self, runs: Sequence[Run], title: str):
         self._steps = {run.name: int(run.config.train.steps) for run in runs}
@@ -160,7 +172,7 @@ class _Watch:
         self._bar.close()
 
     def _left(self) -> float:
-        """Seconds, as if all steps of all runs took the same time; by runs, where only scores were missing so far."""
+        """Estimate the remaining seconds from the steps of all runs, or from the runs while only scores were made."""
         passed, done = time.monotonic() - self._start, sum(self._done.values())
         if (new := done - self._before) and (remaining := sum(self._steps.values()) - done):
             return passed * remaining / new
@@ -168,7 +180,7 @@ class _Watch:
 
 
 def last_step(run: Run) -> int:
-    """The last step that a run has written metrics of, 0 before there is one."""
+    """Return the last step for which a run has written metrics, or 0."""
     try:
         with (run.workdir / "metrics.jsonl").open("rb") as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - _TAIL))
@@ -179,7 +191,7 @@ def last_step(run: Run) -> int:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them: "41 s", "12 min" or "3 h 20 min"."""
+    """Format seconds, such as "41 s", "12 min" or "3 h 20 min"."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

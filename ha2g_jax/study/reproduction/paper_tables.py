@@ -1,4 +1,4 @@
-"""The paper's tables as data: the numbers it prints, and the model that each row is here."""
+"""Tables of the paper as data: the published numbers, and the model of each row."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -12,12 +12,12 @@ TABLES = ("table1", "table3", "table4", "table11", "table12", "figure3", "gestur
 
 
 class Published(NamedTuple):
-    """What the paper prints of a row; None where it prints nothing.
+    """Published numbers of a row; None where the paper has none.
 
     Attributes:
-        fgd: Frechet gesture distance, lower is better.
-        beat_consistency: BC of Eq. 11, by the paper higher is better.
-        diversity: by the paper higher is better.
+        fgd: Frechet gesture distance; lower is better.
+        beat_consistency: BC of Eq. 11; higher is better, according to the paper.
+        diversity: diversity; higher is better, according to the paper.
     """
 
     fgd: float | None = None
@@ -26,14 +26,14 @@ class Published(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A row that a model is trained for.
+    """A row of a table with a model to train.
 
     Attributes:
-        name: as the paper has it, or close to it.
+        name: name of the row in the paper, or close to it.
         method: one of `presets.METHODS`.
-        changes: settings in which it differs from the method's own.
-        published: the paper's numbers.
-        is_comparable: the paper calls it about as good as the row that it is compared with, not worse.
+        changes: settings that differ from those of the method.
+        published: published numbers.
+        is_comparable: whether the paper calls it about as good as the row that it is compared with, and not worse.
     """
 
     name: str
@@ -47,10 +47,10 @@ class Table(NamedTuple):
     """One table or figure of the paper.
 
     Attributes:
-        title: what it is.
-        published_on: the data of the published numbers.
+        title: title of the table.
+        published_on: data set of the published numbers.
         truth: published numbers of the true motion.
-        rows: in the paper's order.
+        rows: rows in the order of the paper.
         reference: name of the row that the others are compared with.
     """
 
@@ -133,14 +133,17 @@ _SKELETONS = {"table4": "ted_expressive", "gesture_ablation": "ted_gesture"}
 
 
 def table(name: str, data: str) -> Table:
-    """A table of the paper, with the numbers that are published for the data or for its skeleton.
+    """Return a table of the paper with the numbers that are published for a data set or for its skeleton.
 
     Args:
         name: one of `TABLES`.
         data: one of `presets.DATA`.
 
+    Returns:
+        The table.
+
     Raises:
-        UserError: there is no such table, or it is not one for this data.
+        UserError: there is no such table, or it does not fit the data.
     """
     if name not in TABLES:
         raise UserError(f"no table {name!r}; expected one of {', '.join(TABLES)}")

@@ -1,4 +1,4 @@
-"""A table of the paper as runs: which models it needs, where each is, and which of its scores are there already."""
+"""Plan of a table of the paper: the runs that it needs, their folders, and the scores that exist already."""
 
 import ast
 import hashlib
@@ -15,28 +15,28 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.paper_tables import Table
 
-EVALUATION_VERSION = 1  # of what `run_scores` measures; a higher number makes all scores anew
-DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
-SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
+EVALUATION_VERSION = 1  # version of the scores of `run_scores`; a higher number makes all scores again
+DRAWS = {"debug": 100}  # draws of the bootstrap over clips by size; other sizes have 1000
+SPLITS = {"talk": ("test", "test_unseen_speakers")}  # splits to score by data set; others have "test"
 
 _DEBUG_TALK = {"speakers": 6, "minutes": 10}
 _HASH_DIGITS = 10
 
 
 class Request(NamedTuple):
-    """What the user asks for.
+    """Request of the user for a table.
 
     Attributes:
         table: one of `paper_tables.TABLES`.
         data: one of `presets.DATA`.
         size: one of `config.SIZES`.
         path: folder of the corpus; "" for the Talk corpus, which is made on first use.
-        seeds: of the trainings of each row.
-        workdir: folder of the folders of all runs.
+        seeds: seeds of the runs of each row.
+        workdir: folder of the workdirs of all runs.
         changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
-        jobs: runs at once.
-        has_training: False only evaluates what is there.
-        has_legacy: whether the scores of the public release are added.
+        jobs: number of runs at once.
+        has_training: whether to train missing runs; False only evaluates existing ones.
+        has_legacy: whether to add the scores of the public release.
     """
 
     table: str
@@ -52,7 +52,14 @@ class Request(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One training: of a row with one seed, or of the auto-encoder."""
+    """One training, of a row with one seed or of the auto-encoder.
+
+    Attributes:
+        name: name of the run and of its folder.
+        seed: seed of the training.
+        config: config of the training.
+        workdir: folder of the training.
+    """
 
     name: str
     seed: int
@@ -64,12 +71,12 @@ class Plan(NamedTuple):
     """All runs of a table.
 
     Attributes:
-        table: of the paper.
+        table: table of the paper.
         corpus: folder of the corpus.
-        splits: that are scored.
-        autoencoder: its latents are the features of the Frechet distance and of diversity.
-        rows: name of a row -> its runs, by seed.
-        draws: of the bootstrap over clips.
+        splits: splits to score.
+        autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
+        rows: name of a row -> its runs in the order of the seeds.
+        draws: number of draws of the bootstrap over clips.
     """
 
     table: Table
@@ -81,15 +88,22 @@ class Plan(NamedTuple):
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """The runs of all rows, seed by seed, so that a first result of every row comes early."""
+        """Runs of all rows, seed by seed, so that there is an early result of every row."""
         return tuple(run for same_seed in zip(*self.rows.values(), strict=True) for run in same_seed)
 
 
 def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
-    """The runs that a request needs; nothing is written.
+    """Plan the runs that a request needs; nothing is written.
+
+    Args:
+        request: request of the user.
+        corpus: folder of the corpus.
+
+    Returns:
+        The plan.
 
     Raises:
-        UserError: no such table, data, size, setting or corpus, or the table is not one for the data.
+        UserError: there is no such table, data, size, setting or corpus, or the table does not fit the data.
     """
     table = paper_tables.table(request.table, request.data)
     if not (corpus / "dataset.json").is_file():
@@ -105,10 +119,13 @@ def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
 
 
 def corpus_path(request: Request) -> pathlib.Path:
-    """The folder of the corpus; Talk is made if it is not there, and a small one for the debug size.
+    """Return the folder of the corpus; make the Talk corpus if it is missing, a small one for the debug size.
+
+    Args:
+        request: request of the user.
 
     Raises:
-        UserError: a data set without a path that needs one, or the Talk corpus cannot be made.
+        UserError: the data set needs a path, or the Talk corpus cannot be made.
     """
     if request.path:
         return pathlib.Path(request.path).resolve()
@@ -123,7 +140,7 @@ def corpus_path(request: Request) -> pathlib.Path:
 
 
 def is_finished(run: Run) -> bool:
-    """Whether the workdir has the checkpoint of the last step of exactly this config."""
+    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
     if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
         return False
     try:
@@ -134,15 +151,23 @@ def is_finished(run: Run) -> bool:
 
 
 def checkpoint_step(run: Run) -> int | None:
-    """The step of the checkpoint that is scored: the best on the validation split, else the latest."""
+    """Return the step of the checkpoint to score, the best on the validation split or else the latest, or None."""
     folder = _checkpoint(run)
     return int(folder.name) if folder else None
 
 
 def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
-    """Where the scores of a run are, or will be: the name holds what they depend on. None without a checkpoint.
+    """Return the path of the scores of a run, whose name has a hash of all that they depend on.
 
-    Checkpoints and corpora carry the hashes of their contents, so that no weights need to be read.
+    Checkpoints and corpora store the hashes of their contents, so that no weights are read.
+
+    Args:
+        run: run that is scored.
+        plan: plan of the table.
+        has_legacy: whether the scores of the public release are added.
+
+    Returns:
+        The path, or None without a checkpoint.
     """
     checkpoint, autoencoder = _checkpoint(run), _checkpoint(plan.autoencoder)
     if checkpoint is None or autoencoder is None:
@@ -153,7 +178,14 @@ def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
 
 
 def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
-    """The scores in a file, None where it is not there or damaged."""
+    """Read the scores in a file.
+
+    Args:
+        path: file to read, or None.
+
+    Returns:
+        The scores, or None where the file is missing or damaged.
+    """
     if path is None:
         return None
     try:
@@ -163,11 +195,11 @@ def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
 
 
 def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
-    """The name of a workdir tells the row; one with the settings of the method itself is named after the method."""
+    """Return a run whose name has that of the row, or only that of the method for the method's own settings."""
     more = {"data.path": str(corpus), "seed": seed}
     asked = dict(request.changes)
     if changes.get("model.audio.kind") != "whisper":
-        asked.pop("model.audio.weights", None)  # of one row of the table; the others stay the runs that they are
+        asked.pop("model.audio.weights", None)  # a setting of one row; the runs of the others do not change
     try:
         config = presets.make(request.data, request.size, method, {**asked, **changes, **more}).lock()
         plain = presets.make(request.data, request.size, method, {**asked, **more})
@@ -179,7 +211,7 @@ def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[s
     causes = [_causes(values | {"seed": None}), _file_hash(corpus / "dataset.json")]
     end = f"-{_digest(causes)}-seed{seed}"
     folder = request.workdir.resolve()
-    # Two tables may name the same settings differently: a run that is there is taken, whatever it is called.
+    # Two tables may have different names for the same settings: an existing run is used, whatever its name.
     there = sorted(path.name for path in folder.glob(f"*{end}") if path.is_dir())
     name = there[0] if there else f"{request.data}-{request.size}-{label}{end}"
     return Run(name, seed, config, folder / name)
@@ -194,7 +226,7 @@ def _checkpoint(run: Run) -> pathlib.Path | None:
 
 
 def _causes(values: dict[str, Any]) -> dict[str, Any]:
-    """A config without the place of the corpus, which may move; what it holds has a hash of its own."""
+    """Return a config without the path of the corpus, which may change; the content has a hash of its own."""
     return values | {"data": values["data"] | {"path": ""}}
 
 
@@ -207,10 +239,16 @@ def _digest(values: Any) -> str:
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
-    """The seeds of "3", which are 0, 1 and 2, or of a list such as "0,5,7".
+    """Parse seeds.
+
+    Args:
+        text: number of seeds, such as "3" for 0, 1 and 2, or a list such as "0,5,7".
+
+    Returns:
+        The seeds.
 
     Raises:
-        UserError: the text is neither.
+        UserError: the text has another form.
     """
     parts = text.split(",")
     if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
@@ -220,10 +258,16 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 
 
 def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
-    """Settings from "KEY=VALUE"; a value is a Python literal, else text.
+    """Parse changes of settings.
+
+    Args:
+        texts: texts of the form KEY=VALUE; a value that is not a Python literal is text.
+
+    Returns:
+        Dotted name of a setting -> value.
 
     Raises:
-        UserError: one has no key or no value.
+        UserError: a text has no key or no value.
     """
     changes: dict[str, Any] = {}
     for text in texts:

@@ -1,4 +1,4 @@
-"""The report of a reproduction in Markdown: what was run, the paper's numbers beside ours, which claims held."""
+"""Report of a reproduction in Markdown: the runs, the paper's numbers beside ours, and the verdicts on claims."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -28,14 +28,16 @@ from ha2g_jax.study.reproduction.tables import (
 
 
 class RunState(NamedTuple):
-    """What became of a training.
+    """State of a training.
 
     Attributes:
-        row, seed, name: of the run; its folder has the name.
-        steps: that it was to have.
-        batch_size: windows of a step.
-        last_step: that it had.
-        scored_step: of the checkpoint that was scored, None without one.
+        row: name of the row.
+        seed: seed of the run.
+        name: name of the run and of its folder.
+        steps: number of steps of the complete training.
+        batch_size: number of windows in a step.
+        last_step: last step of the training so far.
+        scored_step: step of the checkpoint that was scored, None without one.
     """
 
     row: str
@@ -48,19 +50,20 @@ class RunState(NamedTuple):
 
 
 class Results(NamedTuple):
-    """All that the report is written from.
+    """Content of the report.
 
     Attributes:
-        table: of the paper.
-        name: of the table, as in `TABLES`.
-        data, size: as in the request.
-        splits: that were scored.
-        scores: name of a row -> seed -> what `run_scores` stored.
-        failures: name of a row -> seed -> reason, in one line.
-        runs: of all rows.
+        table: table of the paper.
+        name: name of the table, as in `TABLES`.
+        data: data set of the request.
+        size: size of the request.
+        splits: splits that were scored.
+        scores: name of a row -> seed -> scores of `run_scores`.
+        failures: name of a row -> seed -> reason in one line.
+        runs: states of the runs of all rows.
         facts: title -> text, printed in this order.
-        autoencoder: sentence on the pose auto-encoder.
-        has_legacy: whether legacy scores were asked for.
+        autoencoder: description of the pose auto-encoder.
+        has_legacy: whether legacy scores were requested.
     """
 
     table: Table
@@ -94,15 +97,15 @@ Difference: first row less second, seed by seed, with the t interval of the pair
 leaves 0 out on the side that the paper claims; *not held*: on the other side; *undecided*: it covers 0, or there is \
 one seed. Where the paper calls two rows about as good, an interval that leaves 0 out means *not held*. A verdict is \
 about other trainings scored on this speech; what other speech could change is in the tables above."""
-# Metrics that the evaluation may remark on and no table here shows.
+# Metrics that the evaluation may have remarks about, but that no table of the report contains.
 _UNSHOWN = {metric.title for key, metric in METRICS.items() if key not in SHOWN}
 
 
 def as_markdown(results: Results, chart: str | None = None) -> str:
-    """The whole report.
+    """Write the whole report as Markdown.
 
     Args:
-        results: of all runs.
+        results: results of all runs.
         chart: file name of the SVG of `figure`, for Figure 3.
     """
     lines = [f"# {results.table.title}, on {results.data} ({results.size})", ""]
@@ -129,7 +132,7 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
 
 
 def caveats(results: Results) -> list[str]:
-    """Sentences that follow from what was run."""
+    """Return sentences on the limits of the results, depending on the runs."""
     table, seeds = results.table, sorted({run.seed for run in results.runs})
     found = []
     if results.data == "talk":
@@ -208,7 +211,7 @@ def _figure(results: Results, chart: str | None) -> list[str]:
 
 
 def figure(results: Results) -> str:
-    """Figure 3 as an SVG document, of the first split."""
+    """Draw Figure 3 for the first split as an SVG document."""
     title = f"{results.table.title}, on {results.data}, split {results.splits[0]}"
     return chart(results.scores, results.splits[0], title)
 
@@ -218,7 +221,7 @@ def _claimed(results: Results) -> dict[str, tuple[str, bool]]:
 
 
 def _remarks(results: Results) -> list[str]:
-    """What the evaluations say of the measures in the tables, each once; a remark on a model names its row and seed."""
+    """Return the remarks of the evaluations on the measures in the tables, each once, with row and seed of a model."""
     remarks: dict[str, None] = {}
     for row, mine in results.scores.items():
         for seed, one in mine.items():

@@ -1,4 +1,4 @@
-"""Reproduces a table of the paper: trains and scores what is missing, then writes the report."""
+"""Reproduction of a table of the paper: training and scoring of missing runs, and the report."""
 
 import datetime
 import importlib.metadata
@@ -40,14 +40,14 @@ _NOT_TRAINED = "not trained"
 def reproduce(
     request: Request, out: pathlib.Path, command: str, stop: Stop, perform: Perform = perform_in_process
 ) -> bool:
-    """Trains and scores what is missing of a table and writes its report, for Figure 3 with an SVG beside it.
+    """Train and score the missing runs of a table and write its report, for Figure 3 with an SVG beside it.
 
     Args:
-        request: what is wanted.
-        out: the report.
-        command: that was typed, for the report.
-        stop: ends the work; the same request then goes on with it.
-        perform: trains and scores one run.
+        request: request of the user.
+        out: Markdown file of the report.
+        command: command of the user, for the report.
+        stop: signal that ends the work; the same request then continues it.
+        perform: function that trains and scores one run.
 
     Returns:
         Whether every run has scores.
@@ -73,7 +73,7 @@ def reproduce(
 
 
 def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[str, str]:
-    """Trains and scores what is missing; name of a run -> why it has no scores."""
+    """Train and score the missing runs; return the names of the runs without scores with the reason."""
     if request.has_training and not is_finished(plan.autoencoder):
         title = "pose auto-encoder"
         if failed := run_all(request, plan.corpus, [plan.autoencoder], perform, stop, title):
@@ -91,7 +91,7 @@ def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[st
 
 
 def _scores(request: Request, plan: Plan, run: Run) -> dict[str, Any] | None:
-    """The scores of a run, None where they or a part of the training is missing."""
+    """Return the scores of a run, or None where the scores or a part of the training are missing."""
     if request.has_training and not is_finished(run):
         return None
     return read_scores(scores_path(run, plan, request.has_legacy))
@@ -147,7 +147,7 @@ def _describe_autoencoder(run: Run, scores: dict[str, dict[int, dict[str, Any]]]
 
 
 def _validation_error(run: Run, step: int | None) -> float | None:
-    """The reconstruction error that was written at a step."""
+    """Return the reconstruction error on the validation split at a step, or None."""
     try:
         lines = (run.workdir / "metrics.jsonl").read_text().splitlines()
         found = [json.loads(line) for line in lines]

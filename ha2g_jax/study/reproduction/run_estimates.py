@@ -8,11 +8,17 @@ import numpy as np
 from ha2g_jax.study.reproduction.claims import Spread, over_seeds
 
 MODEL, TRUTH = "model", "ground truth"
-_Z = 1.96  # standard errors on both sides of a mean that hold 95 %
+_Z = 1.96  # standard errors on both sides of a mean that contain 95 %
 
 
 class Estimate(NamedTuple):
-    """A value of one run and its interval over clips; the bounds are None where there is no interval."""
+    """A value of one run and its interval over clips.
+
+    Attributes:
+        value: value of the run.
+        low: lower bound of the interval, None without an interval.
+        high: upper bound of the interval, None without an interval.
+    """
 
     value: float
     low: float | None
@@ -20,7 +26,13 @@ class Estimate(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A value of a row: its mean and interval over seeds, and the mean of its seeds' intervals over clips."""
+    """A value of a row.
+
+    Attributes:
+        seeds: mean and interval over seeds.
+        low: mean over seeds of the lower bounds of the intervals over clips, or None.
+        high: mean over seeds of the upper bounds of the intervals over clips, or None.
+    """
 
     seeds: Spread
     low: float | None
@@ -31,15 +43,18 @@ Scores = Mapping[str, Any]
 
 
 def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estimate | None:
-    """One number of the scores that `run_scores` stored, None where it is undefined.
+    """Look up one number in the scores that `run_scores` stored.
 
     Args:
-        scores: of one run.
-        split: of the corpus.
-        metric: of `study.evaluation`, "legacy_..." included; or "talk.NAME" with a score of `study.talk` or one of its
-            gains; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
-            the row is above it.
-        row: `MODEL`, or one that stands beside every model.
+        scores: scores of one run.
+        split: name of a split of the corpus.
+        metric: metric of `study.evaluation`, including "legacy_..."; or "talk.NAME" with a score of `study.talk` or one
+            of its gains; or "talk.floor", the better of the two floors of the hand shapes, or "talk.above_floor", the
+            difference of the row from it.
+        row: `MODEL`, or a row that is scored with every model.
+
+    Returns:
+        The number with its interval, or None where it is undefined.
     """
     result = scores["splits"][split]
     if metric.startswith("legacy_"):
@@ -65,13 +80,13 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
 
 
 def by_seed(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> dict[int, float]:
-    """Seed -> value, without the seeds that have none."""
+    """Return the values of a metric by seed, without seeds for which it is undefined; see `estimate`."""
     found = {seed: estimate(one, split, metric, row) for seed, one in scores.items()}
     return {seed: each.value for seed, each in found.items() if each is not None}
 
 
 def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:
-    """A row's value over its seeds, None where no seed has one."""
+    """Return the value of a row over its seeds, or None where no seed has one; see `estimate`."""
     found = [estimate(one, split, metric, row) for one in scores.values()]
     there = [each for each in found if each is not None]
     if not there:
@@ -87,7 +102,7 @@ def _interval(values: Mapping[str, float | None] | None) -> Estimate | None:
 
 
 def _normal(values: Mapping[str, float | None] | None) -> Estimate | None:
-    """A value with a standard error over clips."""
+    """Return a value with the interval of its standard error over clips."""
     if values is None or values["value"] is None:
         return None
     value, error = values["value"], values["error"]

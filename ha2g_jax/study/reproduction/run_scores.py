@@ -1,4 +1,4 @@
-"""All scores of one run of a table, stored beside it: `study.evaluation`, draws, the sweep, Talk's causes."""
+"""Scores of one run of a table: those of `study.evaluation`, draws of diversity, the sweep of Figure 3, and Talk's."""
 
 import json
 import math
@@ -21,12 +21,17 @@ from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, sc
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.evaluate import score
 
-_SEED = 0  # of everything that an evaluation draws, so that all rows and runs are scored alike
-_TRAINING_CLIPS = 200  # that usual changes and limits of angles are taken from
+_SEED = 0  # seed of all random draws of an evaluation, so that all rows and runs are scored alike
+_TRAINING_CLIPS = 200  # clips from which the mean changes and limits of angles are computed
 
 
 def score_run(run: Run, plan: Plan, request: Request) -> None:
-    """Scores the checkpoint of a run on the splits of a plan and stores that; does nothing where it is stored.
+    """Score the checkpoint of a run on the splits of a plan and store the scores, unless they are stored already.
+
+    Args:
+        run: run to score.
+        plan: plan of the table.
+        request: request of the user.
 
     Raises:
         UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
@@ -71,7 +76,7 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
 
 
 def _draws(rows: Rows, features: PoseFeatures) -> dict[str, list[float | None]]:
-    """Diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
+    """Return the diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
     cut = choose_cut([len(directions) for directions in rows.truth.directions])
     if cut is None:
         return {MODEL: [], TRUTH: []}
@@ -82,7 +87,7 @@ def _draws(rows: Rows, features: PoseFeatures) -> dict[str, list[float | None]]:
 def _sweep(
     rows: Rows, skeleton: Skeleton, training: Sequence[np.ndarray], fps: float
 ) -> dict[str, dict[str, list[float | None]]]:
-    """F of the model and of ground truth with the own and with mismatched speech, by threshold (Figure 3)."""
+    """Return F of the model and of ground truth for their own and for mismatched speech, by threshold (Figure 3)."""
     change = beat_alignment.mean_angle_change(skeleton, training)
 
     def sweep(row: Row) -> dict[str, list[float | None]]:

@@ -1,4 +1,4 @@
-"""The Markdown tables of a reproduction: the paper's numbers beside ours, known causes, claims, draws."""
+"""Markdown tables of a reproduction: the paper's numbers beside ours, the scores of Talk, claims, and draws."""
 
 import math
 from collections import Counter
@@ -12,7 +12,7 @@ from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH, Cell, Scores
 
 RowScores = Mapping[str, Mapping[int, Scores]]  # name of a row -> seed -> scores
 
-# Metric -> how it is called, and whether the paper's claim is that more of it is better.
+# Metric -> its title, and whether a higher value is better in the paper's claim.
 CLAIMED = {"fgd": ("FGD", False), "beat_gain": ("beat gain", True)}
 CLAIMED_ON_TALK = {
     "talk.beat_f1_gain": ("beat F1 gain (known beats)", True),
@@ -36,7 +36,14 @@ _LEGACY |= {"legacy_diversity": "Diversity"}
 
 
 def main_table(table: Table, scores: RowScores, split: str, failures: Mapping[str, Mapping[int, str]]) -> str:
-    """The paper's three measures beside ours, with the sanity rows."""
+    """Write the table of the paper's three measures beside ours, with the sanity rows.
+
+    Args:
+        table: table of the paper.
+        scores: name of a row -> seed -> scores.
+        split: name of the split.
+        failures: name of a row -> seed -> reason.
+    """
     lines: list[tuple[str, ...]] = [_HEAD]
     truth = Row(GROUND_TRUTH, "", {}, table.truth)
     lines.append(_main_line(truth, _any_row(scores), split, TRUTH, ""))
@@ -70,7 +77,7 @@ def _main_line(row: Row, scores: Mapping[int, Scores], split: str, key: str, see
 
 
 def legacy_table(table: Table, scores: RowScores, split: str) -> str:
-    """The same rows by the rules of the public release."""
+    """Write the table of the same rows with the scores of the public release; see `main_table`."""
     any_row = _any_row(scores)
     rows = [(GROUND_TRUTH, any_row, TRUTH), *((row.name, scores.get(row.name, {}), MODEL) for row in table.rows)]
     rows += [(f"*{name}*", any_row, name) for name in _sanity_names(scores, split)]
@@ -81,7 +88,7 @@ def legacy_table(table: Table, scores: RowScores, split: str) -> str:
 
 
 def talk_table(table: Table, scores: RowScores, split: str) -> str:
-    """Scores against the causes that Talk knows, with the ceiling and the floors."""
+    """Write the table of scores against the known causes of Talk, with the ceiling and floors; see `main_table`."""
     lines = [("row", *_TALK_COLUMNS.values())]
     for row in table.rows:
         mine = scores.get(row.name, {})
@@ -95,7 +102,14 @@ def talk_table(table: Table, scores: RowScores, split: str) -> str:
 
 
 def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """One line for each row but the reference and each metric: did the reference come out ahead?"""
+    """Write the table of claims, one line for each metric and each row except the reference.
+
+    Args:
+        table: table of the paper.
+        scores: name of a row -> seed -> scores.
+        split: name of the split.
+        metrics: metric -> title, and whether a higher value is better.
+    """
     lines = [("claim", "measure", "difference, paper", "difference, ours [95 %]", "seeds", "verdict")]
     for row, metric, verdict in _verdicts(table, scores, split, metrics):
         claim = f"{table.reference} {'about as good as' if row.is_comparable else 'ahead of'} {row.name}"
@@ -106,7 +120,7 @@ def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[st
 
 
 def tally(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """How many claims had which verdict, for each metric."""
+    """Count the verdicts on the claims for each metric, as text; see `claim_table`."""
     texts = []
     for metric, (title, _) in metrics.items():
         found = Counter(
@@ -132,7 +146,7 @@ def _reference(table: Table) -> Row:
 
 
 def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
-    """For each row in words whether it shows the words' hand shapes more often than the floors do."""
+    """Write for each row whether it shows the hand shapes of words more often than the floors do; see `main_table`."""
     lines = []
     for row in table.rows:
         above = by_seed(scores.get(row.name, {}), split, "talk.above_floor")
@@ -143,7 +157,7 @@ def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
 
 
 def _published_difference(reference: Row, row: Row, metric: str) -> str:
-    """Reference less row in the paper; its BC stands beside our beat gain, which is another measure."""
+    """Return the difference of reference and row in the paper; its BC, another measure, is beside our beat gain."""
     name = {"fgd": "fgd", "beat_gain": "beat_consistency"}.get(metric)
     if name is None:
         return ""
@@ -152,7 +166,7 @@ def _published_difference(reference: Row, row: Row, metric: str) -> str:
 
 
 def draws_table(scores: RowScores, split: str) -> str:
-    """Table 12: ten random draws of the pairs that Diversity is measured on."""
+    """Write Table 12, the diversity in ten random draws of pairs; see `main_table`."""
     groups: dict[str, Sequence[float]] = {"paper, TED-Expressive": TABLE_12}
     for name, mine in scores.items():
         for seed, one in mine.items():
@@ -167,7 +181,7 @@ def draws_table(scores: RowScores, split: str) -> str:
 
 
 def draws_verdict(scores: RowScores, split: str) -> str:
-    """Whether our draws are as close together as the paper's."""
+    """Write a sentence on whether our draws are as close together as those of the paper; see `main_table`."""
     draws = [one["splits"][split]["draws"] for mine in scores.values() for one in mine.values()]
     ranges = [_relative_range(own) for each in draws for own in each.values() if own]
     if not any(ranges):
@@ -181,7 +195,7 @@ def _relative_range(draws: Sequence[float]) -> float:
 
 
 def markdown(lines: Iterable[Sequence[str]]) -> str:
-    """A table whose first line is its head."""
+    """Write a Markdown table whose first line is its header."""
     head, *body = ([text.replace("|", "\\|") or " " for text in line] for line in lines)
     return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *body))
 
@@ -192,12 +206,12 @@ def _sanity_names(scores: RowScores, split: str) -> list[str]:
 
 
 def _any_row(scores: RowScores) -> Mapping[int, Scores]:
-    """One run's scores: what stands beside every model is the same in all of them."""
+    """Return the scores of one run, because the rows that are scored with every model are the same in all runs."""
     return next(({seed: one} for mine in scores.values() for seed, one in mine.items()), {})
 
 
 def _text(found: Cell | None) -> str:
-    """Mean [interval over seeds] (interval over clips)."""
+    """Format a value as: mean [interval over seeds] (interval over clips)."""
     if found is None:
         return "-"
     text = _spread(found.seeds)
@@ -213,7 +227,7 @@ def _spread(spread: Spread | None) -> str:
 
 
 def number(value: float | None) -> str:
-    """A value with about three digits; nothing for None, "-" for one that is undefined."""
+    """Format a value with about three digits; None gives "", NaN gives "-"."""
     if value is None:
         return ""
     if math.isnan(value):

@@ -1,4 +1,4 @@
-"""Figure 3 as an SVG file: beat consistency of each row by the threshold of a motion beat."""
+"""Figure 3 as an SVG file: beat consistency of each row over the threshold of a motion beat."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 _PANEL, _HEIGHT = 420, 300
 _LEFT, _RIGHT, _TOP, _BOTTOM, _LEGEND = 56, 12, 34, 44, 190
-# Okabe and Ito's colours, which those who see fewer colours tell apart.
+# Okabe and Ito's colours, which people with colour vision deficiency can distinguish.
 _COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#999999")
 _STYLE = (
     "<style>text{font:12px sans-serif;fill:#222}.axis{stroke:#222}.grid{stroke:#ddd}polyline{fill:none;stroke-width:2}"
@@ -17,11 +17,11 @@ _STYLE = (
 
 
 class Panel(NamedTuple):
-    """One of the charts that stand side by side.
+    """One of several charts side by side.
 
     Attributes:
-        title: above it.
-        curves: name of a row -> a value for each threshold; NaN where it has none.
+        title: title above the chart.
+        curves: name of a row -> a value for each threshold; NaN where it is undefined.
     """
 
     title: str
@@ -29,12 +29,12 @@ class Panel(NamedTuple):
 
 
 def threshold_chart(thresholds: Sequence[float], panels: Sequence[Panel], label: str) -> str:
-    """A whole SVG document: panels with the same rows, and one legend.
+    """Draw an SVG document of panels with the same rows and one legend.
 
     Args:
-        thresholds: of all curves, ascending.
-        panels: from left to right; the first row is drawn in black.
-        label: what the chart shows, for those who do not see it.
+        thresholds: thresholds of all curves in ascending order.
+        panels: panels from left to right; the first row is drawn in black.
+        label: description of the chart for screen readers.
     """
     names = list(panels[0].curves)
     colours = {name: _COLOURS[number % len(_COLOURS)] for number, name in enumerate(names)}
@@ -62,8 +62,8 @@ def _panel(thresholds: Sequence[float], panel: Panel, colours: Mapping[str, str]
     width, height = _PANEL - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
     def place(threshold: float, value: float) -> tuple[float, float]:
-        share = (threshold - thresholds[0]) / (thresholds[-1] - thresholds[0])
-        return _LEFT + share * width, _TOP + (high - value) / (high - low) * height
+        fraction = (threshold - thresholds[0]) / (thresholds[-1] - thresholds[0])
+        return _LEFT + fraction * width, _TOP + (high - value) / (high - low) * height
 
     parts = [f'<text class="title" x="{_LEFT}" y="{_TOP - 14}">{html.escape(panel.title)}</text>']
     for value in np.arange(low, high + step / 2, step):
@@ -84,6 +84,6 @@ def _panel(thresholds: Sequence[float], panel: Panel, colours: Mapping[str, str]
 
 
 def _step(span: float) -> float:
-    """A round distance between grid lines: four to eight of them in `span`."""
+    """Return a round distance between grid lines that gives four to eight of them in `span`."""
     power = 10.0 ** np.floor(np.log10(span / 4))
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= span / 8 and power * factor * 8 >= span)

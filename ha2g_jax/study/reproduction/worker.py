@@ -1,4 +1,4 @@
-"""The process of one run of a table: `jobs` starts it and writes what to do to its standard input."""
+"""Process of one run of a table, which `jobs` starts with the task as JSON on its standard input."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 
 
 def main() -> int:
-    """Trains a run and scores it, whatever of the two is missing; returns the exit code."""
+    """Train and score the run on the standard input and return the exit code."""
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
@@ -23,13 +23,13 @@ def main() -> int:
 
 
 def perform(task: dict[str, Any]) -> None:
-    """Trains and scores the run of a task.
+    """Train and score the run of a task, as far as either is missing.
 
     Args:
         task: {"request", "corpus", "run", "cores"}, as `jobs` writes it.
 
     Raises:
-        UserError: what went wrong, in one line.
+        UserError: the training or the scoring failed.
     """
     from ha2g_jax.study.reproduction.plan import Request, is_finished, make_plan
     from ha2g_jax.study.reproduction.run_scores import score_run
@@ -43,7 +43,7 @@ def perform(task: dict[str, Any]) -> None:
 
         train(run.config, run.workdir)
         if not is_finished(run):
-            return  # it was asked to stop
+            return  # the training was stopped
     if run is not plan.autoencoder:
         score_run(run, plan, request)
 

@@ -1,4 +1,4 @@
-"""Armatures in Blender: one made from a motion, with its body, or the rest pose of one that is there."""
+"""Armatures in Blender: a new one from a motion, with its body, or the rest pose of an existing one."""
 
 import bpy
 import numpy as np
@@ -7,13 +7,20 @@ from . import rotations
 from .fitting import Target
 from .motion import Body, Motion
 
-# Blender has z up, and its figures face -y: (x, y, z) of a file is (x, -z, y) there, a quarter turn about x.
+# Blender has z up, and its figures face -y: (x, y, z) of a file is (x, -z, y) there, a rotation by 90 degrees about x.
 TO_BLENDER = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-_TIP = 0.02  # metres; what a last joint's bone is long
+_TIP = 0.02  # metres; length of the bone of the last joint of a chain
 
 
 def make_armature(motion: Motion) -> bpy.types.Object:
-    """Adds an armature in the motion's rest pose, a bone for each joint with its name, and the body if there is one."""
+    """Add an armature in the rest pose of a motion, with one bone for each joint, and its body if it has one.
+
+    Args:
+        motion: motion with the joints.
+
+    Returns:
+        The armature object.
+    """
     data = bpy.data.armatures.new(motion.name)
     armature = bpy.data.objects.new(motion.name, data)
     bpy.context.collection.objects.link(armature)
@@ -33,22 +40,22 @@ def make_armature(motion: Motion) -> bpy.types.Object:
 
 
 def pose_of(motion: Motion) -> dict[int, np.ndarray]:
-    """How the bones of `make_armature` shall turn in its axes, (T, 4) by index of the joint."""
+    """Return the rotations (T, 4) of the bones of `make_armature` in its axes, by the index of the joint."""
     back = rotations.conjugate(TO_BLENDER)
     return {
-        joint: rotations.multiply(rotations.multiply(TO_BLENDER, motion.turns[:, joint]), back)
+        joint: rotations.multiply(rotations.multiply(TO_BLENDER, motion.rotations[:, joint]), back)
         for joint in range(len(motion.joints))
     }
 
 
 def root_location(motion: Motion, target: Target) -> np.ndarray:
-    """(T, 3) location of the root bone of `make_armature`, in its own axes."""
+    """Return the locations (T, 3) of the root bone of `make_armature` in the axes of the bone."""
     moved = rotations.rotate(TO_BLENDER, motion.root - motion.places[0])
     return rotations.rotate(rotations.conjugate(target.rest[0]), moved)
 
 
 def target_of(armature: bpy.types.Object) -> Target:
-    """The rest pose of an armature's bones."""
+    """Return the rest pose of an armature's bones."""
     bones = _parents_first(armature.data.bones)
     names = [bone.name for bone in bones]
     return Target(
@@ -68,7 +75,7 @@ def _parents_first(bones: bpy.types.ArmatureBones) -> list[bpy.types.Bone]:
 
 
 def _along(motion: Motion, heads: np.ndarray, joint: int) -> np.ndarray:
-    """From a bone's head to its tail: to the joints that hang on it, or on from its parent."""
+    """Return the vector from the head to the tail of a bone: to the joints below it, or away from its parent."""
     ends: list[np.ndarray] = []
     pending = [joint]
     for place in pending:
@@ -91,7 +98,7 @@ def _along(motion: Motion, heads: np.ndarray, joint: int) -> np.ndarray:
 
 
 def _add_body(motion: Motion, body: Body, armature: bpy.types.Object) -> None:
-    """The mesh, carried by the bones."""
+    """Add the mesh with an armature modifier."""
     mesh = bpy.data.meshes.new("body")
     mesh.from_pydata(rotations.rotate(TO_BLENDER, body.points).tolist(), [], body.faces.tolist())
     for name, colour, roughness in body.colours:
@@ -110,7 +117,7 @@ def _add_body(motion: Motion, body: Body, armature: bpy.types.Object) -> None:
     figure.parent = armature
     groups = [figure.vertex_groups.new(name=name) for name in motion.joints]
     for joint, group in enumerate(groups):
-        shares = np.where(body.joints == joint, body.weights, 0).sum(axis=1)
-        for share in np.unique(shares[shares > 0]):
-            group.add(np.flatnonzero(shares == share).tolist(), float(share), "REPLACE")
+        weights = np.where(body.joints == joint, body.weights, 0).sum(axis=1)
+        for weight in np.unique(weights[weights > 0]):
+            group.add(np.flatnonzero(weights == weight).tolist(), float(weight), "REPLACE")
     figure.modifiers.new("armature", "ARMATURE").object = armature

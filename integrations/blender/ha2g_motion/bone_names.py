@@ -1,7 +1,7 @@
-"""Which bone of an armature turns as which joint of a file, by name.
+"""Assignment of the bones of an armature to the joints of a file by name.
 
 `bone_names.json` has for each rig of ha2g-jax, and for Rigify's human, the joint that each bone takes its rotation
-from, and what share of it; `build.py` writes it.
+from, and the weight of the rotation. `build.py` writes it.
 """
 
 import functools
@@ -13,41 +13,57 @@ from .motion import Motion, MotionError
 
 Names = dict[str, tuple[str, float]]
 
-_LEAST_MATCHES = 4  # both arms: fewer are a chance
-# Where a skeleton has a joint named head, another turns it.
+_LEAST_MATCHES = 4  # bones of both arms; fewer may be equal by chance
+# Where a skeleton has another joint named head, this joint rotates the head.
 _OTHER_NAMES = {"head": "nose_0"}
 
 
 @functools.cache
 def tables() -> dict[str, Names]:
-    """For each rig, by bone: the joint of the `ha2g` armature that it carries, and the share of its rotation."""
+    """Return for each rig the joint of the `ha2g` armature that a bone carries, and its weight, by bone."""
     rigs = json.loads((pathlib.Path(__file__).parent / "bone_names.json").read_text(encoding="utf-8"))
-    return {rig: {bone: (joint, share) for bone, (joint, share) in rows.items()} for rig, rows in rigs.items()}
+    return {rig: {bone: (joint, weight) for bone, (joint, weight) in rows.items()} for rig, rows in rigs.items()}
 
 
 def read_names(path: str | pathlib.Path) -> Names:
-    """Reads one's own table, a JSON object {"BONE": "JOINT"} or {"BONE": ["JOINT", SHARE]}.
+    """Read a table of the user, a JSON object {"BONE": "JOINT"} or {"BONE": ["JOINT", WEIGHT]}.
+
+    Args:
+        path: JSON file to read.
+
+    Returns:
+        Joint and weight by bone.
 
     Raises:
-        MotionError: no such file, or not such a table.
+        MotionError: the file is missing or does not hold such a table.
     """
     try:
         rows = json.loads(pathlib.Path(path).read_text(encoding="utf-8"))
         pairs = {bone: (value, 1.0) if isinstance(value, str) else value for bone, value in rows.items()}
-        return {bone: (str(joint), float(share)) for bone, (joint, share) in pairs.items()}
+        return {bone: (str(joint), float(weight)) for bone, (joint, weight) in pairs.items()}
     except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise MotionError(f'{path} is no table of names ({error}); write a JSON object {{"BONE": "JOINT"}}') from error
+        raise MotionError(
+            f'{path} is not a table of names ({error}); write a JSON object {{"BONE": "JOINT"}}'
+        ) from error
 
 
 def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Names:
-    """The joint that each bone takes its rotation from, and the share of it.
+    """Assign bones to joints.
 
-    Names count as equal whatever their case, prefix (as "mixamorig:") and separators. Without a table of one's own,
-    that of the rigs, or the file's joint names themselves, is taken which fits the most bones. Joints that stand still
-    for the whole motion are left to whoever else moves them.
+    Names are compared without case, prefix (such as "mixamorig:") and separators. Without a table of the user, the
+    table that fits the most bones is taken, of those of the rigs and the joint names of the file. Joints that do not
+    move in the whole motion are left out.
+
+    Args:
+        motion: motion with the joints.
+        bones: names of the bones.
+        own: table of the user, joint and weight by bone.
+
+    Returns:
+        Joint and weight by bone.
 
     Raises:
-        MotionError: no table fits, or one's own names a joint that the motion has not.
+        MotionError: no table fits, or that of the user names an unknown joint or bone.
     """
     bones = list(bones)
     joints = {joint: joint for joint in motion.joints}
@@ -62,7 +78,7 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
     joints |= {name: other for name, other in _OTHER_NAMES.items() if other in joints}
     found: list[Names] = []
     for table in ({joint: (joint, 1.0) for joint in motion.joints}, *tables().values()):
-        rows = {_plain(bone): (joints[joint], share) for bone, (joint, share) in table.items() if joint in joints}
+        rows = {_plain(bone): (joints[joint], weight) for bone, (joint, weight) in table.items() if joint in joints}
         found.append({bone: rows[_plain(bone)] for bone in bones if _plain(bone) in rows})
     best = max(({bone: row for bone, row in names.items() if row[0] in moving} for names in found), key=len)
     if len(best) < _LEAST_MATCHES:
@@ -74,12 +90,17 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
 
 
 def role(motion: Motion, joint: str) -> str:
-    """The joint of the `ha2g` armature that a joint of the motion turns as, or its own name."""
+    """Return the joint of the `ha2g` armature whose rotation a joint of the motion has, or its own name.
+
+    Args:
+        motion: motion with the joint.
+        joint: name of the joint.
+    """
     if "left_clavicle" in motion.joints:  # the rig ha2g
         return joint
     rig = max(tables().values(), key=lambda table: len(table.keys() & set(motion.joints)))
-    carried, share = rig.get(joint, (joint, 1.0))
-    return carried if share == 1 else joint
+    carried, weight = rig.get(joint, (joint, 1.0))
+    return carried if weight == 1 else joint
 
 
 def _plain(name: str) -> str:

@@ -1,4 +1,4 @@
-"""BVH with any order of channels; centimetres, all rotations zero at rest."""
+"""Reader of BVH files with any order of channels: centimetres, all rotations zero at rest."""
 
 import pathlib
 
@@ -12,10 +12,16 @@ _AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np
 
 
 def read(path: pathlib.Path) -> Motion:
-    """Reads a `.bvh` in centimetres whose figure stands as ours does: y up, facing +z.
+    """Read a `.bvh` file in centimetres with the axes of `ha2g export`: y up, facing +z.
+
+    Args:
+        path: file to read.
+
+    Returns:
+        The motion.
 
     Raises:
-        ValueError: the text is no BVH.
+        ValueError: the file is not a valid BVH.
     """
     head, found, body = path.read_text(encoding="utf-8").partition("MOTION")
     if not found:
@@ -32,8 +38,8 @@ def read(path: pathlib.Path) -> Motion:
     for column, (joint, channel) in enumerate(columns):
         axis, kind = channel[0].upper(), channel[1:].lower()
         if kind == "rotation":
-            turn = rotations.about(_AXES[axis], table[:, column])
-            rotated[:, joint] = rotations.multiply(rotated[:, joint], turn)
+            step = rotations.about(_AXES[axis], table[:, column])
+            rotated[:, joint] = rotations.multiply(rotated[:, joint], step)
         elif joint == 0:
             root[:, "XYZ".index(axis)] += table[:, column]
     rest = np.tile(rotations.IDENTITY, (len(names), 1))
@@ -42,7 +48,7 @@ def read(path: pathlib.Path) -> Motion:
 
 
 def _hierarchy(head: str) -> tuple[list[str], list[int], np.ndarray, list[list[str]]]:
-    """Names, parents, offsets (J, 3) and channels of the joints; end sites are left out."""
+    """Return names, parents, offsets (J, 3) and channels of the joints, without the end sites."""
     names: list[str] = []
     parents: list[int] = []
     channels: list[list[str]] = []
@@ -71,5 +77,5 @@ def _hierarchy(head: str) -> tuple[list[str], list[int], np.ndarray, list[list[s
 
 
 def _whole(fps: float) -> float:
-    """A frame rate that was meant to be whole: the frame time has ten digits only."""
+    """Round a frame rate that is nearly whole, because the frame time has only ten digits."""
     return float(round(fps)) if abs(fps - round(fps)) < 1e-4 else fps

@@ -1,8 +1,8 @@
-"""Rotations for the bones of an armature, whatever its rest pose, bone axes and orientation are.
+"""Rotations for the bones of an armature of any rest pose, bone axes and orientation.
 
-A joint's rotation D from its rest pose, in the world, is turned into the armature's axes. Where the armature's rest
-pose is not a T-pose, the bone is first turned by C, so that arms and fingers point where the motion's do: an arm that
-hangs at 45 degrees at rest is lifted before it is turned. Trunk, head and collarbones keep their own rest pose.
+The rotation D of a joint from its rest pose in the world is converted to the axes of the armature. Where the rest pose
+of the armature is not a T-pose, the bone is first rotated by C, so that arms and fingers have the directions of the
+motion: an arm that hangs at 45 degrees at rest is raised first. Trunk, head and collarbones keep their rest pose.
 """
 
 import dataclasses
@@ -23,11 +23,11 @@ class Target:
     """The bones of an armature at rest, in the armature's axes.
 
     Attributes:
-        bones: names, each after its parent.
-        parents: index of the parent, -1 for none.
-        heads: (B, 3) where they begin.
-        rest: (B, 4) their axes; x, y, z, w.
-        inherits: whether a bone turns with its parent.
+        bones: names of the bones, each after its parent.
+        parents: index of the parent of each bone, -1 for none.
+        heads: (B, 3) positions of the heads of the bones.
+        rest: (B, 4) orientations of the bones, as x, y, z, w.
+        inherits: whether each bone rotates with its parent.
     """
 
     bones: tuple[str, ...]
@@ -38,13 +38,15 @@ class Target:
 
 
 def fit(motion: Motion, target: Target, names: Names) -> dict[str, np.ndarray]:
-    """Rotations of the named bones in their own axes, relative to rest and parent, as a pose bone has them.
+    """Compute rotations of bones in their own axes, relative to rest and parent, as those of a pose bone.
 
     Args:
-        names: joint and share by bone, see `bone_names.match`.
+        motion: motion with the joints.
+        target: bones of the armature.
+        names: joint and weight by bone, see `bone_names.match`.
 
     Returns:
-        (T, 4) x, y, z, w by bone, sign-continuous.
+        (T, 4) rotations x, y, z, w by bone, with signs that are continuous over time.
 
     Raises:
         MotionError: the upper arms are not among the bones.
@@ -53,41 +55,52 @@ def fit(motion: Motion, target: Target, names: Names) -> dict[str, np.ndarray]:
     joints = {bone: motion.joints.index(joint) for bone, (joint, _) in names.items()}
     corrections = _corrections(motion, target, names, joints, rotations.conjugate(facing))
     wanted: dict[int, np.ndarray] = {}
-    # What the nearest bone above takes in full, from which a share is counted.
+    # The rotation of the nearest bone above with weight 1, from which a smaller weight is counted.
     whole: list[np.ndarray] = []
     for index, (bone, parent) in enumerate(zip(target.bones, target.parents)):
         above = whole[parent] if parent >= 0 else rotations.IDENTITY
         if bone not in names:
             whole.append(above)
             continue
-        turn, share = motion.turns[:, joints[bone]], names[bone][1]
-        whole.append(turn if share == 1 else above)
-        turn = turn if share == 1 else rotations.slerp(np.broadcast_to(above, turn.shape), turn, share)
-        turn = rotations.multiply(turn, corrections[index])
-        wanted[index] = rotations.multiply(rotations.multiply(facing, turn), rotations.conjugate(facing))
+        rotation, weight = motion.rotations[:, joints[bone]], names[bone][1]
+        whole.append(rotation if weight == 1 else above)
+        rotation = (
+            rotation if weight == 1 else rotations.slerp(np.broadcast_to(above, rotation.shape), rotation, weight)
+        )
+        rotation = rotations.multiply(rotation, corrections[index])
+        wanted[index] = rotations.multiply(rotations.multiply(facing, rotation), rotations.conjugate(facing))
     return local(target, wanted, motion.num_frames)
 
 
 def local(target: Target, wanted: dict[int, np.ndarray], frames: int) -> dict[str, np.ndarray]:
-    """How bones turn in their own axes, if in the armature's axes they shall turn from rest by `wanted` (T, 4)."""
-    turned: list[np.ndarray] = []
+    """Convert rotations of bones in the axes of the armature to rotations in the axes of the bones.
+
+    Args:
+        target: bones of the armature.
+        wanted: (T, 4) rotations from rest in the axes of the armature, by the index of the bone.
+        frames: number of frames T.
+
+    Returns:
+        (T, 4) rotations relative to rest and parent, by bone, with signs that are continuous over time.
+    """
+    rotated: list[np.ndarray] = []
     found: dict[str, np.ndarray] = {}
     for index, (parent, inherits) in enumerate(zip(target.parents, target.inherits)):
-        above = turned[parent] if parent >= 0 and inherits else np.broadcast_to(rotations.IDENTITY, (frames, 4))
-        turned.append(wanted.get(index, above))
+        above = rotated[parent] if parent >= 0 and inherits else np.broadcast_to(rotations.IDENTITY, (frames, 4))
+        rotated.append(wanted.get(index, above))
         if index in wanted:
-            turn = rotations.multiply(rotations.conjugate(above), wanted[index])
-            own = rotations.multiply(rotations.conjugate(target.rest[index]), turn)
+            rotation = rotations.multiply(rotations.conjugate(above), wanted[index])
+            own = rotations.multiply(rotations.conjugate(target.rest[index]), rotation)
             own = rotations.multiply(own, target.rest[index])
             found[target.bones[index]] = rotations.continuous(rotations.unit(own))
     return found
 
 
 def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
-    """The rotation (4,) from the motion's axes to the armature's: where the figure at rest has its left and its up."""
-    bones = {role(motion, joint): target.bones.index(bone) for bone, (joint, share) in names.items() if share == 1}
+    """Return the rotation (4,) from the axes of the motion to those of the armature, from its left and up at rest."""
+    bones = {role(motion, joint): target.bones.index(bone) for bone, (joint, weight) in names.items() if weight == 1}
     if not {"left_shoulder", "right_shoulder"} <= set(bones):
-        raise MotionError("no bone turns as left_shoulder, or none as right_shoulder; name the upper arms (--names)")
+        raise MotionError("no bone has the joint left_shoulder or right_shoulder; name the upper arms (--names)")
     left, right = (target.heads[bones[f"{side}_shoulder"]] for side in ("left", "right"))
     trunk = [target.bones.index(bone) for bone, (joint, _) in names.items() if role(motion, joint) == "spine"]
     bottom = min(trunk, default=_ancestors(target, bones["left_shoulder"])[-1])
@@ -95,13 +108,15 @@ def _facing(motion: Motion, target: Target, names: Names) -> np.ndarray:
     across = left - right
     across = across - (across @ up) * up
     if np.linalg.norm(across) < 1e-9:
-        raise MotionError("the armature's shoulders and spine lie on one line; it has no front")
+        raise MotionError(
+            "the armature's shoulders and spine lie on one line, so its front is unknown; name other bones"
+        )
     across = _snapped(across) if np.abs(up).max() == 1 else rotations.unit(across)
     return rotations.from_matrix(np.stack([across, up, np.cross(across, up)], axis=1))
 
 
 def _snapped(vector: np.ndarray) -> np.ndarray:
-    """The axis that a vector is near to, or itself at length 1: a spine leans a little, a character stands straight."""
+    """Return the axis that a vector is near to, because a spine is not exactly vertical, or else its unit vector."""
     vector = rotations.unit(vector)
     near = np.where(np.abs(vector) > _NEAR, np.sign(vector), 0.0)
     return near if near.any() else vector
@@ -110,10 +125,10 @@ def _snapped(vector: np.ndarray) -> np.ndarray:
 def _corrections(
     motion: Motion, target: Target, names: Names, joints: dict[str, int], to_motion: np.ndarray
 ) -> np.ndarray:
-    """(B, 4) C of each bone in the motion's axes: from the armature's rest pose to the motion's."""
+    """Return the rotation C (B, 4) of each bone from its rest pose to that of the motion, in the motion's axes."""
     heads = rotations.rotate(to_motion, target.heads)
     places = motion.places
-    roles = {bone: role(motion, joint) for bone, (joint, share) in names.items() if share == 1}
+    roles = {bone: role(motion, joint) for bone, (joint, weight) in names.items() if weight == 1}
     bones = {name: target.bones.index(bone) for bone, name in roles.items()}
     found = np.tile(rotations.IDENTITY, (len(target.bones), 1))
     hands = {side: _hand(side, heads, places, bones, roles, joints) for side in ("left", "right")}
@@ -143,7 +158,7 @@ def _hand(
     roles: dict[str, str],
     joints: dict[str, int],
 ) -> np.ndarray | None:
-    """The rotation (4,) from the hand's frame at rest to the motion's, or None without knuckles."""
+    """Return the rotation (4,) from the frame of the hand at rest to that of the motion, or None without knuckles."""
     knuckles = [f"{side}_{name}" for name in ("wrist", "index_1", "middle_1", "pinky_1")]
     if not set(knuckles) <= set(bones):
         return None
@@ -155,14 +170,14 @@ def _hand(
 
 
 def _frame(wrist: np.ndarray, first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """(3, 3) columns along the hand, out of its back and across."""
+    """Return the frame of a hand as a (3, 3) matrix with the columns along the hand, out of its back and across."""
     along = rotations.unit(middle - wrist)
     across = rotations.unit(np.cross(first - last, along))
     return np.stack([along, across, np.cross(along, across)], axis=1)
 
 
 def _next(target: Target, index: int, roles: dict[str, str], places: np.ndarray, joints: dict[str, int]) -> int | None:
-    """The first bone below with a role, whose joint lies elsewhere: the end of this bone."""
+    """Return the first bone below that is assigned to a joint at another position, the end of this bone."""
     for below in range(index + 1, len(target.bones)):
         bone = target.bones[below]
         if bone in roles and index in _ancestors(target, below)[1:]:
@@ -172,7 +187,7 @@ def _next(target: Target, index: int, roles: dict[str, str], places: np.ndarray,
 
 
 def _ancestors(target: Target, index: int) -> list[int]:
-    """The bone itself, its parent, and so on to the top."""
+    """Return the indices of a bone, its parent, and so on to the top."""
     found = [index]
     while target.parents[found[-1]] >= 0:
         found.append(target.parents[found[-1]])

@@ -1,4 +1,4 @@
-"""GLB and VRMA as `ha2g export` writes them: one animation of the joints of one skin, without scale."""
+"""Reader of GLB and VRMA files of `ha2g export`: one animation of the joints of one skin, without scale."""
 
 import json
 import pathlib
@@ -15,7 +15,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class _File:
-    """The tree of a GLB, and its arrays."""
+    """The JSON tree of a GLB, and its arrays."""
 
     def __init__(self, data: bytes) -> None:
         magic, version, _, length, _ = struct.unpack_from("<5I", data)
@@ -25,7 +25,7 @@ class _File:
         self._blob = data[20 + length + 8 :]
 
     def array(self, index: int) -> np.ndarray:
-        """An accessor, (n, width) or (n,) for scalars."""
+        """Return an accessor, (n, width) or (n,) for scalars."""
         accessor = self.tree["accessors"][index]
         view = self.tree["bufferViews"][accessor["bufferView"]]
         width = _WIDTHS[accessor["type"]]
@@ -38,10 +38,16 @@ class _File:
 
 
 def read(path: pathlib.Path) -> Motion:
-    """Reads the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
+    """Read the joints, the animation and, if there is one, the skinned mesh of a `.glb` or `.vrma`.
+
+    Args:
+        path: file to read.
+
+    Returns:
+        The motion.
 
     Raises:
-        ValueError: there is no animation, or one that is not ours.
+        ValueError: the file has no animation, or not one of `ha2g export`.
     """
     file = _File(path.read_bytes())
     nodes = file.tree["nodes"]
@@ -74,7 +80,7 @@ def read(path: pathlib.Path) -> Motion:
 
 
 def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -> list[int]:
-    """Nodes of the joints, each after its parent; joint 0 is the root."""
+    """Return the nodes of the joints, each after its parent; joint 0 is the root."""
     if tree.get("skins"):
         joints = set(tree["skins"][0]["joints"])
     else:
@@ -88,7 +94,7 @@ def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -
 
 
 def _body(file: _File, order: dict[int, int]) -> Body | None:
-    """The skinned mesh; its points lie where the bind pose, which is the rest pose, has them."""
+    """Return the skinned mesh in the bind pose, which is the rest pose, or None."""
     skinned = [node for node in file.tree["nodes"] if "mesh" in node and "skin" in node]
     if not skinned:
         return None

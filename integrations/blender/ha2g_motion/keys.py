@@ -1,4 +1,4 @@
-"""Motion as key frames of an armature."""
+"""Key frames of an armature from a motion."""
 
 import bpy
 import numpy as np
@@ -10,18 +10,24 @@ _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINE
 
 
 def make_figure(motion: Motion, *, start: float = 0, rate: float | None = None) -> bpy.types.Object:
-    """Adds an armature that performs the motion, with its body if the file has one.
+    """Add an animated armature, with its body if the file has one.
 
     Args:
-        start: the frame of the motion's first pose.
-        rate: frames per second of the scene; None for the motion's.
+        motion: motion of the armature.
+        start: frame of the first pose.
+        rate: frames per second of the scene; None for those of the motion.
+
+    Returns:
+        The armature object.
     """
     armature = armatures.make_armature(motion)
     target = armatures.target_of(armature)
-    wanted = {target.bones.index(motion.joints[joint]): turn for joint, turn in armatures.pose_of(motion).items()}
-    turns = fitting.local(target, wanted, motion.num_frames)
+    wanted = {
+        target.bones.index(motion.joints[joint]): rotation for joint, rotation in armatures.pose_of(motion).items()
+    }
+    local = fitting.local(target, wanted, motion.num_frames)
     curves = _Curves(armature, motion, start, rate)
-    _write_turns(armature, turns, curves)
+    _write_rotations(armature, local, curves)
     if np.ptp(motion.root, axis=0).max() > 1e-6:
         root = target.bones[0]
         curves.write(f'pose.bones["{root}"].location', armatures.root_location(motion, target), root)
@@ -36,29 +42,32 @@ def apply_motion(
     start: float = 0,
     rate: float | None = None,
 ) -> bone_names.Names:
-    """Gives an armature the motion as a new action; bones that the motion does not name stay as they are.
+    """Add a motion to an armature as a new action; bones without a joint do not change.
 
-    The bones that it names turn by quaternions from then on. The action that was there before is kept.
+    The rotation mode of the bones becomes quaternions. The previous action is kept in the file.
 
     Args:
-        names: joint and share by bone; None finds them, see `bone_names.match`.
-        start, rate: see `make_figure`.
+        motion: motion to apply.
+        armature: armature object.
+        names: joint and weight by bone; None to find them, see `bone_names.match`.
+        start: frame of the first pose.
+        rate: frames per second of the scene; None for those of the motion.
 
     Returns:
-        The names that were used.
+        Joint and weight by bone, as they were used.
 
     Raises:
         MotionError: the names do not fit.
     """
     target = armatures.target_of(armature)
     names = bone_names.match(motion, target.bones, names)
-    turns = fitting.fit(motion, target, names)
-    _write_turns(armature, turns, _Curves(armature, motion, start, rate))
+    local = fitting.fit(motion, target, names)
+    _write_rotations(armature, local, _Curves(armature, motion, start, rate))
     return names
 
 
 class _Curves:
-    """A new action of an armature, to which whole curves are written: many times faster than key by key."""
+    """A new action of an armature to which whole curves are written, which is faster than single keys."""
 
     def __init__(self, armature: bpy.types.Object, motion: Motion, start: float, rate: float | None) -> None:
         motions = armature.animation_data or armature.animation_data_create()
@@ -70,7 +79,7 @@ class _Curves:
         self._frames = start + np.arange(motion.num_frames) * ((rate or motion.fps) / motion.fps)
 
     def write(self, path: str, values: np.ndarray, group: str) -> None:
-        """One curve for each column of values (T, n)."""
+        """Write one curve for each column of values (T, n)."""
         for index, column in enumerate(values.T):
             curve = self._curve(path, index, group)
             curve.keyframe_points.add(len(column))
@@ -88,9 +97,9 @@ class _Curves:
         return curve
 
 
-def _write_turns(armature: bpy.types.Object, turns: dict[str, np.ndarray], curves: _Curves) -> None:
-    for bone, turn in turns.items():
+def _write_rotations(armature: bpy.types.Object, local: dict[str, np.ndarray], curves: _Curves) -> None:
+    for bone, rotation in local.items():
         armature.pose.bones[bone].rotation_mode = "QUATERNION"
         # Blender's quaternions begin with w.
         path = f'pose.bones["{bpy.utils.escape_identifier(bone)}"].rotation_quaternion'
-        curves.write(path, turn[:, [3, 0, 1, 2]], bone)
+        curves.write(path, rotation[:, [3, 0, 1, 2]], bone)

@@ -1,4 +1,4 @@
-"""What every file is read to: joints in their rest pose, and how each is turned from it over time."""
+"""Motion that is read from a file: joints in their rest pose, and their rotations from it over time."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ from . import rotations
 
 
 class MotionError(Exception):
-    """A file, a name or an armature that does not fit: one line, what was found and what to do."""
+    """A mistake of the user; the message is one line that says what was found and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,9 +18,10 @@ class Body:
     Attributes:
         points: (V, 3) metres.
         faces: (F, 3) corners of the triangles.
-        joints, weights: (V, 4) joints that carry a point, and how much.
-        materials: (F,) index of each face's colour.
-        colours: (name, (red, green, blue, alpha), roughness) of each material, linear.
+        joints: (V, 4) indices of the joints that move each point.
+        weights: (V, 4) weights of these joints.
+        materials: (F,) index of the material of each face.
+        colours: name, linear colour (red, green, blue, alpha) and roughness of each material.
     """
 
     points: np.ndarray
@@ -36,33 +37,33 @@ class Motion:
     """Joints that move; metres, y up, the figure faces +z and has its left at +x.
 
     Attributes:
-        name: of the rig, or of the file.
-        joints: names, each after its parent.
+        name: name of the rig, or of the file.
+        joints: names of the joints, each after its parent.
         parents: index of each joint's parent, -1 for the root.
-        places: (J, 3) where the joints are in the rest pose.
-        turns: (T, J, 4) rotation of each joint in the world from its rest pose; x, y, z, w.
-        root: (T, 3) place of the root.
+        places: (J, 3) positions of the joints in the rest pose.
+        rotations: (T, J, 4) rotation of each joint in the world from its rest pose; x, y, z, w.
+        root: (T, 3) positions of the root.
         fps: frames per second.
-        body: a mesh, or None.
+        body: skinned mesh, or None.
     """
 
     name: str
     joints: tuple[str, ...]
     parents: tuple[int, ...]
     places: np.ndarray
-    turns: np.ndarray
+    rotations: np.ndarray
     root: np.ndarray
     fps: float
     body: Body | None = None
 
     @property
     def num_frames(self) -> int:
-        return len(self.turns)
+        return len(self.rotations)
 
     @property
     def moves(self) -> np.ndarray:
-        """(J,) whether a joint ever leaves its rest pose."""
-        return np.abs(self.turns[..., :3]).max(axis=(0, 2)) > 1e-5
+        """(J,) whether each joint leaves its rest pose at any time."""
+        return np.abs(self.rotations[..., :3]).max(axis=(0, 2)) > 1e-5
 
 
 def from_local(
@@ -76,13 +77,21 @@ def from_local(
     fps: float,
     body: Body | None = None,
 ) -> Motion:
-    """The motion of joints that are given relative to their parents, as files give them.
+    """Build a motion from rotations relative to the parents, as in files.
 
     Args:
-        offsets: (J, 3) from the parent's origin, in the parent's axes; that of the root is not used.
+        name: name of the rig, or of the file.
+        joints: names of the joints, each after its parent.
+        parents: index of each joint's parent, -1 for the root.
+        offsets: (J, 3) metres from the parent's origin, in the parent's axes; that of the root is not used.
         rest: (J, 4) rotation relative to the parent at rest.
         rotated: (T, J, 4) rotation relative to the parent, the rest rotation included.
-        root: (T, 3) place of the root.
+        root: (T, 3) positions of the root in metres.
+        fps: frames per second.
+        body: skinned mesh, or None.
+
+    Returns:
+        The motion.
 
     Raises:
         ValueError: there are no frames, or a value is not a number.
@@ -100,5 +109,5 @@ def from_local(
         still[joint] = rotations.multiply(still[parent], rest[joint])
         moved[:, joint] = rotations.multiply(moved[:, parent], rotated[:, joint])
         places[joint] = places[parent] + rotations.rotate(still[parent], offsets[joint])
-    turns = rotations.unit(rotations.multiply(moved, rotations.conjugate(still)))
-    return Motion(name, joints, parents, places, rotations.continuous(turns), root, fps, body)
+    from_rest = rotations.unit(rotations.multiply(moved, rotations.conjugate(still)))
+    return Motion(name, joints, parents, places, rotations.continuous(from_rest), root, fps, body)

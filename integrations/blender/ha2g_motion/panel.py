@@ -1,4 +1,4 @@
-"""The add-on's panel: in the sidebar of the 3D view (N), tab HA2G."""
+"""Panel of the add-on in the sidebar of the 3D view (N), tab HA2G."""
 
 import pathlib
 
@@ -9,29 +9,29 @@ from .motion import Motion, MotionError
 
 
 class Ha2gSettings(bpy.types.PropertyGroup):
-    """What the panel asks for; kept in the scene."""
+    """Settings of the panel, which are stored in the scene."""
 
     motion: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
         name="Motion", description="A .glb, .vrma, .bvh, .json or .npz of ha2g-jax", subtype="FILE_PATH"
     )
     sound: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
-        name="Sound", description="The speech, or nothing", subtype="FILE_PATH"
+        name="Sound", description="The speech (optional)", subtype="FILE_PATH"
     )
     names: bpy.props.StringProperty(  # pyright: ignore[reportInvalidTypeForm]
         name="Bone names",
-        description='A JSON file {"BONE": "JOINT"}; without it the tables of common rigs are tried',
+        description='A JSON file {"BONE": "JOINT"} (optional; by default the names of common rigs)',
         subtype="FILE_PATH",
     )
     start: bpy.props.IntProperty(  # pyright: ignore[reportInvalidTypeForm]
         name="Start", description="Frame of the first pose", default=0
     )
     keep_rate: bpy.props.BoolProperty(  # pyright: ignore[reportInvalidTypeForm]
-        name="Keep scene's frame rate", description="Else the scene takes that of the motion", default=False
+        name="Keep scene's frame rate", description="Otherwise the scene takes that of the motion", default=False
     )
 
 
 class HA2G_OT_make_figure(bpy.types.Operator):
-    """Add an armature that performs the motion, with a simple body if the file has one"""
+    """Add an animated armature, with a simple body if the file has one"""
 
     bl_idname = "ha2g.make_figure"
     bl_label = "Add Figure"
@@ -42,7 +42,7 @@ class HA2G_OT_make_figure(bpy.types.Operator):
 
 
 class HA2G_OT_apply_motion(bpy.types.Operator):
-    """Give the motion to the active armature, as a new action"""
+    """Add the motion to the active armature as a new action"""
 
     bl_idname = "ha2g.apply_motion"
     bl_label = "Apply to Armature"
@@ -57,7 +57,7 @@ class HA2G_OT_apply_motion(bpy.types.Operator):
 
 
 class HA2G_PT_motion(bpy.types.Panel):
-    """The panel."""
+    """Panel with the settings and the two operators."""
 
     bl_label = "HA2G Motion"
     bl_space_type = "VIEW_3D"
@@ -77,21 +77,21 @@ _CLASSES = (Ha2gSettings, HA2G_OT_make_figure, HA2G_OT_apply_motion, HA2G_PT_mot
 
 
 def register() -> None:
-    """Adds the panel and its settings."""
+    """Add the panel and its settings."""
     for kind in _CLASSES:
         bpy.utils.register_class(kind)
     bpy.types.Scene.ha2g = bpy.props.PointerProperty(type=Ha2gSettings)
 
 
 def unregister() -> None:
-    """Removes them."""
+    """Remove the panel and its settings."""
     del bpy.types.Scene.ha2g
     for kind in reversed(_CLASSES):
         bpy.utils.unregister_class(kind)
 
 
 def _perform(operator: bpy.types.Operator, context: bpy.types.Context, armature: bpy.types.Object | None) -> set[str]:
-    """Does what a button says; a mistake is shown in Blender's way."""
+    """Run an operator and report a mistake of the user in Blender."""
     settings = context.scene.ha2g
     try:
         motion = reading.read_motion(bpy.path.abspath(settings.motion))
@@ -106,7 +106,7 @@ def _perform(operator: bpy.types.Operator, context: bpy.types.Context, armature:
 def _load(motion: Motion, armature: bpy.types.Object | None, stage: bpy.types.Scene) -> str:
     settings = stage.ha2g
     names = bone_names.read_names(bpy.path.abspath(settings.names)) if settings.names else None
-    # The armature first: if its names do not fit, nothing has changed.
+    # The armature comes first: if its names do not fit, nothing else has changed.
     rate = scene.rate(stage) if settings.keep_rate else motion.fps
     if armature is None:
         text = f"{keys.make_figure(motion, start=settings.start, rate=rate).name}: {len(motion.joints)} bones"

@@ -1,4 +1,4 @@
-"""Any file of `ha2g export` -> `Motion`."""
+"""Reading of any file of `ha2g export`."""
 
 import json
 import pathlib
@@ -16,26 +16,43 @@ SUFFIXES = (".glb", ".vrma", ".bvh", ".json", ".npz")
 
 
 def read_motion(path: str | pathlib.Path) -> Motion:
-    """Reads `.glb`, `.vrma`, `.bvh`, `.json` or, where the ha2g command is found, the `.npz` of `ha2g generate`.
+    """Read a motion from a file.
+
+    Args:
+        path: `.glb`, `.vrma`, `.bvh` or `.json` of `ha2g export`, or, where the ha2g command is found, the `.npz` of
+            `ha2g generate`.
+
+    Returns:
+        The motion.
 
     Raises:
-        MotionError: the file is missing, or is no such motion.
+        MotionError: the file is missing, or does not hold such a motion.
     """
     path = pathlib.Path(path)
     readers = {".glb": glb.read, ".vrma": glb.read, ".bvh": bvh.read, ".json": read_json, ".npz": _read_npz}
     suffix = path.suffix.lower()
     if suffix not in readers:
-        raise MotionError(f"cannot read {path.name}; expected one of {', '.join(SUFFIXES)}: ha2g export writes them")
+        raise MotionError(f"cannot read {path.name}; expected a file of ha2g export: {', '.join(SUFFIXES)}")
     if not path.is_file():
-        raise MotionError(f"no motion at {path}; ha2g export writes one")
+        raise MotionError(f"no motion at {path}; give a file of ha2g export")
     try:
         return readers[suffix](path)
     except (ValueError, KeyError, IndexError, TypeError, OSError, struct.error) as error:
-        raise MotionError(f"{path} is not a motion ({error}); write it anew with ha2g export") from error
+        raise MotionError(f"{path} is not a motion ({error}); write it again with ha2g export") from error
 
 
 def read_json(path: pathlib.Path) -> Motion:
-    """Reads the table that `ha2g export -o x.json` writes; docs/export.md names its fields."""
+    """Read the table of `ha2g export -o x.json`; its fields are described in docs/export.md.
+
+    Args:
+        path: file to read.
+
+    Returns:
+        The motion.
+
+    Raises:
+        ValueError, KeyError, TypeError: the file does not hold such a table.
+    """
     table = json.loads(path.read_text(encoding="utf-8"))
     joints = table["joints"]
     return from_local(
@@ -51,7 +68,7 @@ def read_json(path: pathlib.Path) -> Motion:
 
 
 def _read_npz(path: pathlib.Path) -> Motion:
-    """The directions of an `.npz` become rotations in ha2g itself, which Blender's Python does not have."""
+    """Read an `.npz` with the ha2g command, because Blender's Python does not have the package."""
     command = shutil.which("ha2g")
     if command is None:
         name = path.with_suffix(".glb").name

@@ -1,4 +1,4 @@
-"""What is around a figure: the scene's time, its sound, files in and out, pictures."""
+"""The scene around a figure: its time and sound, opening and writing of files, and images."""
 
 import contextlib
 import math
@@ -15,7 +15,10 @@ OUTPUTS = (".blend", ".fbx", ".glb", ".mp4", ".png")
 
 
 def open_file(path: pathlib.Path) -> None:
-    """Opens a `.blend`, or puts a `.fbx`, `.glb` or `.gltf` into an empty scene.
+    """Open a `.blend`, or import a `.fbx`, `.glb` or `.gltf` into an empty scene.
+
+    Args:
+        path: file to open.
 
     Raises:
         MotionError: there is no such file, or Blender cannot read it.
@@ -36,15 +39,18 @@ def open_file(path: pathlib.Path) -> None:
 
 
 def clear() -> None:
-    """An empty scene, without the cube, lamp and camera of Blender's start file."""
+    """Replace the scene by an empty one, without the cube, lamp and camera of Blender's start file."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
 def find_armature(name: str) -> bpy.types.Object:
-    """The armature of that name.
+    """Return the armature of a name.
+
+    Args:
+        name: name of the armature object.
 
     Raises:
-        MotionError: there is none.
+        MotionError: there is no such armature.
     """
     armatures = [thing.name for thing in bpy.data.objects if thing.type == "ARMATURE"]
     if name not in armatures:
@@ -54,12 +60,19 @@ def find_armature(name: str) -> bpy.types.Object:
 
 
 def rate(scene: bpy.types.Scene) -> float:
-    """Frames per second."""
+    """Return the frames per second of a scene."""
     return scene.render.fps / scene.render.fps_base
 
 
 def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rate: bool = False) -> None:
-    """Gives the scene the motion's length and, unless it keeps its own, its frames per second."""
+    """Set the length of a scene, and its frames per second, to those of a motion.
+
+    Args:
+        scene: scene to change.
+        motion: motion with the length and the frame rate.
+        start: frame of the first pose.
+        keep_rate: whether to keep the frames per second of the scene.
+    """
     if not keep_rate:
         scene.render.fps = math.ceil(motion.fps)
         scene.render.fps_base = math.ceil(motion.fps) / motion.fps
@@ -68,13 +81,18 @@ def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rat
 
 
 def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
-    """Adds the speech to the scene's sequencer, and lets playback follow it.
+    """Add the speech to the sequencer of a scene, and synchronise playback with it.
+
+    Args:
+        scene: scene to change.
+        path: audio file.
+        start: frame of the start of the sound.
 
     Raises:
         MotionError: there is no such file.
     """
     if not path.is_file():
-        raise MotionError(f"no sound at {path}")
+        raise MotionError(f"no sound at {path}; give an audio file")
     strips = _strips(scene)
     channel = 1 + max((strip.channel for strip in strips), default=0)
     strips.new_sound(path.stem, str(path.resolve()), channel, start)
@@ -96,18 +114,19 @@ def write(
     seconds: float = 0.0,
     start: int = 0,
 ) -> None:
-    """Writes the scene; the suffix says as what.
+    """Write the scene to a file in the format that the suffix names.
 
     Args:
         path: `.blend`; `.fbx` or `.glb` of the armature, its meshes and its motion; `.mp4`, or a `.png` of one moment.
-        size: width and height of pictures in pixels.
+        armature: armature object.
+        size: width and height of images in pixels.
         samples: rays per pixel of Cycles.
-        engine: what draws: CYCLES, which needs no graphics card, or another of Blender's.
-        seconds: moment of a `.png`.
-        start: frame of the motion's first pose.
+        engine: render engine: CYCLES, which needs no graphics card, or another of Blender.
+        seconds: time of a `.png` in seconds.
+        start: frame of the first pose.
 
     Raises:
-        MotionError: the suffix is another, or the place cannot be written.
+        MotionError: the suffix is another, or the file cannot be written.
     """
     scene = bpy.context.scene
     suffix = path.suffix.lower()
@@ -147,12 +166,12 @@ def _export(path: pathlib.Path, armature: bpy.types.Object) -> None:
 def _prepare_picture(
     scene: bpy.types.Scene, armature: bpy.types.Object, size: tuple[int, int], samples: int, engine: str
 ) -> None:
-    """Engine and size, and where they are missing a camera in front of the figure, a lamp and a grey backdrop."""
+    """Set engine and size; add a camera in front of the figure, a lamp and a backdrop where they are missing."""
     render = scene.render
     try:
         render.engine = engine
     except TypeError as error:
-        raise MotionError(f"this Blender has no engine {engine}; CYCLES draws anywhere") from error
+        raise MotionError(f"this Blender has no engine {engine}; use CYCLES") from error
     render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
     if engine == "CYCLES":
         scene.cycles.samples, scene.cycles.use_denoising = samples, False
@@ -170,7 +189,7 @@ def _prepare_picture(
 
 
 def _camera(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Object:
-    """A camera that sees all of the motion from the front, which is -y in Blender."""
+    """Add a camera that shows the whole motion from the front, which is -y in Blender."""
     data = bpy.data.cameras.new("Camera")
     camera = bpy.data.objects.new("Camera", data)
     scene.collection.objects.link(camera)
@@ -179,7 +198,7 @@ def _camera(scene: bpy.types.Scene, armature: bpy.types.Object) -> bpy.types.Obj
         scene.frame_set(frame)
         points += [armature.matrix_world @ bone.head for bone in armature.pose.bones]
     low, high = (mathutils.Vector([pick(values) for values in zip(*points)]) for pick in (min, max))
-    # Joints lie inside of the body. A camera's angle is that of the longer side of its picture.
+    # The body extends beyond the joints. The angle of a camera is that of the longer side of its image.
     size = scene.render.resolution_x, scene.render.resolution_y
     extent = 1.35 * max((high.x - low.x) * max(size) / size[0], (high.z - low.z) * max(size) / size[1])
     distance = extent / (2 * math.tan(data.angle / 2)) + (high.y - low.y) / 2
@@ -204,7 +223,7 @@ def _render(scene: bpy.types.Scene, path: pathlib.Path, *, is_video: bool) -> No
 
 @contextlib.contextmanager
 def _whole(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """A name beside `path` that becomes `path` when all is written."""
+    """Yield a temporary name beside `path`, which becomes `path` when the file is complete."""
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}").resolve()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from ha2g_jax.motion.control.local_rotations import apply_rotations
 from ha2g_jax.motion.control.parts import FINGER, FOREARM, HAND, HEAD, TRUNK, UPPER_ARM, parts
-from ha2g_jax.motion.control.turns import poses_of
 from ha2g_jax.motion.rotations import from_vector
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, normalize
 
@@ -26,14 +26,14 @@ def gestures() -> Callable[..., np.ndarray]:
     def perform(skeleton: Skeleton, seconds: float = 12, fps: float = FPS, seed: int = 0) -> np.ndarray:
         rng = np.random.default_rng(seed)
         time = np.arange(round(seconds * fps))[:, None, None] / fps
-        turns = {}
+        rotations = {}
         for part in parts(skeleton):
             for bones in {part.bones, *((bone,) for bone in part.bones)}:
                 pace, phase = rng.uniform(0.4, 1.4, (2, 3)), rng.uniform(0, 6, (2, 3))
                 size = _RADIANS[part.kind] * (0.2 if len(part.bones) > 1 and len(bones) == 1 else 1)
-                turns[bones] = from_vector(size * np.sin(2 * np.pi * pace * time + phase).sum(axis=1))
+                rotations[bones] = from_vector(size * np.sin(2 * np.pi * pace * time + phase).sum(axis=1))
         mean = normalize(skeleton.mean_directions.astype(np.float64))
-        poses = poses_of(mean, turns, parts(skeleton))
+        poses = apply_rotations(mean, rotations, parts(skeleton))
         return np.stack([poses[bone] for bone in range(skeleton.num_bones)], axis=1).astype(np.float32)
 
     return perform

@@ -37,8 +37,8 @@ def test_all_at_once(skeleton, gestures):
 
 
 MISTAKES = {
-    "energy": (Controls(energy=2.5), "an energy of 2.5; expected 0 to 2"),
-    "nan": (Controls(extent=float("nan")), "an extent of nan"),
+    "energy": (Controls(energy=2.5), "the energy is 2.5; expected 0 to 2"),
+    "nan": (Controls(extent=float("nan")), "the extent is nan"),
     "side": (Controls(handedness="both hands"), "expected left, right or both"),
     "backwards": (Controls(pins=(Pin(3, 2),)), "0 <= start <= end"),
     "negative": (Controls(mutes=(Span(-1, 2),)), "0 <= start <= end"),
@@ -47,7 +47,7 @@ MISTAKES = {
     "overlap": (Controls(pins=(Pin(2, 4), Pin(3, 5))), "overlaps the one at 3 s"),
     "twice": (Controls(mutes=(Span(2, 2), Span(2, 2))), "overlaps"),
     "shape": (Controls(pins=(Pin(1, 2, np.ones((3, 3)), "odd"),)), "odd has the shape (3, 3)"),
-    "skeleton": (Controls(pins=(Pin(1, 2, None, "wave", "other"),)), "wave is of the skeleton other"),
+    "skeleton": (Controls(pins=(Pin(1, 2, None, "wave", "other"),)), "wave has the skeleton other"),
 }
 
 
@@ -87,7 +87,7 @@ def test_a_pin_is_read_with_the_pose_of_a_moment(wave):
     [
         ("2:3", "START:END:POSE"),
         ("2::rest", "START:END:POSE"),
-        ("a:3:rest", "'a' in 'a:3:rest' is no time"),
+        ("a:3:rest", "'a' in 'a:3:rest' is not a time"),
         ("2:3:missing.npz", "no motion at missing.npz"),
         ("2:3:{wave}@99", "has no pose at 99 s"),
         ("2:3:{wave}@-1", "has no pose at -1 s"),

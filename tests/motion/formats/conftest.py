@@ -15,13 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Animation, ha2g_armature
+from ha2g_jax.motion.retargeting import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 15.0
 
 
 def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str = "ha2g") -> Animation:
-    """Arms that hang and swing, and every joint that carries a bone turned a little, differently in every frame."""
+    """Arms that hang and swing, and every joint that carries a bone rotated a little, differently in every frame."""
     armature = ha2g_armature(load_skeleton(skeleton))
     random = np.random.default_rng(0)
     swing = random.normal(0, 0.15, (1, len(armature.joints), 3))
@@ -33,9 +34,9 @@ def make_animation(skeleton: str = "ted_expressive", frames: int = 12, rig: str 
     ends = [index for index in range(len(armature.joints)) if index not in armature.parents]
     crossings = [armature.joint(name) for name in ("neck", "nose") if name in armature.joints]
     vectors[:, [*ends, *crossings]] = 0
-    turns = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
-    animation = Animation(armature, turns, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
-    return rigs.retarget(animation, rigs.load_rig(rig))
+    local = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat().reshape(frames, -1, 4)
+    animation = Animation(armature, local, np.zeros((frames, 3)), FPS, {"seed": 3, "speech": "a.wav"})
+    return retarget(animation, rigs.load_rig(rig))
 
 
 @pytest.fixture(scope="session")

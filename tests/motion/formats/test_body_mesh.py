@@ -23,7 +23,7 @@ def test_surfaces_are_closed_and_their_normals_point_out(animate, skeleton, rig)
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_shares_of_joints_are_a_whole(animate, rig):
+def test_weights_of_joints_sum_to_1(animate, rig):
     for surface in body_mesh(animate(rig=rig).armature).values():
         joints, weights = surface.bindings
         np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)

@@ -1,12 +1,19 @@
-"""One entry writes every format; what cannot be written is said in one line, and leaves no file."""
+"""One function writes every format; what cannot be written is an error of one line and leaves no file."""
+
+import json
+import pathlib
+import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion import formats
+from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, normalize
+
+DOCS = pathlib.Path(__file__).parents[3] / "docs" / "export.md"
 
 
 def make(name: str = "ted_expressive", frames: int = 9) -> Motion:
@@ -18,9 +25,9 @@ def make(name: str = "ted_expressive", frames: int = 9) -> Motion:
 
 @pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
 @pytest.mark.parametrize("suffix", formats.SUFFIXES)
-def test_save_writes_every_format_and_the_same_bytes_twice(tmp_path, name, suffix):
+def test_every_format_is_written_with_the_same_bytes_twice(tmp_path, name, suffix):
     for stem in ("a", "b"):
-        make(name).save(tmp_path / f"{stem}{suffix}")
+        formats.export(make(name), tmp_path / f"{stem}{suffix}")
     first = (tmp_path / f"a{suffix}").read_bytes()
     assert len(first) > 1000
     assert first == (tmp_path / f"b{suffix}").read_bytes()
@@ -30,13 +37,13 @@ def test_save_writes_every_format_and_the_same_bytes_twice(tmp_path, name, suffi
 def test_an_npz_of_the_own_rig_is_the_motion_and_of_smplx_is_poses(tmp_path):
     formats.export(make(), tmp_path / "m.npz")
     np.testing.assert_array_equal(Motion.load(tmp_path / "m.npz").directions, make().directions)
-    make().save(tmp_path / "x.npz", rig="smplx")
+    formats.export(make(), tmp_path / "x.npz", rig="smplx")
     with np.load(tmp_path / "x.npz") as arrays:
         assert arrays["poses"].shape == (9, 165)
 
 
 def test_the_length_of_the_speech_is_noted(tmp_path):
-    make().save(tmp_path / "a.glb")
+    formats.export(make(), tmp_path / "a.glb")
     formats.export(make(), tmp_path / "b.glb", audio_seconds=0.75)
     assert b'"audio_seconds":0.61' in (tmp_path / "a.glb").read_bytes().replace(b" ", b"")
     assert b'"audio_seconds":0.75' in (tmp_path / "b.glb").read_bytes().replace(b" ", b"")
@@ -54,9 +61,43 @@ def test_the_length_of_the_speech_is_noted(tmp_path):
 )
 def test_what_cannot_be_written_is_named(tmp_path, name, rig, message):
     with pytest.raises(UserError, match=message) as error:
-        make().save(tmp_path / name, rig=rig)
+        formats.export(make(), tmp_path / name, rig=rig)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def add_rig(tmp_path_factory, monkeypatch):
+    """A function that adds the rig of docs/export.md, after a change of its table, as its file would."""
+    folder = tmp_path_factory.mktemp("rigs")
+    monkeypatch.setattr(rigs, "_TABLES", folder)
+    monkeypatch.setattr(rigs, "RIGS", (*rigs.RIGS, "robot"))
+
+    def add(change: Callable[[dict], None] = lambda table: None) -> None:
+        (text,) = re.findall(r"```json\n(\{.*?\n\})\n```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+        table = json.loads(text)
+        change(table)
+        (folder / "robot.json").write_text(json.dumps(table))
+
+    yield add
+    rigs.load_rig.cache_clear()
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".glb", ".json", ".csv"])
+def test_the_rig_of_the_docs_is_a_file_and_no_code(tmp_path, add_rig, suffix):
+    add_rig()
+    formats.export(make(), tmp_path / f"m{suffix}", rig="robot")
+    assert b"LeftForearm" in (tmp_path / f"m{suffix}").read_bytes()
+
+
+def test_a_rig_without_the_joints_of_a_body_has_no_glb(tmp_path, add_rig):
+    def without_hand(table: dict) -> None:
+        table["joints"] = [joint for joint in table["joints"] if joint["name"] != "LeftHand"]
+
+    add_rig(without_hand)
+    with pytest.raises(UserError, match=r"robot has no joint with place 'left_wrist', carries 'left_wrist'.*\.bvh"):
+        formats.export(make(), tmp_path / "m.glb", rig="robot")
+    formats.export(make(), tmp_path / "m.bvh", rig="robot")
 
 
 @pytest.mark.parametrize("suffix", formats.SUFFIXES)
@@ -71,5 +112,5 @@ def test_a_motion_that_is_none_leaves_no_file(tmp_path, suffix):
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "folder.glb").mkdir()
     with pytest.raises(UserError, match="cannot write"):
-        make().save(tmp_path / "folder.glb")
+        formats.export(make(), tmp_path / "folder.glb")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.glb"]

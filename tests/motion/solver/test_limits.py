@@ -15,7 +15,7 @@ EXPRESSIVE = ha2g_armature(load_skeleton("ted_expressive"))
 EXPRESSIVE_JOINTS = len(EXPRESSIVE.joints)
 
 
-def turned(name: str, **degrees: float) -> np.ndarray:
+def rotated(name: str, **degrees: float) -> np.ndarray:
     angles = joint_angles(name, rotations.IDENTITY[None])
     return from_angles(name, np.deg2rad([[degrees.get(angle, 0.0) for angle in angles]]))
 
@@ -51,8 +51,8 @@ def test_random_rotations_end_within_the_limits_and_stay_there(name):
 def test_a_joint_within_its_limits_is_not_touched_when_another_is_clamped():
     local = np.tile(rotations.IDENTITY, (1, len(EXPRESSIVE.joints), 1))
     elbow, wrist = EXPRESSIVE.joint("left_elbow"), EXPRESSIVE.joint("left_wrist")
-    local[:, elbow] = turned("left_elbow", forward=-80)
-    local[:, wrist] = turned("left_wrist", up=30, forward=10, twist=40)
+    local[:, elbow] = rotated("left_elbow", forward=-80)
+    local[:, wrist] = rotated("left_wrist", up=30, forward=10, twist=40)
     clamped = clamp(EXPRESSIVE, local)
     changed = np.flatnonzero((clamped != local).any(axis=(0, 2)))
     assert list(changed) == [elbow]
@@ -73,22 +73,22 @@ def test_a_joint_within_its_limits_is_not_touched_when_another_is_clamped():
 )
 def test_forward_and_up_are_where_the_table_says_on_both_sides(joint, degrees, moved):
     out = np.array([1.0 if joint.startswith("left") else -1.0, 0.0, 0.0])
-    np.testing.assert_allclose(rotations.rotate(turned(joint, **degrees), out), [moved], atol=1e-3)
+    np.testing.assert_allclose(rotations.rotate(rotated(joint, **degrees), out), [moved], atol=1e-3)
 
 
-def test_twist_is_pronation_on_both_sides_and_the_head_turns_to_the_left():
+def test_twist_is_pronation_on_both_sides_and_the_head_yaws_to_the_left():
     for side in ("left", "right"):
-        thumb = rotations.rotate(turned(f"{side}_elbow", twist=90), np.array([0.0, 0.0, 1.0]))
+        thumb = rotations.rotate(rotated(f"{side}_elbow", twist=90), np.array([0.0, 0.0, 1.0]))
         np.testing.assert_allclose(thumb, [[0, -1, 0]], atol=1e-9)
     nose = np.array([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(rotations.rotate(turned("head", turn=90), nose), [[1, 0, 0]], atol=1e-9)
-    np.testing.assert_allclose(rotations.rotate(turned("head", bow=90), nose), [[0, -1, 0]], atol=1e-9)
-    top = rotations.rotate(turned("head", tip=90), np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(rotations.rotate(rotated("head", yaw=90), nose), [[1, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(rotations.rotate(rotated("head", pitch=90), nose), [[0, -1, 0]], atol=1e-9)
+    top = rotations.rotate(rotated("head", roll=90), np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(top, [[1, 0, 0]], atol=1e-9)
 
 
 @pytest.mark.parametrize("joint", ["left_wrist", "right_shoulder", "left_index_1", "head", "left_thumb_1"])
-def test_a_joint_that_turns_all_the_way_round_does_not_jump_from_end_to_end(joint):
+def test_a_joint_that_rotates_by_360_degrees_does_not_jump_from_end_to_end(joint):
     along = np.array([1.0, 0.0, 0.0]) if joint != "head" else np.array([0.0, 1.0, 0.0])
     local = np.tile(rotations.IDENTITY, (360, len(EXPRESSIVE.joints), 1))
     index = EXPRESSIVE.joint(joint)
@@ -100,8 +100,8 @@ def test_a_joint_that_turns_all_the_way_round_does_not_jump_from_end_to_end(join
 def test_from_one_end_of_a_range_to_the_other_takes_several_frames():
     joint = EXPRESSIVE.joint("left_wrist")
     free, ends = np.broadcast_to(rotations.IDENTITY, (2, 9, EXPRESSIVE_JOINTS, 4)).copy()
-    ends[:4, joint], ends[4:, joint] = turned("left_wrist", up=60)[0], turned("left_wrist", up=-60)[0]
-    ends[6, joint] = turned("left_wrist", up=60)[0]
+    ends[:4, joint], ends[4:, joint] = rotated("left_wrist", up=60)[0], rotated("left_wrist", up=-60)[0]
+    ends[6, joint] = rotated("left_wrist", up=60)[0]
     slowed = without_jumps(free, ends)
     steps = np.rad2deg(rotations.angle_between(slowed[1:], slowed[:-1]))[:, joint]
     np.testing.assert_allclose(steps, [0, 0, 0, 80, 40, 80, 80, 0], atol=1e-6)
@@ -111,5 +111,5 @@ def test_from_one_end_of_a_range_to_the_other_takes_several_frames():
 def test_what_turns_fast_itself_may_do_so_clamped():
     joint = EXPRESSIVE.joint("left_wrist")
     free = np.broadcast_to(rotations.IDENTITY, (2, EXPRESSIVE_JOINTS, 4)).copy()
-    free[:, joint] = np.concatenate([turned("left_wrist", up=60), turned("left_wrist", up=-60)])
+    free[:, joint] = np.concatenate([rotated("left_wrist", up=60), rotated("left_wrist", up=-60)])
     np.testing.assert_array_equal(without_jumps(free, free), free)

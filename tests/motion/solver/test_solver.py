@@ -14,13 +14,13 @@ X, Y, Z = np.eye(3)
 FAN = ("index", "middle", "ring", "pinky")
 
 
-def posed(skeleton: Skeleton, turns: dict[str, np.ndarray], fps: float = 15) -> Animation:
-    """The armature with some joints turned, (T, 4) each, relative to their parents."""
+def posed(skeleton: Skeleton, joint_rotations: dict[str, np.ndarray], fps: float = 15) -> Animation:
+    """The armature with some joints rotated, (T, 4) each, relative to their parents."""
     armature = ha2g_armature(skeleton)
-    frames = max(len(turn) for turn in turns.values())
+    frames = max(len(rotation) for rotation in joint_rotations.values())
     local = np.tile(rotations.IDENTITY, (frames, len(armature.joints), 1))
-    for joint, turn in turns.items():
-        local[:, armature.joint(joint)] = turn
+    for joint, rotation in joint_rotations.items():
+        local[:, armature.joint(joint)] = rotation
     return Animation(armature, local, np.zeros((frames, 3)), fps, {"skeleton": skeleton.name})
 
 
@@ -30,7 +30,7 @@ def solved(animation: Animation, skeleton: Skeleton, noise: float = 0.0, **optio
     return solver.animate(Motion.from_directions(skeleton, directions, animation.fps), **options)
 
 
-def turn(animation: Animation, joint: str) -> np.ndarray:
+def rotation_of(animation: Animation, joint: str) -> np.ndarray:
     return animation.rotations[:, animation.armature.joint(joint)]
 
 
@@ -38,8 +38,8 @@ def degrees_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.rad2deg(rotations.angle_between(a, b))
 
 
-def largest_step(turns: np.ndarray) -> float:
-    return float(degrees_between(turns[1:], turns[:-1]).max())
+def largest_step(joint_rotations: np.ndarray) -> float:
+    return float(degrees_between(joint_rotations[1:], joint_rotations[:-1]).max())
 
 
 def about(axis: np.ndarray, degrees: npt.ArrayLike) -> np.ndarray:
@@ -47,15 +47,15 @@ def about(axis: np.ndarray, degrees: npt.ArrayLike) -> np.ndarray:
 
 
 def arms_down(frames: int, bend: npt.ArrayLike, pronation: npt.ArrayLike = 0.0) -> dict[str, np.ndarray]:
-    """Both arms hang, turned 20 degrees forward; elbows bent and hands pronated by degrees, (T,) or one number."""
-    turns = {}
+    """Both arms hang, rotated 20 degrees forward; elbows bent and hands pronated by degrees, (T,) or one number."""
+    joint_rotations = {}
     for side, sign in (("left", 1), ("right", -1)):
         hang = rotations.multiply(about(X, -20), about(Z, -80 * sign))
-        turns[f"{side}_shoulder"] = np.tile(hang, (frames, 1))
+        joint_rotations[f"{side}_shoulder"] = np.tile(hang, (frames, 1))
         half = about(X, np.broadcast_to(np.asarray(pronation) / 2, frames))
-        turns[f"{side}_elbow"] = rotations.multiply(about(-Y * sign, np.broadcast_to(bend, frames)), half)
-        turns[f"{side}_wrist"] = half
-    return turns
+        joint_rotations[f"{side}_elbow"] = rotations.multiply(about(-Y * sign, np.broadcast_to(bend, frames)), half)
+        joint_rotations[f"{side}_wrist"] = half
+    return joint_rotations
 
 
 @pytest.mark.parametrize("name", SKELETONS)
@@ -84,37 +84,41 @@ def test_the_t_pose_is_no_rotation(name):
 def test_trunk_head_and_clavicles_turn_as_they_did():
     skeleton = load_skeleton("ted_expressive")
     shrug = about(Z, [10, 25, 0])
-    turns = {
+    joint_rotations = {
         "spine": rotations.multiply(about(Y, [-30, 0, 50]), about(X, [10, 20, -5])),
         "head": rotations.multiply(about(Y, [40, -20, 5]), about(Z, [10, 0, -15])),
         "left_clavicle": shrug,
         "right_clavicle": rotations.conjugate(shrug),
     }
-    animation = solved(posed(skeleton, turns), skeleton)
-    for joint, expected in turns.items():
-        assert degrees_between(turn(animation, joint), expected).max() < 4
+    animation = solved(posed(skeleton, joint_rotations), skeleton)
+    for joint, expected in joint_rotations.items():
+        assert degrees_between(rotation_of(animation, joint), expected).max() < 4
 
 
 @pytest.mark.parametrize("name", SKELETONS)
 def test_an_elbow_is_a_hinge_and_the_upper_arm_turns_for_it(name):
     skeleton = load_skeleton(name)
-    turns = arms_down(4, 80.0)
-    turns["left_shoulder"] = rotations.multiply(turns["left_shoulder"], about(X, [-50, -10, 30, 60]))
-    true = posed(skeleton, turns)
+    joint_rotations = arms_down(4, 80.0)
+    joint_rotations["left_shoulder"] = rotations.multiply(
+        joint_rotations["left_shoulder"], about(X, [-50, -10, 30, 60])
+    )
+    true = posed(skeleton, joint_rotations)
     animation = solved(true, skeleton)
     for joint in ("left_shoulder", "right_shoulder", "left_elbow", "right_elbow"):
-        assert degrees_between(turn(animation, joint), turn(true, joint)).max() < 3
+        assert degrees_between(rotation_of(animation, joint), rotation_of(true, joint)).max() < 3
 
 
 def test_the_forearm_takes_half_of_the_turn_of_the_palm_and_the_wrist_the_rest():
     skeleton = load_skeleton("ted_expressive")
     pronation = np.linspace(-90, 90, 61)
-    turns = arms_down(61, 80.0, pronation)
-    turns["left_wrist"] = rotations.multiply(turns["left_wrist"], about(Z, 50))  # a bent wrist does not change that
-    true = posed(skeleton, turns)
+    joint_rotations = arms_down(61, 80.0, pronation)
+    joint_rotations["left_wrist"] = rotations.multiply(
+        joint_rotations["left_wrist"], about(Z, 50)
+    )  # a bent wrist does not change that
+    true = posed(skeleton, joint_rotations)
     animation = solved(true, skeleton)
     for side in ("left", "right"):
-        assert degrees_between(turn(animation, f"{side}_elbow"), turn(true, f"{side}_elbow")).max() < 6
+        assert degrees_between(rotation_of(animation, f"{side}_elbow"), rotation_of(true, f"{side}_elbow")).max() < 6
         hand = [world(one)[0][:, one.armature.joint(f"{side}_wrist")] for one in (animation, true)]
         assert degrees_between(*hand).max() < 0.5
 
@@ -122,8 +126,8 @@ def test_the_forearm_takes_half_of_the_turn_of_the_palm_and_the_wrist_the_rest()
 def test_a_hand_without_fingers_is_neither_pronated_nor_supinated():
     skeleton = load_skeleton("ted_gesture")
     animation = solved(posed(skeleton, arms_down(5, 80.0)), skeleton)
-    assert degrees_between(turn(animation, "left_wrist"), rotations.IDENTITY).max() < 1e-6
-    assert np.abs(np.rad2deg(rotations.twist_angle(turn(animation, "left_elbow"), X))).max() < 1
+    assert degrees_between(rotation_of(animation, "left_wrist"), rotations.IDENTITY).max() < 1e-6
+    assert np.abs(np.rad2deg(rotations.twist_angle(rotation_of(animation, "left_elbow"), X))).max() < 1
 
 
 @pytest.mark.parametrize("name", SKELETONS)
@@ -131,13 +135,13 @@ def test_a_hand_without_fingers_is_neither_pronated_nor_supinated():
 def test_the_upper_arm_keeps_its_twist_while_the_arm_is_straight_or_bent_back_by_noise(name, straight):
     skeleton = load_skeleton(name)
     bend = np.interp(np.arange(60), [0, 10, 22, 38, 50, 60], [70, 70, straight, straight, 70, 70])
-    turns = arms_down(60, bend)
-    turns["left_shoulder"] = rotations.multiply(turns["left_shoulder"], about(X, 35))
-    true = posed(skeleton, turns)
+    joint_rotations = arms_down(60, bend)
+    joint_rotations["left_shoulder"] = rotations.multiply(joint_rotations["left_shoulder"], about(X, 35))
+    true = posed(skeleton, joint_rotations)
     animation = solved(true, skeleton, noise=0.01, limits=False)
     for side in ("left", "right"):
-        found = turn(animation, f"{side}_shoulder")
-        assert degrees_between(found, turn(true, f"{side}_shoulder")).max() < 25
+        found = rotation_of(animation, f"{side}_shoulder")
+        assert degrees_between(found, rotation_of(true, f"{side}_shoulder")).max() < 25
         assert largest_step(found) < 15
 
 
@@ -147,8 +151,8 @@ def test_an_arm_that_is_always_straight_turns_like_one_that_was_raised():
     forward = rotations.multiply(about(X, -raised), about(Z, -90))
     true = posed(skeleton, {"left_shoulder": forward, "right_shoulder": about(Z, raised)})
     animation = solved(true, skeleton, noise=0.002)
-    assert degrees_between(turn(animation, "left_shoulder"), turn(true, "left_shoulder")).max() < 10
-    assert largest_step(turn(animation, "right_shoulder")) < 10
+    assert degrees_between(rotation_of(animation, "left_shoulder"), rotation_of(true, "left_shoulder")).max() < 10
+    assert largest_step(rotation_of(animation, "right_shoulder")) < 10
 
 
 def test_the_turn_of_a_hand_is_held_while_its_fingers_lie_on_one_line():
@@ -159,33 +163,36 @@ def test_the_turn_of_a_hand_is_held_while_its_fingers_lie_on_one_line():
     directions[15:30, bones] = directions[15:30, bones[1:2]]
     directions = directions + np.random.default_rng(0).normal(0, 1e-3, directions.shape)
     animation = solver.animate(Motion.from_directions(skeleton, directions, 15), limits=False)
-    assert degrees_between(turn(animation, "left_elbow"), turn(true, "left_elbow")).max() < 4
-    assert np.abs(np.rad2deg(rotations.twist_angle(turn(animation, "left_wrist"), X)) - 30).max() < 4
+    assert degrees_between(rotation_of(animation, "left_elbow"), rotation_of(true, "left_elbow")).max() < 4
+    assert np.abs(np.rad2deg(rotations.twist_angle(rotation_of(animation, "left_wrist"), X)) - 30).max() < 4
 
 
 def test_a_finger_bends_as_a_hinge_towards_the_palm():
     skeleton = load_skeleton("ted_expressive")
     knuckle = rotations.multiply(about(Z, [-20, -60, -90]), about(Y, [10, 20, 30]))
-    turns = {"left_index_1": rotations.multiply(knuckle, about(X, [10, 10, 15])), "left_index_2": about(Z, [-60] * 3)}
-    animation = solved(posed(skeleton, turns), skeleton, limits=False)
-    for joint, expected in turns.items():
-        assert degrees_between(turn(animation, joint), expected).max() < 1
+    joint_rotations = {
+        "left_index_1": rotations.multiply(knuckle, about(X, [10, 10, 15])),
+        "left_index_2": about(Z, [-60] * 3),
+    }
+    animation = solved(posed(skeleton, joint_rotations), skeleton, limits=False)
+    for joint, expected in joint_rotations.items():
+        assert degrees_between(rotation_of(animation, joint), expected).max() < 1
 
 
 @pytest.mark.parametrize("name", SKELETONS)
 def test_the_mirrored_motion_has_the_mirrored_rotations(name):
     skeleton = load_skeleton(name)
-    turns = arms_down(20, np.linspace(30, 90, 20), np.linspace(-40, 60, 20))
-    turns["spine"] = about(Y, np.linspace(-10, 20, 20))
+    joint_rotations = arms_down(20, np.linspace(30, 90, 20), np.linspace(-40, 60, 20))
+    joint_rotations["spine"] = about(Y, np.linspace(-10, 20, 20))
     if name == "ted_gesture":
-        turns = {joint: value for joint, value in turns.items() if not joint.endswith("wrist")}
-    turns["left_shoulder"] = rotations.multiply(turns["left_shoulder"], about(X, 20))
-    directions = solver.directions_of(posed(skeleton, turns), skeleton)
+        joint_rotations = {joint: value for joint, value in joint_rotations.items() if not joint.endswith("wrist")}
+    joint_rotations["left_shoulder"] = rotations.multiply(joint_rotations["left_shoulder"], about(X, 20))
+    directions = solver.directions_of(posed(skeleton, joint_rotations), skeleton)
     one = solver.animate(Motion.from_directions(skeleton, directions, 15))
     other = solver.animate(Motion.from_directions(skeleton, mirror_directions(skeleton, directions), 15))
     for joint in ("left_shoulder", "left_elbow", "left_wrist", "spine"):
-        swapped = turn(other, joint.replace("left", "right")) * np.array([1, -1, -1, 1])
-        assert degrees_between(turn(one, joint), swapped).max() < 1e-3
+        swapped = rotation_of(other, joint.replace("left", "right")) * np.array([1, -1, -1, 1])
+        assert degrees_between(rotation_of(one, joint), swapped).max() < 1e-3
 
 
 def test_the_frame_rate_does_not_change_the_pose():
@@ -199,15 +206,17 @@ def test_the_frame_rate_does_not_change_the_pose():
 
 def test_a_limit_stops_an_elbow_that_bends_too_far_and_only_that():
     skeleton = load_skeleton("ted_gesture")
-    turns = arms_down(30, 60.0)
-    turns["left_elbow"] = about(-Y, np.r_[np.full(10, 60.0), np.full(10, 178.0), np.full(10, 60.0)])
-    true = posed(skeleton, turns)
+    joint_rotations = arms_down(30, 60.0)
+    joint_rotations["left_elbow"] = about(-Y, np.r_[np.full(10, 60.0), np.full(10, 178.0), np.full(10, 60.0)])
+    true = posed(skeleton, joint_rotations)
     free, kept = (solved(true, skeleton, limits=limits) for limits in (False, True))
     differs = {
-        joint for joint in kept.armature.joints if degrees_between(turn(free, joint), turn(kept, joint)).max() > 0.1
+        joint
+        for joint in kept.armature.joints
+        if degrees_between(rotation_of(free, joint), rotation_of(kept, joint)).max() > 0.1
     }
     assert differs == {"left_elbow"}
-    bend = np.rad2deg(np.linalg.norm(rotations.to_vector(turn(kept, "left_elbow")), axis=-1))
+    bend = np.rad2deg(np.linalg.norm(rotations.to_vector(rotation_of(kept, "left_elbow")), axis=-1))
     _, high = limits_of("left_elbow")["forward"]
     assert bend[10:20] == pytest.approx(high, abs=1)
     np.testing.assert_allclose(bend[:8], 60, atol=1)

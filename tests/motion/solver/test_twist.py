@@ -1,4 +1,4 @@
-"""A twist follows what is seen, is held where nothing is, and no direction of a bone is a place where it jumps."""
+"""A twist follows its observations, is held without them, and does not jump at any direction of the bone."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.solver.fitting import fit
-from ha2g_jax.motion.solver.twist import carry, smooth_angle
+from ha2g_jax.motion.solver.twist import smooth_angle, transport
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -21,19 +21,19 @@ def test_what_is_seen_well_is_followed_through_whole_turns(fps):
 
 
 @pytest.mark.parametrize("fps", [15, 60])
-def test_where_nothing_is_seen_the_twist_goes_straight_to_the_next_sight(fps):
-    sights = np.exp(1j * np.concatenate([np.full(fps, 0.2), np.zeros(fps), np.full(fps, 1.2)]))
-    sights[fps : 2 * fps] = 0
-    found = smooth_angle(sights, fps)
+def test_where_nothing_is_seen_the_twist_is_interpolated(fps):
+    observations = np.exp(1j * np.concatenate([np.full(fps, 0.2), np.zeros(fps), np.full(fps, 1.2)]))
+    observations[fps : 2 * fps] = 0
+    found = smooth_angle(observations, fps)
     np.testing.assert_allclose(found[: fps // 2], 0.2, atol=0.01)
     np.testing.assert_allclose(found[-fps // 2 :], 1.2, atol=0.01)
     np.testing.assert_allclose(np.diff(found[fps:-fps]), 1 / (fps + 1), atol=0.2 / fps)
 
 
-def test_a_weak_sight_against_all_others_is_overruled():
-    sights = np.ones(31, complex)
-    sights[10:20] = -1e-5
-    np.testing.assert_allclose(smooth_angle(sights, 15), 0, atol=0.1)
+def test_a_weak_observation_against_all_others_is_overruled():
+    observations = np.ones(31, complex)
+    observations[10:20] = -1e-5
+    np.testing.assert_allclose(smooth_angle(observations, 15), 0, atol=0.1)
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -41,35 +41,35 @@ def test_nothing_seen_at_all_is_no_twist(count):
     np.testing.assert_array_equal(smooth_angle(np.zeros(count, complex), 15), 0)
 
 
-def test_a_carried_bone_does_not_jump_where_it_points_back():
+def test_a_transported_bone_does_not_jump_where_it_points_back():
     angle = np.linspace(0, 2 * np.pi, 200)
     along = np.stack([np.cos(angle), np.sin(angle), 0.01 * (1 - np.cos(angle))], axis=-1)
     along = rotations.unit(along)
     still = np.tile(rotations.IDENTITY, (200, 1))
-    frames = carry(still, X, along)
+    frames = transport(still, X, along)
     np.testing.assert_allclose(rotations.rotate(frames, X), along, atol=1e-12)
     assert rotations.angle_between(frames[1:], frames[:-1]).max() < 0.05
     shortest = rotations.between(X, along)
     assert rotations.angle_between(shortest[1:], shortest[:-1]).max() > 0.5
 
 
-def test_a_carried_bone_moves_with_its_parent():
+def test_a_transported_bone_moves_with_its_parent():
     above = rotations.about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 2, 50))
     along = rotations.rotate(above, rotations.unit(np.array([1.0, 1.0, 0.0])))
-    local = rotations.multiply(rotations.conjugate(above), carry(above, X, along))
+    local = rotations.multiply(rotations.conjugate(above), transport(above, X, along))
     np.testing.assert_allclose(rotations.angle_between(local, local[:1]), 0, atol=1e-7)
 
 
-def test_the_fit_is_that_of_scipy_and_knows_when_it_is_unsure():
+def test_the_fit_is_that_of_scipy_and_reports_its_certainty():
     random = np.random.default_rng(0)
     rest = rotations.unit(random.normal(size=(4, 3)))
     q = rotations.unit(random.normal(size=(30, 4)))
     seen = [rotations.unit(rotations.rotate(q, vector) + random.normal(0, 0.05, (30, 3))) for vector in rest]
-    fitted, surety = fit(seen, list(rest))
+    fitted, certainty = fit(seen, list(rest))
     expected = [Rotation.align_vectors(np.stack(seen)[:, t], rest)[0].as_quat() for t in range(30)]
     np.testing.assert_allclose(rotations.angle_between(fitted, np.array(expected)), 0, atol=1e-6)
-    assert surety.min() > 0.8
+    assert certainty.min() > 0.8
     line = [np.broadcast_to(X, (30, 3))] * 4
-    fitted, surety = fit(line, list(rest))
-    np.testing.assert_allclose(surety, 0, atol=1e-9)
+    fitted, certainty = fit(line, list(rest))
+    np.testing.assert_allclose(certainty, 0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(fitted, axis=-1), 1, atol=1e-9)
