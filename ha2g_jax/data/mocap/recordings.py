@@ -1,4 +1,4 @@
-"""Which sound, words and speaker belong to a file of motion, and whether they are as long as it."""
+"""Recordings of motion capture: finding motion files with their audio, words and speaker."""
 
 import pathlib
 from typing import NamedTuple
@@ -6,61 +6,54 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.data import transcripts
+from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
 
-# In the order of preference where several lie beside a file.
+# In order of preference, if several files lie beside a motion file.
 AUDIO_SUFFIXES = (
     *(".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus", ".wma", ".aiff", ".aif"),
     *(".mp4", ".mov", ".mkv", ".webm", ".avi"),
 )
 
-_MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and sound that need no mention
-_MIN_SHARE = 0.5  # of the longer one that the shorter one must have
+_MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
+_MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
 
 
-class Source(NamedTuple):
-    """A file of motion and what belongs to it.
+class MotionRecording(NamedTuple):
+    """A motion file and the files that belong to it.
 
     Attributes:
-        path: the motion.
-        talk: name of the recording, unique among its like.
+        path: path of the motion file.
+        name: unique name of the recording.
         speaker: name of the speaker.
-        audio: the sound, None to look for it beside the motion.
-        words: the transcript, None to look for it beside the motion.
-        is_alone: whether no other motion lies in its folder.
+        audio: path of the audio file, None if it lies beside the motion.
+        words: path of the transcript, None if it lies beside the motion.
+        is_alone: whether there is no other motion file in the same folder.
     """
 
     path: pathlib.Path
-    talk: str
+    name: str
     speaker: str
     audio: pathlib.Path | None
     words: pathlib.Path | None
     is_alone: bool
 
 
-def find_sources(
-    src: pathlib.Path,
-    suffix: str,
-    *,
-    audio: pathlib.Path | None = None,
-    words: pathlib.Path | None = None,
-    speaker: str | None = None,
-) -> list[Source]:
-    """The files of motion in a folder and all below it, in order of their paths, or the one file.
+def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> list[MotionRecording]:
+    """Find the motion files in a folder and its subfolders, in order of their paths, or the one file.
 
-    A talk is called as its file; where two files in different folders have one name, as the path. A speaker is called
-    as the folder where `src` has subfolders, else as the file.
+    A recording has the name of its file, or its path if two files in different folders have the same name. A speaker
+    has the name of the folder if `src` has subfolders, otherwise the name of the file.
 
     Args:
-        src: a file, or a folder.
-        suffix: of files of motion, such as ".bvh", in any letter case.
-        audio, words: sound and transcript of the only file.
-        speaker: name of the speaker of all files.
+        src: path of a file or of a folder.
+        suffix: suffix of motion files, such as ".bvh", in any letter case.
+        options: options of the import, of which `audio`, `words` and `speaker` are used.
 
     Raises:
-        UserError: there is no such file, or audio or words are given for several.
+        UserError: there is no such file, or audio or words are given for several files.
     """
     if not src.exists():
         raise UserError(f"nothing at {src}; give a {suffix} file or a folder of them")
@@ -71,45 +64,47 @@ def find_sources(
         paths, root = sorted(path for path in found if not path.name.startswith(".")), src
     if not paths:
         raise UserError(f"no {suffix} file in {src} or below it; give a {suffix} file or a folder of them")
+    audio, words = (None if given is None else pathlib.Path(given) for given in (options.audio, options.words))
     if len(paths) > 1 and (audio or words):
-        raise UserError(f"{src} holds {len(paths)} {suffix} files; give sound and words by option for one file only")
-    talks = [path.stem for path in paths]
-    if len(set(talks)) < len(talks):
-        talks = ["_".join(path.relative_to(root).with_suffix("").parts) for path in paths]
-    if len(set(talks)) < len(talks):
-        twice = next(talk for talk in talks if talks.count(talk) > 1)
+        raise UserError(f"{src} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        names = ["_".join(path.relative_to(root).with_suffix("").parts) for path in paths]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
         raise UserError(f"{src} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
+    speakers = [options.speaker or (path.parent.name if in_folders else path.stem) for path in paths]
     return [
-        Source(path, talk, speaker or (path.parent.name if in_folders else path.stem), audio, words, is_alone)
-        for path, talk, is_alone in zip(paths, talks, (folders.count(folder) == 1 for folder in folders), strict=True)
+        MotionRecording(path, name, speaker, audio, words, folders.count(path.parent) == 1)
+        for path, name, speaker in zip(paths, names, speakers, strict=True)
     ]
 
 
-def read_speech(source: Source, *, with_words: bool) -> tuple[np.ndarray, tuple[Word, ...] | None]:
-    """Sound and words of a recording.
+def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.ndarray, tuple[Word, ...] | None]:
+    """Read the audio and the words of a recording.
 
-    Sound and words lie in the motion's folder and have its stem, or its stem up to a dot; see `transcripts.find`.
+    Both lie in the folder of the motion file and have its stem, or its stem up to a dot; see `transcripts.find`.
 
     Args:
-        source: the recording.
-        with_words: whether it must have a transcript.
+        recording: the recording.
+        with_words: whether the recording must have a transcript.
 
     Returns:
-        (samples,) float32 at 16 kHz, and the words within it in seconds; None where there is no transcript.
+        (samples,) float32 at 16 kHz, and the words in seconds from the start, None if there is no transcript.
 
     Raises:
-        UserError: there is no sound, or no transcript where one is wanted, or one of them cannot be read.
+        UserError: there is no audio, a required transcript is missing, or a file cannot be read.
     """
-    path = source.audio or _find_audio(source.path)
+    path = recording.audio or _find_audio(recording.path)
     if path is None:
-        raise UserError(f"{source.path} has no sound beside it; put {source.path.stem}.wav there or give it (--audio)")
-    transcript = source.words or _find_words(source)
+        raise UserError(f"{recording.path} has no audio; put {recording.path.stem}.wav beside it or give it (--audio)")
+    transcript = recording.words or _find_words(recording)
     if transcript is None and with_words:
         raise UserError(
-            f"{source.path} has no transcript beside it; put {source.path.stem}.TextGrid, .json, .srt, .vtt or .tsv "
-            "there, or do without words (--no-words)"
+            f"{recording.path} has no transcript; put {recording.path.stem}.TextGrid, .json, .srt, .vtt or .tsv beside "
+            "it, or import without words (--no-words)"
         )
     audio = read_audio(path)
     if transcript is None:
@@ -117,16 +112,24 @@ def read_speech(source: Source, *, with_words: bool) -> tuple[np.ndarray, tuple[
     return audio, transcripts.words_of(audio, transcript, recognise=None)
 
 
-def compare_lengths(source: Source, motion: float, audio: np.ndarray) -> str | None:
-    """A sentence where motion, in seconds, and sound differ by more than half a second; the longer one will be cut.
+def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray) -> str | None:
+    """Compare the lengths of motion and audio, of which the longer one will be cut.
+
+    Args:
+        recording: the recording, to name it in the message.
+        motion: length of the motion in seconds.
+        audio: (samples,) audio at 16 kHz.
+
+    Returns:
+        A warning if the lengths differ by more than half a second, else None.
 
     Raises:
         UserError: one is less than half as long as the other, so that they cannot belong together.
     """
     sound = len(audio) / SAMPLE_RATE
-    lengths = f"{source.path} has {motion:.2f} s of motion and {sound:.2f} s of sound"
-    if min(motion, sound) < _MIN_SHARE * max(motion, sound):
-        raise UserError(f"{lengths}, which do not belong together; give the sound of this motion")
+    lengths = f"{recording.path} has {motion:.2f} s of motion and {sound:.2f} s of audio"
+    if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
+        raise UserError(f"{lengths}, which do not belong together; give the audio of this motion (--audio)")
     return f"{lengths}; cut to the shorter" if abs(motion - sound) > _MAX_DIFFERENCE else None
 
 
@@ -141,7 +144,7 @@ def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
     return None
 
 
-def _find_words(source: Source) -> pathlib.Path | None:
-    found = transcripts.find(source.path)
-    # A file called words.* says not whose they are, where there are several recordings.
-    return None if found is not None and found.stem == "words" and not source.is_alone else found
+def _find_words(recording: MotionRecording) -> pathlib.Path | None:
+    found = transcripts.find(recording.path)
+    # A file called words.* is ambiguous if there are several recordings in the folder.
+    return None if found is not None and found.stem == "words" and not recording.is_alone else found
