@@ -85,7 +85,7 @@ def test_ted_files(private_data, tmp_path, capsys):
     assert run("validate", tmp_path / "ted") == 0
     assert run("stats", tmp_path / "ted", "--json") == 0
     capsys.readouterr()
-    assert run("split", tmp_path / "ted", tmp_path / "divided", "--by", "speaker", "--shares", 0.5, 0.25, 0.25) == 0
+    assert run("split", tmp_path / "ted", tmp_path / "divided", "--by", "speaker", "--fractions", 0.5, 0.25, 0.25) == 0
     assert pathlib.Path(capsys.readouterr().out.strip()) == tmp_path / "divided"
 
 

@@ -1,4 +1,4 @@
-"""Other examples out of one: seen in a mirror, spoken more quietly, heard through noise.
+"""Data augmentation of a training window: mirrored motion, quieter speech, added noise.
 
 Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
 """
@@ -16,14 +16,14 @@ _NOISE_SECONDS = 16
 
 
 class Augmentation(NamedTuple):
-    """What is changed at random in a training window; nothing by default.
+    """Random changes of a training window; none by default.
 
     Attributes:
-        jitter: most frames by which it starts late.
-        mirror: share of windows seen in a mirror.
-        gain_db: most dB by which the speech is made quieter.
-        noise: share of windows with noise in the speech.
-        noise_snr_db: least and most dB by which the speech is louder than the noise.
+        jitter: maximum number of frames by which the window starts late.
+        mirror: probability that the window is mirrored.
+        gain_db: maximum by which the speech is made quieter, in dB.
+        noise: probability that noise is added to the speech.
+        noise_snr_db: minimum and maximum level of the speech over the noise, in dB.
     """
 
     jitter: int = 0
@@ -40,14 +40,17 @@ def augment(
     num_speakers: int,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """The example after everything but the jitter, which decides where a window is cut.
+    """Apply all random changes but the jitter, which is applied when the window is cut.
 
     Args:
-        example: is left as it is.
-        augmentation: how much of what.
-        skeleton: of the directions.
-        num_speakers: of the training split.
-        rng: the same one gives the same example.
+        example: example without a batch axis, see `Windows`; it is not changed.
+        augmentation: sizes and probabilities of the changes.
+        skeleton: skeleton of the directions.
+        num_speakers: number of speakers of the training split.
+        rng: generator of the random draws.
+
+    Returns:
+        The changed example.
     """
     if augmentation.mirror and rng.random() < augmentation.mirror:
         example = mirror_example(example, skeleton, num_speakers)
@@ -62,15 +65,19 @@ def augment(
 
 
 def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: int) -> dict[str, Any]:
-    """The example as a mirror shows it: the same words by another person, whose other hand moves.
+    """Mirror an example: the same words, spoken by another speaker, with left and right exchanged.
 
-    Joint angles are those of the other side; those with a palm normal, a cross product that a mirror turns over,
-    are pi minus those of the other side.
+    Joint angles become those of the other side. Angles with a palm normal, a cross product whose sign a reflection
+    reverses, become pi minus those of the other side.
 
     Args:
-        example: has "directions", "speaker" and, where identities come from images, "images".
-        skeleton: of the directions.
-        num_speakers: of the training split; the mirror image of speaker i is speaker i + `num_speakers`.
+        example: example with "directions", "speaker" and, if identities come from images, "images".
+        skeleton: skeleton of the directions.
+        num_speakers: number of speakers of the training split; the mirror image of speaker i is speaker
+            i + `num_speakers`.
+
+    Returns:
+        The mirrored example.
     """
     mirrored = {
         "directions": mirror_directions(skeleton, example["directions"]),
@@ -82,26 +89,33 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
 
 
 def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:
-    """The spectrogram of the same speech, `gain_db` >= 0 dB quieter.
+    """Make the speech of a spectrogram quieter.
 
-    A gain above 0 has no meaning here: 0 dB is the maximum of the clip (D11).
+    It cannot be made louder, because 0 dB is the maximum of the clip (D11).
+
+    Args:
+        mel: (128, columns) dB.
+        gain_db: attenuation in dB, 0 or more.
+
+    Returns:
+        (128, columns) dB, not below -80.
     """
     return np.maximum(mel - np.float32(gain_db), np.float32(FLOOR_DB))
 
 
 def add_noise(mel: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.ndarray:
-    """The spectrogram of the same speech with white noise.
+    """Add white noise to the speech of a spectrogram.
 
-    Powers are added, log10(10^(mel / 10) + 10^(noise / 10)). That is the spectrogram of the sum of both sounds but
+    Powers are added, log10(10^(mel / 10) + 10^(noise / 10)). This is the spectrogram of the sum of both sounds except
     for the cross term of each bin, whose mean is 0.
 
     Args:
         mel: (128, 70) dB of a window.
-        snr_db: mean power of this window's sound over that of the noise.
-        rng: chooses the noise.
+        snr_db: mean power of the sound of this window over that of the noise, in dB.
+        rng: generator that chooses the noise.
 
     Returns:
-        (128, 70) float32 in [-80, 0]. A window without any sound has no power to compare with and stays as it is.
+        (128, 70) float32 in [-80, 0]; a silent window is returned unchanged.
     """
     if mel.max() <= FLOOR_DB:
         return mel
@@ -114,9 +128,12 @@ def add_noise(mel: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.nd
 
 
 def sound_power(power: np.ndarray) -> float:
-    """The mean power of a sound, up to a factor, from its mel powers (128, columns).
+    """Compute the mean power of a sound, up to a constant factor.
 
-    A band holds power per hertz (Slaney's area normalisation), so it counts by its width.
+    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
+
+    Args:
+        power: (128, columns) mel powers.
     """
     edges = librosa().mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
     widths = edges[2:] - edges[:-2]
@@ -125,7 +142,7 @@ def sound_power(power: np.ndarray) -> float:
 
 @functools.cache
 def _white_noise() -> np.ndarray:
-    """The mel powers of white noise, (128, columns) float32, whose `sound_power` is 1."""
+    """Return the mel powers of white noise, (128, columns) float32, whose `sound_power` is 1."""
     samples = np.random.default_rng(0).normal(size=_NOISE_SECONDS * SAMPLE_RATE).astype(np.float32)
-    power = np.power(10, log_mel(samples)[:, 2:-2] / 10)  # columns at the ends hear reflections
+    power = np.power(10, log_mel(samples)[:, 2:-2] / 10)  # columns at the ends hold reflected samples
     return power / np.float32(sound_power(power))

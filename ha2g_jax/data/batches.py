@@ -1,7 +1,7 @@
 """Batches of training windows: batch n is a function of the seed and of n alone.
 
-It does not matter where the iterator started, how many hosts share the batches, or whether threads or processes
-read them; so the number of batches taken is all that a checkpoint needs to know.
+It depends neither on where the iterator started, nor on the number of hosts, nor on whether threads or processes read
+the clips. Therefore a checkpoint stores only the number of batches taken.
 """
 
 import functools
@@ -23,14 +23,14 @@ from ha2g_jax.data.augment import Augmentation, augment
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 
-# Decoding leaves the interpreter's lock alone, so threads decode side by side; slices of clips in memory gain nothing.
+# Decoding releases the interpreter's lock, so threads decode in parallel; cutting clips in memory does not gain.
 _THREADS = grain.ReadOptions(num_threads=4, prefetch_buffer_size=4)
-# A worker has the queue to its parent for a buffer, and ends as soon as the batch at hand is done.
+# A worker's buffer is the queue to its parent, so that it ends as soon as its current batch is done.
 _ONE_BY_ONE = grain.ReadOptions(num_threads=0, prefetch_buffer_size=0)
 
 _UNCHANGED = Augmentation()
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_SHARED_MEMORY = pathlib.Path("/dev/shm")  # where Linux keeps what processes share
+_SHARED_MEMORY = pathlib.Path("/dev/shm")  # shared memory of processes on Linux
 
 
 def batches(
@@ -44,32 +44,37 @@ def batches(
     num_hosts: int = 1,
     workers: int = 0,
 ) -> grain.DatasetIterator:
-    """An endless iterator over batches, each epoch in another order.
+    """Return an endless iterator over batches, with another order in each epoch.
 
-    Close it when done with it (`close()`): its workers end then.
+    Close the iterator after use (`close()`), which ends its workers.
 
     Args:
-        windows: of the training split.
-        batch_size: B, of all hosts together.
-        seed: of the order and of everything random in the windows.
-        augmentation: what is random in the windows.
-        first: number of the first batch to give, from 0.
-        host: of `num_hosts`; gets rows [host x B / num_hosts, (host + 1) x B / num_hosts) of each batch.
-        num_hosts: that share the batches.
-        workers: processes that read and decode; 0 for threads of this one. They share `windows.cache_bytes`.
+        windows: windows of the training split.
+        batch_size: number B of windows in a batch, of all hosts together.
+        seed: seed of the order and of the random changes of the windows.
+        augmentation: random changes of the windows.
+        first: number of the first batch, from 0.
+        host: index of this host, which gets rows [host x B / num_hosts, (host + 1) x B / num_hosts) of each batch.
+        num_hosts: number of hosts among which batches are divided.
+        workers: number of processes that read and decode, 0 for threads of this process; `windows.cache_bytes` is
+            divided among them.
+
+    Returns:
+        An iterator over dicts of arrays with a leading axis of B / num_hosts; see `Windows` for the names. It raises
+        `UserError` if a clip cannot be decoded.
 
     Raises:
-        UserError: there are fewer windows than `batch_size`, it does not divide over the hosts, or there is too
-            little shared memory for the workers. From the iterator: a clip cannot be decoded.
+        UserError: there are fewer windows than `batch_size`, it is not divisible by the number of hosts, or there is
+            too little shared memory for the workers.
     """
     if batch_size > len(windows):
         raise UserError(
-            f"a batch of {batch_size} is more than the {len(windows)} windows there are: "
-            "lower --config.train.batch_size or take more data"
+            f"a batch of {batch_size} is more than the {len(windows)} windows of the split; "
+            "lower --config.train.batch_size or use more data"
         )
     if batch_size % num_hosts:
         raise UserError(
-            f"a batch of {batch_size} does not divide over {num_hosts} hosts: "
+            f"a batch of {batch_size} is not divisible by {num_hosts} hosts; "
             f"set --config.train.batch_size to a multiple of {num_hosts}"
         )
     part = batch_size // num_hosts
@@ -82,24 +87,34 @@ def batches(
     if not workers:
         return iter(dataset)
     if not flags.FLAGS.is_parsed():
-        flags.FLAGS.mark_as_parsed()  # grain reads its absl flags; a program that has none leaves them unparsed
+        flags.FLAGS.mark_as_parsed()  # grain reads its absl flags, which a program without flags leaves unparsed
     with _stop_signals_blocked():
         shared = dataset.mp_prefetch(grain.MultiprocessingOptions(workers), worker_init_fn=_start_worker)
         iterator = iter(shared.map(_own))
-        iterator.get_state()  # makes the iterators of the workers, which can then be started
+        iterator.get_state()  # creates the iterators of the workers, which can then be started
         iterator.start_prefetch()
     return iterator
 
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:
-    """`Windows.name` of each row of batch `number`, for reports; a window may start late by the jitter."""
+    """Return the name of the window in each row of a batch, for reports; jitter may start a window later.
+
+    Args:
+        windows: windows of the training split.
+        batch_size: number of windows in a batch.
+        seed: seed of the order.
+        number: number of the batch, from 0.
+
+    Returns:
+        `Windows.name` of each row.
+    """
     order = _order(windows, seed)
     rows = np.array([order[row] for row in range(number * batch_size, (number + 1) * batch_size)])
     return [windows.name(row) for row in rows.tolist()]
 
 
 def _order(windows: Windows, seed: int) -> grain.MapDataset:
-    """The indices of the windows, epoch after epoch."""
+    """Return the indices of the windows, epoch after epoch."""
     return grain.MapDataset.range(len(windows)).seed(seed).shuffle().repeat()
 
 
@@ -109,25 +124,25 @@ def _draw(windows: Windows, augmentation: Augmentation, index: int, rng: np.rand
 
 
 def _stack(examples: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """A batch of examples, in row-major order.
+    """Stack examples into a batch of arrays in row-major order.
 
-    Other arrays would go from a worker through a pipe instead of shared memory, and a worker that is closed while
-    its pipe is full ends only when it is killed, after 25 s.
+    Other arrays would pass from a worker through a pipe and not through shared memory, and a worker that is closed
+    while its pipe is full ends only when it is killed, after 25 s.
     """
     return {name: np.ascontiguousarray(np.stack([example[name] for example in examples])) for name in examples[0]}
 
 
 def _own(batch: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Copies out of the memory shared with the workers, which JAX on a CPU would hold on to until the process ends."""
+    """Copy a batch out of the memory shared with the workers, which JAX on a CPU would keep until the process ends."""
     return {name: np.array(array) for name, array in batch.items()}
 
 
 def _check_shared_memory(windows: Windows, batch_size: int, workers: int) -> None:
-    """A worker that finds no room there for a batch is killed without a message."""
+    """Check the free shared memory, without which a worker is killed without a message."""
     if not _SHARED_MEMORY.is_dir():
         return
     batch_bytes = batch_size * sum(array.nbytes for array in windows.example(0).values())
-    needed = batch_bytes * (3 * workers + 2)  # made, waiting in the queue and in this process; and those in use
+    needed = batch_bytes * (3 * workers + 2)  # being made, waiting in the queue and in this process; and in use
     free = shutil.disk_usage(_SHARED_MEMORY).free
     if free < needed:
         raise UserError(
@@ -138,12 +153,12 @@ def _check_shared_memory(windows: Windows, batch_size: int, workers: int) -> Non
 
 @contextmanager
 def _stop_signals_blocked() -> Iterator[None]:
-    """Processes and threads that are started here never see Ctrl-C or SIGTERM.
+    """Block Ctrl-C and SIGTERM in processes and threads that are started in this context.
 
-    Both reach all processes of a terminal or of a job. A worker that heeded them would fail the batch that its
-    parent may be waiting for; the parent ends its workers when it ends.
+    Both signals reach all processes of a terminal or of a job. A worker that ended on them would fail the batch that
+    its parent may be waiting for; the parent ends its workers when it ends.
     """
-    resource_tracker.ensure_running()  # else it is started on the way and sets the signals free
+    resource_tracker.ensure_running()  # otherwise it is started later and unblocks the signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOP_SIGNALS)
     try:
         yield
@@ -152,12 +167,12 @@ def _stop_signals_blocked() -> Iterator[None]:
 
 
 def _start_worker(index: int, count: int) -> None:
-    """Runs first in each worker."""
+    """Start the watch over the parent, as the first thing in each worker."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed cannot end its workers, and they would wait for it for ever."""
+    """End this worker when its parent was killed, which would otherwise leave it waiting for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

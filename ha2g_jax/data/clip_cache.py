@@ -1,4 +1,4 @@
-"""The features of clips in memory: made when first asked for, kept as long as there is room."""
+"""A cache of the features of clips in memory, computed on first access and evicted when memory is short."""
 
 import threading
 from collections.abc import Callable
@@ -14,9 +14,9 @@ class Track(NamedTuple):
     """The features of a whole clip.
 
     Attributes:
-        speech: what models hear.
-        directions: (T, bones, 3) float32.
-        frames: (M, S, S, 3) uint8, None where identities come from a table.
+        speech: speech features.
+        directions: (T, bones, 3) float32 direction vectors.
+        frames: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
     """
 
     speech: Speech
@@ -25,13 +25,13 @@ class Track(NamedTuple):
 
 
 class ClipCache:
-    """Tracks by the number of their clip; the one unused for the longest time makes room for a new one.
+    """Least-recently-used cache of tracks by the number of their clip.
 
-    Threads may share it. A copy made by pickle is empty, as a worker process starts with it.
+    It is thread-safe. A pickled copy is empty, so a worker process starts with an empty cache.
 
     Args:
-        decode: makes the track of a clip from its number.
-        max_bytes: of all tracks in memory; a track larger than this is made anew each time.
+        decode: function that computes the track of a clip from its number.
+        max_bytes: maximum size of all tracks in memory; a larger track is computed anew on each access.
     """
 
     def __init__(self, decode: Callable[[int], Track], max_bytes: int):
@@ -42,7 +42,7 @@ class ClipCache:
     def __getitem__(self, number: int) -> Track:
         track = self.peek(number)
         if track is None:
-            # Outside the lock: two threads may decode one clip at once, which costs less than all waiting for one.
+            # Outside the lock: two threads may decode one clip at once, which costs less than blocking all threads.
             track = self._decode(number)
             if _num_bytes(track) <= self._max_bytes:
                 with self._lock:
@@ -50,7 +50,7 @@ class ClipCache:
         return track
 
     def peek(self, number: int) -> Track | None:
-        """The track of a clip if it is in memory."""
+        """Return the track of a clip if it is in memory, else None."""
         with self._lock:
             return self._tracks.get(number)
 

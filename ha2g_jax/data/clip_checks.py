@@ -1,4 +1,4 @@
-"""What a single clip must fulfil, whatever wrote it: each check yields what is wrong, a line each."""
+"""Checks of a single clip; each check yields one line for each error that it finds."""
 
 import io
 import itertools
@@ -14,18 +14,22 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-_LENGTH_FACTOR = 4  # of a bone, around the published mean of its skeleton; a mistaken unit is a factor of 10 or more
-_WORD_SLACK = 0.1  # seconds that a word may reach out of the clip: aligners and video frames round
-_AUDIO_SLACK = 0.25  # seconds between the ends of motion and audio
-_MAX_IMAGE = 4096  # pixels a side
+# Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
+_LENGTH_FACTOR = 4
+_WORD_SLACK = 0.1  # seconds by which a word may lie outside the clip, because aligners and video frames round
+_AUDIO_SLACK = 0.25  # seconds allowed between the ends of motion and audio
+_MAX_IMAGE = 4096  # maximum width and height in pixels
 
 
 def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
-    """What is wrong with all but the motion of a clip.
+    """Check all fields of a clip except the motion.
 
     Args:
-        fields: as `records.unpack` gives them, of the right types (`wrong_types`).
-        seconds: length of the motion.
+        fields: fields that `records.unpack` returns, of the right types (see `wrong_types`).
+        seconds: length of the motion in seconds.
+
+    Yields:
+        One line for each error.
     """
     yield from _check_words(fields, seconds)
     yield from _check_audio(fields, seconds)
@@ -35,12 +39,16 @@ def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
 
 
 def wrong_types(fields: dict[str, Any]) -> list[str]:
-    """The names of the fields that `records.unpack` let pass and that hold something else than a clip does."""
+    """Return the names of the fields of a wrong type.
+
+    Args:
+        fields: fields that `records.unpack` returns.
+    """
     is_right = {
         "id": isinstance(fields["id"], str) and fields["id"] != "",
         "speaker": isinstance(fields["speaker"], str),
-        "talk": isinstance(fields["talk"], str),
-        "source_time": _is_number(fields["source_time"]),
+        "recording": isinstance(fields["recording"], str),
+        "recording_start": _is_number(fields["recording_start"]),
         "audio": isinstance(fields["audio"], bytes),
         "words": all(isinstance(text, str) and _is_number(a) and _is_number(b) for text, a, b in fields["words"]),
         "window_starts": all(isinstance(start, int) for start in fields["window_starts"]),
@@ -58,7 +66,15 @@ def _is_images(value: object) -> bool:
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
-    """What is wrong with the motion of a clip: at most one thing, since each makes the next meaningless."""
+    """Check the motion of a clip.
+
+    Args:
+        positions: (T, joints, 3) in metres.
+        skeleton: skeleton of the corpus.
+
+    Yields:
+        At most one line, because each error makes the next checks meaningless.
+    """
     if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not len(positions):
         yield f"positions of shape {positions.shape}, expected (T, {skeleton.num_joints}, 3) of {skeleton.name}"
         return
@@ -97,7 +113,7 @@ def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
 
 def _check_audio(fields: dict[str, Any], seconds: float) -> Iterator[str]:
     try:
-        # The length that the header declares comes first: audio of hours is not unpacked for a clip of seconds.
+        # The length declared in the header is checked first, so that hours of audio are not decoded for a short clip.
         declared = soundfile.info(io.BytesIO(fields["audio"])).duration
         if abs(declared - seconds) > _AUDIO_SLACK:
             yield f"{declared:.2f} s of audio for {seconds:.2f} s of motion"
@@ -138,21 +154,27 @@ def _check_images(fields: dict[str, Any]) -> Iterator[str]:
             image = Image.open(io.BytesIO(frame))
             sizes.add(image.size)
             if max(image.size) > _MAX_IMAGE:
-                yield f"a reference frame of {image.width} x {image.height} pixels, expected {_MAX_IMAGE} at most"
+                yield f"an image of the speaker is {image.width} x {image.height} pixels, expected {_MAX_IMAGE} at most"
                 return
             image.load()
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            yield f"a reference frame that cannot be read ({error})"
+            yield f"an image of the speaker cannot be read ({error})"
             return
     if len(sizes) > 1:
-        yield f"reference frames of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sorted(sizes)[:2])}"
+        yield f"images of the speaker of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sorted(sizes)[:2])}"
 
 
 def bone_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """(T, bones) in metres."""
+    """Return the lengths of the bones, (T, bones) in metres.
+
+    Args:
+        positions: (T, joints, 3) in metres.
+        skeleton: skeleton of the positions.
+    """
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     return np.linalg.norm(positions[:, children].astype(np.float64) - positions[:, parents], axis=-1)
 
 
 def bone_name(skeleton: Skeleton, bone: int) -> str:
+    """Return the names of both joints of a bone, "PARENT - CHILD"."""
     return " - ".join(skeleton.joints[joint] for joint in skeleton.bones[bone])

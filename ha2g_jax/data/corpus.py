@@ -24,14 +24,17 @@ _MAX_FILE = 1 << 26  # bytes of dataset.json; a thousand hours need less than a 
 
 
 class Clips(Sequence[Clip]):
-    """The clips of one split, decoded when asked for. Can be pickled.
+    """The clips of one split, each decoded on access. Can be pickled.
+
+    Args:
+        shards: files of the split, in order.
 
     Raises:
         UserError: a shard cannot be read.
     """
 
     def __init__(self, shards: Sequence[pathlib.Path]):
-        # One source a shard, so that an error can name the shard.
+        # One data source per shard, so that an error can name the shard.
         self._shards = list(shards)
         self._sources = [_open_shard(shard) for shard in self._shards]
         self._ends = list(itertools.accumulate(len(source) for source in self._sources))
@@ -50,7 +53,13 @@ class Clips(Sequence[Clip]):
         return records.decode_clip(self.record(index), self.place(index))
 
     def fields(self, index: int) -> dict[str, Any]:
-        """The fields of a clip with audio and frames still compressed.
+        """Return the fields of a clip with audio and images still compressed.
+
+        Args:
+            index: number of the clip in the split.
+
+        Returns:
+            The fields that `records.unpack` returns.
 
         Raises:
             UserError: the record cannot be read or is damaged.
@@ -64,7 +73,11 @@ class Clips(Sequence[Clip]):
         return fields
 
     def record(self, index: int) -> bytes:
-        """The encoded clip."""
+        """Return the encoded clip with number `index`.
+
+        Raises:
+            UserError: the record cannot be read.
+        """
         shard, number = self._locate(index)
         try:
             return self._sources[shard][number]
@@ -72,7 +85,7 @@ class Clips(Sequence[Clip]):
             raise _unreadable(self.place(index), error) from error
 
     def place(self, index: int) -> str:
-        """Where the record of a clip is, to name it in a message."""
+        """Return the location of the record of a clip, for error messages: "record NUMBER of SHARD"."""
         shard, number = self._locate(index)
         return f"record {number} of {self._shards[shard]}"
 
@@ -83,7 +96,7 @@ class Clips(Sequence[Clip]):
 
 def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
     if not os.access(shard, os.R_OK):
-        raise UserError(f"{shard} may not be read by this user; change its permissions (chmod a+r)")
+        raise UserError(f"{shard} cannot be read by this user; change its permissions (chmod a+r)")
     try:
         return array_record_data_source.ArrayRecordDataSource([str(shard)])
     except (ValueError, RuntimeError) as error:
@@ -100,8 +113,8 @@ class Corpus:
     """A corpus that `CorpusWriter` wrote.
 
     Attributes:
-        path: its folder.
-        metadata: the contents of `dataset.json`.
+        path: folder of the corpus.
+        metadata: contents of `dataset.json`.
     """
 
     path: pathlib.Path
@@ -109,10 +122,13 @@ class Corpus:
 
     @classmethod
     def open(cls, path: str | os.PathLike) -> "Corpus":
-        """Opens the corpus in a folder.
+        """Open the corpus in a folder.
+
+        Args:
+            path: folder of the corpus.
 
         Raises:
-            UserError: there is none, or it is incomplete or of another version.
+            UserError: there is no corpus, or it is incomplete or of an unknown version.
         """
         path = pathlib.Path(path)
         try:
@@ -128,8 +144,8 @@ class Corpus:
         version = metadata.get("schema_version") if isinstance(metadata, dict) else None
         if version not in range(1, schema.VERSION + 1):
             raise UserError(
-                f"{path / FILE} has schema version {version}, this version of ha2g-jax reads 1 to {schema.VERSION}: "
-                "take a newer one, or make or import the corpus again"
+                f"{path / FILE} has schema version {version}, this version of ha2g-jax reads 1 to {schema.VERSION}; "
+                "upgrade ha2g-jax, or make or import the corpus again"
             )
         try:
             corpus = cls(path, schema.upgrade(metadata))
@@ -148,10 +164,12 @@ class Corpus:
 
     @property
     def fps(self) -> float:
+        """Frames per second of the positions."""
         return self.metadata["fps"]
 
     @property
     def splits(self) -> tuple[str, ...]:
+        """Names of the splits."""
         return tuple(self.metadata["splits"])
 
     @property
@@ -161,7 +179,7 @@ class Corpus:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The skeleton with the statistics of this corpus' training split, or the published ones where it has none."""
+        """Skeleton with the statistics of the training split, or the published ones if there is no training split."""
         if self.metadata["skeleton"] not in SKELETONS:
             raise UserError(
                 f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}"
@@ -170,19 +188,23 @@ class Corpus:
         return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **statistics)
 
     def has_clips(self, split: str) -> bool:
-        """Whether there is such a split with a clip in it."""
+        """Return whether the corpus has this split and the split has a clip."""
         return bool(self.metadata["splits"].get(split, {}).get("clips"))
 
     def speakers_of(self, split: str) -> tuple[str, ...]:
-        """Names of the speakers of one split."""
+        """Return the names of the speakers of one split.
+
+        Raises:
+            UserError: there is no such split.
+        """
         return tuple(self._split(split)["speakers"])
 
     def vocabulary(self) -> Vocabulary:
-        """The words of the training split."""
+        """Return the vocabulary of the training split."""
         return Vocabulary.from_counts(self.metadata["words"])
 
     def clips(self, split: str) -> Clips:
-        """The clips of one split.
+        """Return the clips of one split.
 
         Raises:
             UserError: there is no such split.

@@ -1,4 +1,4 @@
-"""Writes a corpus: shards of clips, and `dataset.json` with what is known of them."""
+"""Writer of a corpus: shards of clips, and `dataset.json` with their metadata and statistics."""
 
 import collections
 import contextlib
@@ -20,27 +20,28 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton
 
 _CLIPS_PER_SHARD = 1000
-# Records one by one, so that any clip is read alone; the rest are the library's defaults.
+# One record per group, so that each clip can be read alone; the other options are the library's defaults.
 _WRITER_OPTIONS = "group_size:1"
 
 
 class CorpusWriter:
-    """Writes a corpus into a temporary folder beside `path`, which takes its place only when all is written.
+    """Writer of a corpus, which writes into a temporary folder and renames it to `path` when all is written.
 
-    Use as a context manager; an exception inside it leaves nothing behind.
+    Use it as a context manager; an exception inside the context leaves nothing behind.
 
     Args:
         path: folder to make; must not exist.
         splits: names of the splits; statistics and vocabulary are those of "train". Some may stay empty, not all.
         skeleton: name of the skeleton of the clips.
         fps: frames per second of the positions.
-        metadata: name, source, licence and whatever else describes the corpus; stored as given.
+        metadata: name, source, licence and any other description of the corpus; stored as given.
 
     Attributes:
-        metadata: as given; may be added to until the end.
+        metadata: description of the corpus; entries may be added until the end.
 
     Raises:
-        UserError: `path` exists or cannot be written, a split has no plain name, or at the end there is no clip.
+        UserError: `path` exists or cannot be written, the name of a split is no identifier, or there is no clip at
+            the end.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class CorpusWriter:
             raise _exists(self._path)
         for split in splits:
             if not split.replace("-", "_").isidentifier():
-                raise UserError(f"{split!r} cannot name a split; use letters, digits and _")
+                raise UserError(f"{split!r} cannot be the name of a split; use letters, digits, - and _")
         self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)
@@ -75,16 +76,24 @@ class CorpusWriter:
                 self._close_shard()
                 self._finish()
             else:
-                with contextlib.suppress(UserError):  # the error inside is the one to hear of
+                with contextlib.suppress(UserError):  # the exception inside the context is the one to report
                     self._close_shard()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
-            with contextlib.suppress(OSError):  # a folder that is not empty stays
+            with contextlib.suppress(OSError):  # a folder that is not empty is kept
                 for folder in self._new_folders:
                     folder.rmdir()
 
     def add(self, split: str, record: bytes) -> None:
-        """Appends an encoded clip; the clips of a split come one after the other."""
+        """Append an encoded clip to a split; all clips of one split must be added before those of the next.
+
+        Args:
+            split: name of the split.
+            record: bytes that `records.encode_clip` returns.
+
+        Raises:
+            UserError: the clip cannot be written.
+        """
         if self._open_split != split or self._counts[split] % _CLIPS_PER_SHARD == 0:
             self._close_shard()
             shard = f"{split}-{len(self._shards[split]):05d}.array_record"
@@ -113,14 +122,12 @@ class CorpusWriter:
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """What goes wrong here is the place's fault: it is full, or no folder can be made there."""
+        """Turn errors of the disk (it is full, or not writable) into a `UserError`."""
         try:
             yield
-        except (OSError, RuntimeError, ValueError) as error:  # the latter two: ArrayRecord's
-            reason = getattr(error, "strerror", None) or str(error).split(";")[0]
-            raise UserError(
-                f"cannot write {self._path} ({' '.join(reason.split()).lower()}); choose another place, or make room"
-            ) from error
+        except (OSError, RuntimeError, ValueError) as error:  # ArrayRecord raises the last two
+            reason = " ".join((getattr(error, "strerror", None) or str(error).split(";")[0]).split()).lower()
+            raise UserError(f"cannot write {self._path} ({reason}); use another folder or free disk space") from error
 
     def _finish(self) -> None:
         if not any(self._counts.values()):
@@ -151,7 +158,7 @@ class CorpusWriter:
             try:
                 self._folder.rename(self._path)
             except OSError as error:
-                if os.path.lexists(self._path):  # made by another process meanwhile
+                if os.path.lexists(self._path):  # another process has made it in the meantime
                     raise _exists(self._path) from error
                 raise
 

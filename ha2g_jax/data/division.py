@@ -1,4 +1,4 @@
-"""The clips of a corpus in other splits, so that what is tested was never trained on."""
+"""Division of a corpus into new splits, so that test data and training data have no recording in common."""
 
 import collections
 import hashlib
@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.data import merge
+from ha2g_jax.data import merge, records
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.errors import UserError
 
-BY = ("talk", "speaker")
-SHARES: Mapping[str, float] = types.MappingProxyType({"train": 0.8, "val": 0.1, "test": 0.1})
+BY = ("recording", "speaker")
+FRACTIONS: Mapping[str, float] = types.MappingProxyType({"train": 0.8, "val": 0.1, "test": 0.1})
 
-_NEAR = 0.005  # of the whole duration: nearer to its share no split is brought
+_NEAR = 0.005  # tolerance of the duration of a split, as a fraction of the whole duration
 
 
 class _Member(NamedTuple):
-    """Where a clip is, and what it must stay with."""
+    """A clip of the corpus: its split and number, and the unit (recording or speaker) that is never divided."""
 
     split: str
     number: int
@@ -34,51 +34,54 @@ def divide(
     src: str | os.PathLike,
     dst: str | os.PathLike,
     *,
-    by: str = "talk",
-    shares: Mapping[str, float] = SHARES,
+    by: str = "recording",
+    fractions: Mapping[str, float] = FRACTIONS,
     seed: int = 0,
 ) -> None:
-    """Writes all clips of a corpus, whatever their split was, into new splits.
+    """Write the clips of all splits of a corpus into new splits.
 
-    A talk is never divided; with `by="speaker"` nobody is in two splits. The shares are met by duration as nearly as
-    whole talks or speakers allow, in an order that depends on the seed and on their names alone.
+    A recording is never divided; with `by="speaker"` no speaker is in two splits. Durations match the fractions as
+    closely as whole recordings or speakers allow. The result depends only on the seed, the durations and the names.
 
     Args:
         src: folder of the corpus.
         dst: folder to make; nothing is left of it if the work is interrupted.
-        by: "talk" or "speaker".
-        shares: split -> its part of the whole; they need not sum to 1. A split without a share is left out.
-        seed: of the order.
+        by: unit that is never divided, "recording" or "speaker".
+        fractions: fraction of the whole duration by name of the split, in any unit; a split with 0 is left out.
+        seed: seed of the order in which units are assigned.
 
     Raises:
-        UserError: `dst` exists, `src` cannot be read, there are fewer talks or speakers than splits, or the shares
-            are no shares.
+        UserError: `dst` exists, `src` cannot be read, there are fewer recordings or speakers than splits, or the
+            fractions are not finite, negative or all 0.
     """
     if by not in BY:
-        raise UserError(f"a corpus is divided by talk or speaker, not by {by!r}")
-    if not shares or any(not np.isfinite(share) or share < 0 for share in shares.values()) or not any(shares.values()):
-        raise UserError(f"shares are {dict(shares)}, expected numbers from 0 on that are not all 0")
-    shares = {split: share / sum(shares.values()) for split, share in shares.items() if share > 0}
+        raise UserError(f"a corpus cannot be divided by {by!r}; expected one of {', '.join(BY)}")
+    total = sum(fractions.values())
+    if not np.isfinite(total) or total <= 0 or min(fractions.values()) < 0:
+        raise UserError(f"fractions are {dict(fractions)}, expected numbers from 0 on that are not all 0")
+    fractions = {split: fraction / total for split, fraction in fractions.items() if fraction > 0}
     corpus = Corpus.open(src)
     members = _members(corpus, by)
     seconds: dict[str, float] = collections.defaultdict(float)
     for member in members:
         seconds[member.unit] += member.seconds
-    if len(seconds) < len(shares):
+    if len(seconds) < len(fractions):
         raise UserError(
-            f"{corpus.path} has {len(seconds)} {by}{'s' * (len(seconds) != 1)}, too few for {len(shares)} splits "
-            f"({', '.join(shares)}); name fewer splits{' or divide by talk' if by == 'speaker' else ''}"
+            f"{corpus.path} has {len(seconds)} {by}{'s' * (len(seconds) != 1)}, too few for {len(fractions)} splits "
+            f"({', '.join(fractions)}); name fewer splits{' or divide by recording' if by == 'speaker' else ''}"
         )
-    split_of = assign(seconds, shares, seed)
-    metadata = {**merge.description(corpus), "division": {"by": by, "shares": shares, "seed": seed}}
+    split_of = assign(seconds, fractions, seed)
+    # On disk, a unit has the name of the field of a record.
+    made = {"by": records.STORED_NAMES.get(by, by), "shares": fractions, "seed": seed}
+    metadata = {**merge.description(corpus), "division": made}
     clips = {split: corpus.clips(split) for split in corpus.splits}
     with (
         CorpusWriter(
-            dst, splits=tuple(shares), skeleton=corpus.skeleton.name, fps=corpus.fps, metadata=metadata
+            dst, splits=tuple(fractions), skeleton=corpus.skeleton.name, fps=corpus.fps, metadata=metadata
         ) as writer,
         tqdm(desc="Dividing", total=len(members), unit="clip", leave=False, disable=None) as progress,
     ):
-        for split in shares:
+        for split in fractions:
             for member in members:
                 if split_of[member.unit] == split:
                     writer.add(split, clips[member.split].record(member.number))
@@ -86,7 +89,7 @@ def divide(
 
 
 def _members(corpus: Corpus, by: str) -> list[_Member]:
-    """All clips in the order in which they are stored."""
+    """Return all clips in the order in which they are stored."""
     members: list[_Member] = []
     speakers: dict[str, str] = {}
     total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
@@ -95,34 +98,37 @@ def _members(corpus: Corpus, by: str) -> list[_Member]:
             clips = corpus.clips(split)
             for index in range(len(clips)):
                 fields = clips.fields(index)
-                talk, speaker = fields["talk"], fields["speaker"]
-                if by == "speaker" and talk and speakers.setdefault(talk, speaker) != speaker:
+                recording, speaker = fields["recording"], fields["speaker"]
+                if by == "speaker" and recording and speakers.setdefault(recording, speaker) != speaker:
                     raise UserError(
-                        f"talk {talk!r} of {corpus.path} has the speakers {speakers[talk]!r} and {speaker!r}, and a "
-                        "talk is never divided; divide by talk"
+                        f"recording {recording!r} of {corpus.path} has the speakers {speakers[recording]!r} and "
+                        f"{speaker!r}, and a recording is never divided; divide by recording"
                     )
-                # A clip of which no talk is known stays alone.
-                unit = speaker if by == "speaker" else talk or f"clip {fields['id']}"
+                # A clip without a known recording is a unit of its own.
+                unit = speaker if by == "speaker" else recording or f"clip {fields['id']}"
                 members.append(_Member(split, index, unit, len(fields["positions"]) / corpus.fps))
                 progress.update()
     return members
 
 
-def assign(seconds: Mapping[str, float], shares: Mapping[str, float], seed: int) -> dict[str, str]:
-    """The split of each talk or speaker.
+def assign(seconds: Mapping[str, float], fractions: Mapping[str, float], seed: int) -> dict[str, str]:
+    """Assign each recording or speaker to a split.
 
-    One after the other goes where most is missing, and to an empty split once no more are left than needed there;
-    then pairs change places, or one moves, as long as that brings the durations nearer to the shares (as the sum of
-    squares of what is missing) and some split is farther from its share than half a percent of the whole.
+    Each one in turn is assigned to the split with the longest missing duration, or to an empty split if no more are
+    left than there are empty splits. Then pairs are exchanged, or one is moved, as long as that lowers the sum of
+    squares of the missing durations and some split is wrong by more than half a percent of the whole duration.
 
     Args:
-        seconds: duration of each talk or speaker by name; at least as many as splits.
-        shares: split -> its part; they sum to 1.
-        seed: of the order.
+        seconds: duration of each recording or speaker by name, in seconds; at least as many as splits.
+        fractions: fraction of the whole duration by name of the split; their sum is 1.
+        seed: seed of the order.
+
+    Returns:
+        The split of each recording or speaker by name.
     """
     whole = sum(seconds.values())
-    missing = {split: share * whole for split, share in shares.items()}
-    groups: dict[str, list[str]] = {split: [] for split in shares}
+    missing = {split: fraction * whole for split, fraction in fractions.items()}
+    groups: dict[str, list[str]] = {split: [] for split in fractions}
     order = sorted(seconds, key=lambda name: hashlib.sha256(f"{seed}/{name}".encode()).digest())
     for number, name in enumerate(order):
         empty = [split for split in groups if not groups[split]]
@@ -134,10 +140,10 @@ def assign(seconds: Mapping[str, float], shares: Mapping[str, float], seed: int)
         exchange = _best_exchange(groups, missing, seconds)
         if exchange is None:
             break
-        for source, target, name in exchange:
-            groups[source].remove(name)
+        for origin, target, name in exchange:
+            groups[origin].remove(name)
             groups[target].append(name)
-            missing[source] += seconds[name]
+            missing[origin] += seconds[name]
             missing[target] -= seconds[name]
     return {name: split for split, names in groups.items() for name in names}
 
@@ -145,23 +151,24 @@ def assign(seconds: Mapping[str, float], shares: Mapping[str, float], seed: int)
 def _best_exchange(
     groups: dict[str, list[str]], missing: dict[str, float], seconds: Mapping[str, float]
 ) -> list[tuple[str, str, str]] | None:
-    """The moves (from, to, name) that lower the sum of squares of what is missing most; None where none does."""
+    """Return the moves (from, to, name) that lower the sum of squares of the missing durations most, None if none
+    does."""
     best_gain, best = 1e-9 * sum(seconds.values()) ** 2, None
     splits = list(groups)
-    for source in splits:
+    for origin in splits:
         for target in splits:
-            if missing[source] >= missing[target]:
+            if missing[origin] >= missing[target]:
                 continue
-            gap = missing[target] - missing[source]
-            # Moving d seconds lowers the sum by 2 d (gap - d); the best d is half the gap. "" is nothing in return.
-            back = [*([""] if len(groups[source]) > 1 else []), *sorted(groups[target], key=lambda name: seconds[name])]
+            gap = missing[target] - missing[origin]
+            # Moving d seconds lowers the sum by 2 d (gap - d); the best d is half the gap. "" is a move without return.
+            back = [*([""] if len(groups[origin]) > 1 else []), *sorted(groups[target], key=lambda name: seconds[name])]
             lengths = np.array([seconds[name] if name else 0.0 for name in back])
-            for name in groups[source]:
+            for name in groups[origin]:
                 place = int(lengths.searchsorted(seconds[name] - gap / 2))
                 for partner in back[max(place - 1, 0) : place + 1]:
                     moved = seconds[name] - (seconds[partner] if partner else 0.0)
                     gain = 2 * moved * (gap - moved)
                     if gain > best_gain:
                         best_gain = gain
-                        best = [(source, target, name), *([(target, source, partner)] if partner else [])]
+                        best = [(origin, target, name), *([(target, origin, partner)] if partner else [])]
     return best

@@ -1,4 +1,4 @@
-"""What an import kept and what it left out, with the reason of each."""
+"""Report of an import: counts of what was kept and of what was left out, by reason."""
 
 import collections
 import dataclasses
@@ -7,15 +7,15 @@ from typing import Any, TypeAlias
 
 @dataclasses.dataclass
 class SplitReport:
-    """Counts of one split; two of them add up.
+    """Counts of one split; the sum of two reports is a report.
 
     Attributes:
-        videos: recordings read, each a talk: videos, motion captures or records of a database.
-        clips: pieces that the source has, or that were cut from it.
-        windows: stretches of a clip that were looked at.
-        kept: windows that passed.
-        filtered: windows that did not, by reason.
-        rejected: clips or shots that gave no window at all, by reason.
+        videos: number of recordings read: videos, motion captures or entries of a database.
+        clips: number of clips that the recordings have, or that were cut from them.
+        windows: number of windows examined.
+        kept: number of windows that passed all filters.
+        filtered: number of windows that failed a filter, by reason.
+        rejected: number of clips or shots without any window, by reason.
     """
 
     videos: int = 0
@@ -36,16 +36,16 @@ class SplitReport:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The counts; "rejected" only where something was."""
+        """Return the counts ready for JSON; "rejected" only if a clip was rejected."""
         counts = dataclasses.asdict(self) | {"filtered": dict(self.filtered), "rejected": dict(self.rejected)}
         return counts if self.rejected else {name: count for name, count in counts.items() if name != "rejected"}
 
     @classmethod
     def from_json(cls, counts: dict[str, Any]) -> "SplitReport":
-        """What `as_json` gave.
+        """Make a report of counts that `as_json` returned.
 
         Raises:
-            TypeError: `counts` is something else.
+            TypeError: `counts` has other keys.
         """
         filtered, rejected = (collections.Counter(counts.get(name, {})) for name in ("filtered", "rejected"))
         return cls(**{**counts, "filtered": filtered, "rejected": rejected})
@@ -55,12 +55,12 @@ Report: TypeAlias = dict[str, SplitReport]
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """Split -> its counts, ready for JSON."""
+    """Return the counts of each split, ready for JSON."""
     return {split: counts.as_json() for split, counts in report.items()}
 
 
 def as_table(report: Report) -> str:
-    """One line a split, and one for each reason under it."""
+    """Format a report as text: one line per split, followed by one line per reason."""
     lines = [f"{'split':<12}{'videos':>8}{'clips':>8}{'windows':>10}{'kept':>10}"]
     for split, counts in report.items():
         lines.append(f"{split:<12}{counts.videos:>8}{counts.clips:>8}{counts.windows:>10}{counts.kept:>10}")
@@ -70,5 +70,5 @@ def as_table(report: Report) -> str:
 
 
 def _sum(first: collections.Counter[str], second: collections.Counter[str]) -> collections.Counter[str]:
-    # Counter's own + drops the reasons that never occurred.
+    # Counter's own + drops reasons with a count of 0.
     return collections.Counter({name: first[name] + second[name] for name in dict.fromkeys([*first, *second])})

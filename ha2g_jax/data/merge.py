@@ -1,4 +1,4 @@
-"""Several corpora as one."""
+"""Merging of several corpora into one."""
 
 import collections
 import functools
@@ -15,36 +15,37 @@ from ha2g_jax.data import import_report
 from ha2g_jax.data.corpus import Clips, Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.data.records import STORED_NAMES
 from ha2g_jax.errors import UserError
 
-# What `CorpusWriter` adds to the description that it is given.
+# Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
-_SEPARATOR = " | "  # between sources and licences
-_NAMED = ("id", "talk", "speaker")
+_SEPARATOR = " | "  # between the origins, and between the licences, in the description
+_NAMED = ("id", "recording", "speaker")
 
 
-def merge(sources: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_speakers: bool = False) -> None:
-    """Writes the clips of several corpora into one; split by split, in the order of the sources.
+def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_speakers: bool = False) -> None:
+    """Write the clips of several corpora into one, split by split, in the order of the paths.
 
-    Ids and talks that occur in more than one source get the name of the source's folder before them, and so do
-    speakers: one name in two collections is most often two people, and two people taken for one get a style that is
-    neither's, while one person taken for two only has less data for each.
+    Names of clips and recordings that occur in more than one corpus are prefixed with the name of the corpus' folder.
+    So are names of speakers, because the same name in two corpora most often means two people. Two people mistaken for
+    one would get a mixed style, while one person mistaken for two only has less data for each.
 
-    The description joins the distinct sources and licences, adds up the import reports, and keeps what else each
-    source says of itself under "merged". Statistics and vocabulary are those of the new training split.
+    The description joins the distinct sources and licences, adds up the import reports, and keeps the other entries of
+    each corpus under "merged". Statistics and vocabulary are those of the new training split.
 
     Args:
-        sources: folders of at least two corpora.
+        paths: folders of at least two corpora.
         dst: folder to make; nothing is left of it if the work is interrupted.
-        same_speakers: speakers of one name are one person.
+        same_speakers: whether speakers of the same name are one person.
 
     Raises:
-        UserError: `dst` exists, there are fewer than two sources or one of them twice, a source cannot be read, or
-            skeleton or frame rate differ.
+        UserError: `dst` exists, there are fewer than two corpora or one is given twice, a corpus cannot be read, or
+            skeletons or frame rates differ.
     """
-    corpora = [Corpus.open(source) for source in sources]
+    corpora = [Corpus.open(path) for path in paths]
     _check_that_they_fit(corpora)
-    names = _names(corpora, ("id", "talk") if same_speakers else _NAMED)
+    names = _names(corpora, _NAMED[:2] if same_speakers else _NAMED)
     splits = tuple(dict.fromkeys(split for corpus in corpora for split in corpus.splits))
     skeleton, fps = corpora[0].skeleton.name, corpora[0].fps
     with (
@@ -59,7 +60,7 @@ def merge(sources: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_
 
 
 def description(corpus: Corpus) -> dict[str, Any]:
-    """What a corpus says of itself, without what is computed from its clips: name, source, licence, import report..."""
+    """Return the metadata of a corpus that are not computed from its clips: name, source, licence, import report."""
     return {key: value for key, value in corpus.metadata.items() if key not in _WRITTEN}
 
 
@@ -73,8 +74,7 @@ def _check_that_they_fit(corpora: list[Corpus]) -> None:
         if corpus.skeleton.name != first.skeleton.name:
             raise UserError(
                 f"{first.path} has skeleton {first.skeleton.name} ({first.skeleton.num_joints} joints), {corpus.path} "
-                f"{corpus.skeleton.name} ({corpus.skeleton.num_joints}): joints cannot be mixed in one corpus; "
-                "merge corpora of one skeleton"
+                f"{corpus.skeleton.name} ({corpus.skeleton.num_joints}); merge corpora of one skeleton"
             )
         if corpus.fps != first.fps:
             raise UserError(
@@ -84,7 +84,8 @@ def _check_that_they_fit(corpora: list[Corpus]) -> None:
 
 
 def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[str, str]]]:
-    """New names of those ids, talks and speakers of each source that another source has too: kind -> old -> new."""
+    """Return the new names of clips, recordings and speakers that several corpora have, for each corpus: kind -> old
+    name -> new name."""
     used = []
     for corpus in tqdm(corpora, desc="Reading names", unit="corpus", leave=False, disable=None):
         names: dict[str, dict[str, None]] = {kind: {} for kind in kinds}
@@ -98,22 +99,22 @@ def _names(corpora: list[Corpus], kinds: Iterable[str]) -> list[dict[str, dict[s
     labels = _labels(corpora)
     renamed: list[dict[str, dict[str, str]]] = [{} for _ in corpora]
     for kind in kinds:
-        sources = collections.Counter(name for names in used for name in names[kind])
-        taken = {name for name, count in sources.items() if count == 1}
+        counts = collections.Counter(name for names in used for name in names[kind])
+        taken = {name for name, count in counts.items() if count == 1}
         for label, names, new_names in zip(labels, used, renamed, strict=True):
-            new_names[kind] = {name: f"{label}-{name}" for name in names[kind] if sources[name] > 1}
+            new_names[kind] = {name: f"{label}-{name}" for name in names[kind] if counts[name] > 1}
             for name, new_name in new_names[kind].items():
                 if new_name in taken:
                     raise UserError(
-                        f"{kind} {name!r} occurs in several sources, and so would {new_name!r}, its name with that of "
-                        f"its folder; give the folder {label} another name"
+                        f"{kind} {name!r} occurs in several corpora, and its new name {new_name!r} occurs too; "
+                        f"give the folder {label} another name"
                     )
                 taken.add(new_name)
     return renamed
 
 
 def _labels(corpora: list[Corpus]) -> list[str]:
-    """The name of each folder; the second of a name, and those after it, with a number."""
+    """Return the name of each folder, with a number from the second folder of the same name on."""
     labels: list[str] = []
     for corpus in corpora:
         name, number = corpus.path.resolve().name, 2
@@ -125,9 +126,11 @@ def _labels(corpora: list[Corpus]) -> list[str]:
 
 
 def _renamed(clips: Clips, index: int, new_names: dict[str, dict[str, str]]) -> bytes:
-    """The record with its new names and, in all else, its very bytes: no audio and no image is compressed again."""
+    """Return the record with its new names; its other bytes stay, so no audio or image is compressed again."""
     record, fields = clips.record(index), clips.fields(index)
-    changed = {kind: names[fields[kind]] for kind, names in new_names.items() if fields[kind] in names}
+    changed = {
+        STORED_NAMES.get(kind, kind): names[fields[kind]] for kind, names in new_names.items() if fields[kind] in names
+    }
     return cast(bytes, msgpack.packb({**msgpack.unpackb(record), **changed})) if changed else record
 
 
@@ -160,7 +163,7 @@ def _report(corpus: Corpus) -> Report:
 
 
 def _joined(texts: Iterable[Any]) -> str:
-    """Distinct texts, each once even where some of them are joined already."""
+    """Join distinct texts; a text that is joined already is split first, so that each part occurs once."""
     parts = (part for text in texts if text for part in str(text).split(_SEPARATOR))
     return _SEPARATOR.join(dict.fromkeys(parts))
 

@@ -1,6 +1,6 @@
-"""Work spread over processes, its results in the order of the tasks: how corpora are made and imported.
+"""Parallel work in processes with results in the order of the tasks, for making and importing corpora.
 
-Ctrl-C is the parent's, which then ends its workers; they also end when the parent is killed.
+Only the parent handles Ctrl-C, and then ends its workers; they also end when the parent is killed.
 """
 
 import collections
@@ -25,11 +25,14 @@ Result = TypeVar("Result")
 
 @contextlib.contextmanager
 def parallel_map(count: int, died: str) -> Iterator[Callable[..., Iterator]]:
-    """`map` that works in `count` processes; in this one, if that is 1.
+    """Provide a `map` that runs in `count` processes, or in this process if `count` is 1.
 
     Args:
-        count: of the processes.
-        died: what to say if one of them dies.
+        count: number of processes.
+        died: error message for a process that dies.
+
+    Yields:
+        A function of a function (importable by name) and an iterable, like `map`, with results in order.
 
     Raises:
         UserError: a process died.
@@ -43,8 +46,12 @@ def parallel_map(count: int, died: str) -> Iterator[Callable[..., Iterator]]:
 
 @contextlib.contextmanager
 def workers(count: int) -> Iterator[Executor]:
-    """Processes for `in_order`; at the end, waits for those that work and drops what waits."""
-    # spawn: no state of this process, nor of an accelerator library, may reach the workers. A pool of
+    """Start processes for `in_order`; at the end, wait for running tasks and drop waiting ones.
+
+    Args:
+        count: number of processes.
+    """
+    # spawn: the workers must not inherit state of this process or of an accelerator library. A pool of
     # `multiprocessing` would wait for ever for a worker that has died.
     context = multiprocessing.get_context("spawn")
     executor = concurrent.futures.ProcessPoolExecutor(count, context, _begin_worker)
@@ -57,14 +64,14 @@ def workers(count: int) -> Iterator[Executor]:
 def in_order(
     executor: Executor, function: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], count: int, died: str
 ) -> Iterator[Result]:
-    """The results of `function(*task)` in the order of the tasks, of which few are under way at a time.
+    """Yield the results of `function(*task)` in the order of the tasks, with few tasks in progress at a time.
 
     Args:
-        executor: from `workers`.
-        function: importable by name.
-        tasks: its arguments.
-        count: of the workers.
-        died: what to say if a worker dies.
+        executor: executor that `workers` yields.
+        function: function that is importable by name.
+        tasks: arguments of each call.
+        count: number of workers.
+        died: error message for a worker that dies.
 
     Raises:
         UserError: a worker died.
@@ -84,7 +91,7 @@ def in_order(
 def _submit(executor: Executor, function: Callable[..., Result], task: tuple[Any, ...]) -> Future[Result]:
     if sys.platform == "win32":
         return executor.submit(function, *task)
-    # A worker that this starts inherits the block, so that it never sees Ctrl-C, not even while it starts.
+    # A worker started here inherits the blocked signal, so Ctrl-C does not reach it even while it starts.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         return executor.submit(function, *task)

@@ -1,4 +1,4 @@
-"""A recording of somebody who speaks and moves, cut into clips with their windows: where mocap and video meet."""
+"""A recording of a person who speaks and moves, from motion capture or video, and its division into clips."""
 
 import dataclasses
 from typing import NamedTuple
@@ -12,36 +12,36 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
 
-MAX_SECONDS = 20.0  # of a clip: a reader decodes whole clips, and windows of many clips make a batch
+MAX_SECONDS = 20.0  # length of a clip: a reader decodes whole clips, and a batch has windows of many clips
 
 TOO_SHORT, NO_WINDOW = "too short", "no window left"
 
-# Where a piece may be cut, as shares of its length.
+# Earliest and latest point at which a piece may be cut, as fractions of its length.
 _EARLIEST, _LATEST = 0.3, 0.7
 
 
 class Recording(NamedTuple):
-    """What one file, or one shot of a video, holds.
+    """Speech and motion of one file, or of one shot of a video.
 
     Attributes:
-        talk: name of the recording, unique in its corpus.
+        name: name of the recording, unique in its corpus; the shots of a video have the same name.
         speaker: name of the speaker.
         audio: (S,) float32, mono, 16 kHz.
-        words: in order of time, in seconds from the start of the audio.
+        words: words in order of time, in seconds from the start of the audio.
         positions: (T, joints, 3) in metres, in the axes of the skeleton, at the corpus' frame rate.
-        confidence: (T, joints) float32 in [0, 1], None where nothing was estimated.
-        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None where there are none.
-        source_time: start in the source, in seconds.
+        confidence: (T, joints) float32 in [0, 1], None if the positions were not estimated.
+        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
+        start: start of the shot in its file, in seconds.
     """
 
-    talk: str
+    name: str
     speaker: str
     audio: np.ndarray
     words: tuple[Word, ...]
     positions: np.ndarray
     confidence: np.ndarray | None = None
     reference_frames: np.ndarray | None = None
-    source_time: float = 0.0
+    start: float = 0.0
 
 
 def to_clips(
@@ -53,18 +53,18 @@ def to_clips(
     max_seconds: float = MAX_SECONDS,
     first: int = 0,
 ) -> tuple[list[Clip], SplitReport]:
-    """Cuts a recording at its longest pauses into clips, and keeps those that a window is left of.
+    """Cut a recording into clips at its longest pauses, and keep the clips that have a window.
 
     Args:
-        recording: as long as the shorter of its motion and its audio.
-        skeleton: of the positions.
+        recording: recording, used up to the end of the shorter of its motion and its audio.
+        skeleton: skeleton of the positions.
         fps: frames per second of the positions.
-        filters: which windows to keep.
-        max_seconds: of a clip.
-        first: number of the first clip, for a talk of several shots; clips are named TALK-NUMBER.
+        filters: conditions that a window must fulfil.
+        max_seconds: maximum length of a clip in seconds.
+        first: number of the first clip, for a recording of several shots; clips are named NAME-NUMBER.
 
     Returns:
-        The clips in order of time, and the counts of one video. The numbers of clips that are left out stay unused.
+        The clips in order of time, and the counts of one recording. The numbers of clips that are left out stay unused.
     """
     num_frames = min(len(recording.positions), int(len(recording.audio) / SAMPLE_RATE * fps + 0.5))
     pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)
@@ -83,22 +83,22 @@ def to_clips(
 
 
 def _pieces(words: tuple[Word, ...], start: int, end: int, fps: float, longest: float) -> list[tuple[int, int]]:
-    """Frames [start, end) in pieces of at most `longest` frames, cut in the middle of the longest pauses."""
+    """Divide frames [start, end) into pieces of at most `longest` frames, cut in the middle of the longest pauses."""
     if end - start <= longest:
         return [(start, end)]
-    early, late = (start + share * (end - start) for share in (_EARLIEST, _LATEST))
+    early, late = (start + fraction * (end - start) for fraction in (_EARLIEST, _LATEST))
     ends = [early, *(fps * word.end for word in words)]
     starts = [*(fps * word.start for word in words), late]
     pauses = [(max(a, early), min(b, late)) for a, b in zip(ends, starts, strict=True)]
     before, after = max(pauses, key=lambda pause: pause[1] - pause[0])
-    if before > after:  # one word lies over all of it
+    if before > after:  # one word covers the whole range
         before = after = (start + end) / 2
     cut = min(max(round((before + after) / 2), start + 1), end - 1)
     return _pieces(words, start, cut, fps, longest) + _pieces(words, cut, end, fps, longest)
 
 
 def _cut(recording: Recording, start: int, end: int, fps: float, number: int) -> Clip:
-    """The clip of frames [start, end), without windows; a word belongs to the clip in which it starts."""
+    """Return the clip of frames [start, end), without windows; a word belongs to the clip in which it starts."""
     begin, finish = start / fps, end / fps
     words = [
         Word(word.text, word.start - begin, min(word.end, finish) - begin)
@@ -106,14 +106,14 @@ def _cut(recording: Recording, start: int, end: int, fps: float, number: int) ->
         if begin <= word.start < finish
     ]
     return Clip(
-        id=f"{recording.talk}-{number}",
+        id=f"{recording.name}-{number}",
         speaker=recording.speaker,
         audio=recording.audio[round(begin * SAMPLE_RATE) : round(finish * SAMPLE_RATE)],
         words=tuple(words),
         positions=recording.positions[start:end],
         reference_frames=recording.reference_frames,
-        source_time=recording.source_time + begin,
+        recording_start=recording.start + begin,
         window_starts=(),
-        talk=recording.talk,
+        recording=recording.name,
         confidence=None if recording.confidence is None else recording.confidence[start:end],
     )

@@ -1,7 +1,9 @@
-"""One clip of speech and motion, and its bytes: the record that every source of data becomes."""
+"""One clip of speech and motion, and its bytes: the record that data of every origin becomes."""
 
 import dataclasses
 import io
+import types
+from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import msgpack
@@ -24,12 +26,13 @@ class Stroke(NamedTuple):
     """A gesture whose cause is known; times in seconds.
 
     Attributes:
-        time: when the stroke hits.
-        start, end: of its preparation and of its retraction.
+        time: time at which the stroke hits.
+        start: start of the preparation.
+        end: end of the retraction.
         kind: "beat", "semantic", "posture" or "nod".
-        hand: "left", "right", "both", or "" where no hand moves.
+        hand: "left", "right", "both", or "" if no hand moves.
         amplitude: size relative to an average stroke.
-        word_class: class of the word that caused it, "" if none did.
+        word_class: class of the word that caused the stroke, "" if none did.
     """
 
     time: float
@@ -46,18 +49,19 @@ class Clip:
     """Speech with its words and the motion that goes with it.
 
     Attributes:
-        id: unique within the corpus.
+        id: name of the clip, unique within the corpus.
         speaker: name of the speaker.
         audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
-        words: in order of time.
-        positions: (T, joints, 3) in metres, y down; float32, or float64 where rounding would show in short bones.
-        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None where the source has none.
-        source_time: start in the talk, in seconds.
+        words: words in order of time, in seconds from the start of the clip.
+        positions: (T, joints, 3) in metres, y down; float32, or float64 where rounding would change short bones.
+        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
+        recording_start: start of the clip in its recording, in seconds.
         window_starts: frames at which a training window may start.
-        strokes: the true gestures, for a corpus that knows them.
-        style: the speaker's true style vector, for a corpus that knows it.
-        talk: name of the recording that the clip was cut from; splits never divide one.
-        confidence: (T, joints) float32 in [0, 1], how surely each joint was seen; None where nothing was estimated.
+        strokes: true gestures, in a corpus where they are known.
+        style: true style vector of the speaker, in a corpus where it is known.
+        recording: name of the recording that the clip was cut from; a recording is never divided among splits.
+        confidence: (T, joints) float32 in [0, 1], confidence of the estimate of each joint; None if the positions were
+            not estimated.
     """
 
     id: str
@@ -66,19 +70,31 @@ class Clip:
     words: tuple[Word, ...]
     positions: np.ndarray
     reference_frames: np.ndarray | None
-    source_time: float
+    recording_start: float
     window_starts: tuple[int, ...]
     strokes: tuple[Stroke, ...] = ()
     style: tuple[float, ...] = ()
-    talk: str = ""
+    recording: str = ""
     confidence: np.ndarray | None = None
 
 
+# Fields of `Clip` that have another name in a record.
+STORED_NAMES: Mapping[str, str] = types.MappingProxyType({"recording": "talk", "recording_start": "source_time"})
+
+
 def encode_clip(clip: Clip) -> bytes:
-    """The clip as msgpack: audio in FLAC (16 bit), frames in JPEG, motion as it is. Equal clips, equal bytes."""
+    """Encode a clip as msgpack: audio in FLAC (16 bit), images in JPEG, motion uncompressed.
+
+    Args:
+        clip: the clip.
+
+    Returns:
+        The record; equal clips give equal bytes.
+    """
     flac = io.BytesIO()
     soundfile.write(flac, clip.audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
-    fields = {field.name: getattr(clip, field.name) for field in dataclasses.fields(Clip)}
+    names = [field.name for field in dataclasses.fields(Clip)]
+    fields = {STORED_NAMES.get(name, name): getattr(clip, name) for name in names}
     fields["audio"] = flac.getvalue()
     fields["positions"] = _pack(clip.positions)
     if clip.confidence is not None:
@@ -89,11 +105,11 @@ def encode_clip(clip: Clip) -> bytes:
 
 
 def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
-    """The clip that `encode_clip` wrote.
+    """Decode a clip that `encode_clip` has encoded.
 
     Args:
-        record: the bytes.
-        name: what to call the record in a message.
+        record: bytes of the record.
+        name: name of the record in an error message.
 
     Raises:
         UserError: the bytes are not a whole record.
@@ -104,13 +120,22 @@ def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
 
 
 def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any]:
-    """The fields of a clip with audio and frames still compressed; quick where only motion or words are wanted.
+    """Unpack the fields of a clip and leave audio and images compressed, which is fast if only motion or words are
+    needed.
+
+    Args:
+        record: bytes of the record.
+        name: name of the record in an error message.
+
+    Returns:
+        The fields of `Clip` by name; "audio" is FLAC, "reference_frames" a list of JPEG images or None.
 
     Raises:
         UserError: the bytes are not a whole record.
     """
     try:
-        fields = _YOUNGER | msgpack.unpackb(record)
+        stored = _YOUNGER | msgpack.unpackb(record)
+        fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
         fields["positions"] = _unpack(fields["positions"])
         if fields["confidence"] is not None:
             fields["confidence"] = _unpack(fields["confidence"])
@@ -126,7 +151,8 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
     return fields
 
 
-# What a record of an older version lacks (see `data.schema`).
+_FIELD_NAMES = {stored: name for name, stored in STORED_NAMES.items()}
+# Defaults of the fields that a record of an older version does not have (see `data.schema`).
 _YOUNGER = {"confidence": None}
 
 
@@ -144,10 +170,17 @@ def _unpack(packed: dict[str, Any]) -> np.ndarray:
 
 
 def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
-    """The samples of a clip that `unpack` gave, (samples,) float32.
+    """Decode the audio of a clip that `unpack` has unpacked.
+
+    Args:
+        fields: fields of the clip.
+        name: name of the record in an error message.
+
+    Returns:
+        (samples,) float32 at 16 kHz.
 
     Raises:
-        UserError: they are not mono FLAC at 16 kHz.
+        UserError: the audio is not mono FLAC at 16 kHz.
     """
     try:
         audio, rate = soundfile.read(io.BytesIO(fields["audio"]), dtype="float32")
@@ -159,10 +192,18 @@ def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
 
 
 def decode_frames(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
-    """The first `count` images of a clip that `unpack` gave, (count, height, width, 3) uint8; None where it has none.
+    """Decode the images of a clip that `unpack` has unpacked.
+
+    Args:
+        fields: fields of the clip.
+        name: name of the record in an error message.
+        count: number of images to decode, from the first one; all by default.
+
+    Returns:
+        (count, height, width, 3) uint8 images, None if the clip has none.
 
     Raises:
-        UserError: they are not images of one size.
+        UserError: the fields are not images of one size.
     """
     if fields["reference_frames"] is None:
         return None

@@ -1,9 +1,9 @@
-"""The versions of a corpus on disk, and how an older one is read.
+"""Versions of the format of a corpus on disk, and conversion of older versions when they are read.
 
-The rule: a later version only adds. A record gains fields, each with a default that `records.unpack` puts where an
-older record lacks it; `dataset.json` gains entries, which the steps below add in memory when it is read. No file is
-ever changed, so an older corpus stays readable by the version that made it. A version that is newer than this one is
-refused, because what it added cannot be known here.
+A later version only adds. A record gains fields, each with a default that `records.unpack` fills in for an older
+record; `dataset.json` gains entries, which the steps below add in memory when it is read. No file is ever changed, so
+an older corpus stays readable by the version that made it. A newer version than this one is refused, because its
+additions are unknown here.
 """
 
 import re
@@ -12,19 +12,22 @@ from typing import Any
 
 VERSION = 2
 
-_FILE_NAME = re.compile(r"[\w-][\w.-]*")  # of a shard: never a path
+_FILE_NAME = re.compile(r"[\w-][\w.-]*")  # name of a shard, never a path
 _MIN_FPS, _MAX_FPS = 1, 1000
 _MAX_SHOWN = 60  # characters of an entry in a message
 
 
 def upgrade(metadata: dict[str, Any]) -> dict[str, Any]:
-    """The contents of a `dataset.json` as the present version has them.
+    """Convert the contents of a `dataset.json` to the present version.
 
     Args:
-        metadata: of any version from 1 to the present one.
+        metadata: contents of any version from 1 to the present one.
+
+    Returns:
+        Contents of the present version.
 
     Raises:
-        KeyError: of another version.
+        KeyError: the version is unknown.
     """
     while (version := metadata["schema_version"]) != VERSION:
         metadata = {**_STEPS[version](metadata), "schema_version": version + 1}
@@ -32,14 +35,14 @@ def upgrade(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(metadata: dict[str, Any]) -> None:
-    """Checks the types of what a reader takes from a `dataset.json`, and that its shards lie in its own folder.
+    """Check the types of the entries of a `dataset.json` that a reader uses, and that its shards lie in its folder.
 
     Args:
-        metadata: of the present version.
+        metadata: contents of the present version.
 
     Raises:
         KeyError: an entry is missing.
-        ValueError: an entry holds something else; the message says which.
+        ValueError: an entry has a wrong type or value; the message names the entry.
     """
     fps = metadata["fps"]
     _require(isinstance(fps, int | float) and _MIN_FPS <= fps <= _MAX_FPS, "fps", fps)
@@ -77,7 +80,7 @@ def _is_list_of_dicts(value: object) -> bool:
 
 
 def _to_2(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Version 2: records have the confidence of their poses, `dataset.json` the report of its import."""
+    """Convert to version 2: records have the confidence of their poses, `dataset.json` has the report of its import."""
     return {"import": {}, **metadata}
 
 

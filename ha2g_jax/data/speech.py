@@ -1,6 +1,6 @@
-"""What models hear of a clip, prepared once, and what they hear of one of its windows.
+"""Speech inputs of a model: features of a whole clip, computed once, and windows cut from them.
 
-Training and synthesis both take their inputs from here, so that a window of a long recording is heard as it would be
+Training and synthesis both take their inputs from here, so that a window of a long recording gives the same inputs as
 in training.
 """
 
@@ -15,13 +15,14 @@ from ha2g_jax.features.text import Vocabulary, Word, plain_words, words_to_frame
 
 
 class Speech(NamedTuple):
-    """A clip as models hear it.
+    """Speech features of a clip.
 
     Attributes:
-        tracks: by name of the input, what it is cut from: "mel" (128, columns) float16 dB, "asr_mel" (80, columns)
-            float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
-        words: in order of time.
-        starts, ends: (n,) their times in seconds, in ascending order.
+        tracks: features of the whole clip by name of the input: "mel" (128, columns) float16 dB, "asr_mel"
+            (80, columns) float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
+        words: words in order of time.
+        starts: (n,) start of each word in seconds, in ascending order.
+        ends: (n,) latest end of the words up to each one in seconds, in ascending order.
     """
 
     tracks: dict[str, np.ndarray]
@@ -31,13 +32,14 @@ class Speech(NamedTuple):
 
     @property
     def num_bytes(self) -> int:
-        """Of memory."""
+        """Size in memory, in bytes."""
         return sum(track.nbytes for track in self.tracks.values()) + 200 * len(self.words)  # text and two floats
 
 
-# Inputs that are cut from a track: how that is made of the samples, and how a window (start frame, fps) is cut.
+# Inputs that are cut from a track: the function of the samples that computes it, and the function of (track, start
+# frame, fps) that cuts a window.
 _TRACKS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[..., np.ndarray]]] = {
-    # librosa lays the columns of a spectrogram one after the other; batches want rows.
+    # librosa's spectrograms are in column-major order; batches need row-major order.
     "mel": (lambda audio: log_mel(audio).astype(np.float16, order="C"), mel_window),
     "asr_mel": (lambda audio: asr_log_mel(audio).astype(np.float16, order="C"), asr_window),
     "audio": (lambda audio: np.asarray(audio, np.float32), wave_window),
@@ -46,12 +48,15 @@ INPUTS = (*_TRACKS, "words", "plain_words")
 
 
 def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -> Speech:
-    """The speech of a clip for windows of `inputs`, some of `INPUTS`.
+    """Compute the speech features of a clip.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        words: of the clip, in order of time.
-        inputs: what models want to hear.
+        words: words of the clip in order of time.
+        inputs: names of the inputs of the model, among `INPUTS`.
+
+    Returns:
+        The features from which `window` cuts these inputs.
     """
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
     for track in tracks.values():
@@ -63,23 +68,31 @@ def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -
 def window(
     speech: Speech, inputs: Collection[str], vocabulary: Vocabulary, start: int, num_frames: int, fps: float
 ) -> dict[str, np.ndarray]:
-    """The inputs of the window that starts at frame `start`, without a batch axis.
+    """Cut the inputs of one window, without a batch axis.
+
+    Args:
+        speech: features of the clip.
+        inputs: names of the inputs, among those that `speech` was prepared for.
+        vocabulary: vocabulary of the model.
+        start: first frame of the window.
+        num_frames: length N of the window in frames.
+        fps: frames per second.
 
     Returns:
-        name -> array: "mel" (128, 70) float32 dB, "asr_mel" (80, 228) float32, "audio" (36267,) float32, "words" (N,)
-        int32 on frames, "plain_words" (32,) int32. What lies past the end of the clip is silence.
+        A dict of the inputs by name: "mel" (128, 70) float32 dB, "asr_mel" (80, 228) float32, "audio" (36267,) float32,
+        "words" (N,) int32 on frames, "plain_words" (32,) int32. Past the end of the clip there is silence.
     """
-    heard = {
+    cut_inputs = {
         name: cut(speech.tracks[name], start, fps).astype(np.float32)
         for name, (_, cut) in _TRACKS.items()
         if name in inputs
     }
-    # Only words near the window are laid out; a frame more on either side leaves rounding to the functions below.
+    # Only words near the window are used; one frame more on either side leaves rounding to the functions below.
     first = speech.ends.searchsorted((start - 1) / fps, "left")
     last = speech.starts.searchsorted((start + num_frames + 1) / fps, "right")
     words = speech.words[first:last]
     if "words" in inputs:
-        heard["words"] = words_to_frames(words, vocabulary, start / fps, num_frames, fps)
+        cut_inputs["words"] = words_to_frames(words, vocabulary, start / fps, num_frames, fps)
     if "plain_words" in inputs:
-        heard["plain_words"] = plain_words(words, vocabulary, start / fps, num_frames / fps)
-    return heard
+        cut_inputs["plain_words"] = plain_words(words, vocabulary, start / fps, num_frames / fps)
+    return cut_inputs

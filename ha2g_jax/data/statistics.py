@@ -1,4 +1,4 @@
-"""Statistics of the motion of a training split, as the model and the physical loss use them."""
+"""Statistics of the motion of a training split, which the model and the physical loss use."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,8 +10,12 @@ from ha2g_jax.skeleton import Skeleton, joint_angles, positions_to_directions
 
 
 class MotionStatistics:
-    """Running means over the frames that training sees: bone lengths, poses, direction vectors, and angles in units of
-    pi (HA2G, Eq. 8)."""
+    """Running means over the frames of all training windows: bone lengths, poses, direction vectors, and angles in
+    units of pi (HA2G, Eq. 8).
+
+    Args:
+        skeleton: skeleton of the positions.
+    """
 
     def __init__(self, skeleton: Skeleton):
         self._skeleton = skeleton
@@ -20,7 +24,7 @@ class MotionStatistics:
         self._steps = 0
 
     def update(self, positions: np.ndarray, window_starts: Sequence[int]) -> None:
-        """Adds the frames of one clip that lie in a window.
+        """Add the frames of one clip that lie in a window.
 
         Args:
             positions: (T, joints, 3) in metres.
@@ -48,7 +52,7 @@ class MotionStatistics:
         self._steps += int(is_step.sum())
 
     def result(self) -> dict[str, Any]:
-        """Nested lists, ready for JSON, under the field names of `Skeleton`; nothing where there were no windows."""
+        """Return the means as nested lists by field name of `Skeleton`, for JSON; empty if there was no window."""
         if not self._frames:
             return {}
         means = {

@@ -1,7 +1,7 @@
-"""Whether a corpus is what it says it is: every byte, every record, and the counts of `dataset.json`.
+"""Validation of a corpus: the checksums of its files, every record, and the counts of `dataset.json`.
 
-A finding is something that makes training or its scores wrong. A note is something to know: it holds for data that
-people train on every day, such as TED's, whose splits have clips of the same videos.
+A finding is an error that makes training or its scores wrong. A note is a property of the data that is worth knowing
+but common: the splits of TED, for example, have clips of the same videos.
 """
 
 import collections
@@ -18,17 +18,17 @@ from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-_CONSTANT = 0.05  # standard deviation of a bone's length over its median, within a clip
-_OVERLAP = 0.5  # seconds of one talk that two splits may share: cuts are rounded to frames
-_ROUNDING = 0.01  # seconds of a split, which are rounded when they are written
+_CONSTANT = 0.05  # maximum standard deviation of a bone's length over its median, within a clip
+_OVERLAP = 0.5  # seconds of one recording that two splits may have in common, because cuts are rounded to frames
+_ROUNDING = 0.01  # tolerance of the duration of a split in seconds, which is stored rounded
 
 
 class Verdict(NamedTuple):
-    """What an examination found, one line each.
+    """Result of a validation, one line for each finding or note.
 
     Attributes:
-        findings: what is wrong; empty where all is well.
-        notes: what is worth knowing.
+        findings: errors; empty for a valid corpus.
+        notes: properties that are worth knowing.
     """
 
     findings: list[str]
@@ -36,7 +36,7 @@ class Verdict(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """Where a clip lies in its talk, in seconds."""
+    """The stretch of a recording that a clip covers, in seconds."""
 
     start: float
     end: float
@@ -45,28 +45,38 @@ class _Stretch(NamedTuple):
 
 
 def validate(path: str | os.PathLike) -> list[str]:
-    """The findings of `examine`: empty where all is well."""
-    return examine(path).findings
-
-
-def examine(path: str | os.PathLike) -> Verdict:
-    """Reads all of a corpus, a clip at a time.
-
-    Findings: a shard's bytes differ from its SHA-256; a record cannot be read, or has fields of wrong types; positions
-    that are not finite, of the wrong shape, or with bones of implausible length (median over the clip; a factor of 4
-    around the skeleton's published lengths); words out of order or outside the clip; audio that is not finite or not
-    as long as the motion; windows outside the clip; confidence of the wrong shape or outside [0, 1]; images that cannot
-    be read; an id twice; a speaker that is not listed; the same stretch of a talk in two splits; statistics of the
-    wrong shape; counts that differ from `dataset.json`.
-
-    Notes: talks with other stretches in several splits; bones that change their length although nothing says that they
-    were estimated (motion capture keeps them, estimates do not).
+    """Return the findings of `examine`, which are empty for a valid corpus.
 
     Args:
         path: folder of the corpus.
 
     Raises:
-        UserError: there is no corpus, or its `dataset.json` cannot be used, so that nothing can be examined.
+        UserError: there is no corpus, or its `dataset.json` cannot be used.
+    """
+    return examine(path).findings
+
+
+def examine(path: str | os.PathLike) -> Verdict:
+    """Examine all shards and records of a corpus.
+
+    Findings: the bytes of a shard differ from its SHA-256; a record cannot be read, or has fields of wrong types;
+    positions are not finite, have a wrong shape, or have bones of implausible length (median over the clip, more than
+    a factor of 4 from the skeleton's published length); words are out of order or outside the clip; audio is not
+    finite or not as long as the motion; windows lie outside the clip; confidence has a wrong shape or lies outside
+    [0, 1]; images cannot be read; a clip id occurs twice; a speaker is not listed; the same stretch of a recording
+    occurs in two splits; statistics have a wrong shape; counts differ from `dataset.json`.
+
+    Notes: different stretches of a recording occur in several splits; bones change their length although the positions
+    were not estimated (bones have constant lengths in motion capture, but not in estimates).
+
+    Args:
+        path: folder of the corpus.
+
+    Returns:
+        The findings and the notes.
+
+    Raises:
+        UserError: there is no corpus, or its `dataset.json` cannot be used.
     """
     corpus = Corpus.open(path)
     findings, tally = [*_damaged_shards(corpus)], _Tally(corpus)
@@ -74,7 +84,7 @@ def examine(path: str | os.PathLike) -> Verdict:
     with tqdm(desc="Checking clips", total=total, unit="clip", leave=False, disable=None) as progress:
         for split in corpus.splits:
             for shard in corpus.metadata["splits"][split]["shards"]:
-                try:  # shard by shard, so that a damaged one does not hide the others
+                try:  # one shard at a time, so that the others are checked if one is damaged
                     clips = Clips([corpus.path / shard["name"]])
                 except UserError as error:
                     findings.append(str(error))
@@ -105,7 +115,7 @@ def _check_statistics(corpus: Corpus) -> Iterator[str]:
 
 
 def _check_record(clips: Clips, index: int, split: str, corpus: Corpus, tally: "_Tally") -> list[str]:
-    """The findings of one record, each with the name of the clip and of the record."""
+    """Return the findings of one record, each with the name of the clip and of the record."""
     try:
         fields = clips.fields(index)
     except UserError as error:
@@ -121,10 +131,10 @@ def _check_record(clips: Clips, index: int, split: str, corpus: Corpus, tally: "
 
 
 class _Tally:
-    """What only the whole corpus shows: counts, ids, talks and how steady the bones are.
+    """Counts, ids, recordings and bone lengths over the whole corpus.
 
     Attributes:
-        unread: splits with records that could not be read, whose counts say nothing.
+        unread: splits with records that could not be read, whose counts are therefore not compared.
     """
 
     def __init__(self, corpus: Corpus):
@@ -136,20 +146,20 @@ class _Tally:
         }
         self._speakers: dict[str, set[str]] = {split: set() for split in corpus.splits}
         self._words: collections.Counter[str] = collections.Counter()
-        self._talks: dict[str, list[_Stretch]] = collections.defaultdict(list)
+        self._recordings: dict[str, list[_Stretch]] = collections.defaultdict(list)
         self._uneven, self._most_uneven = 0, (0.0, "")
 
     def add(self, split: str, fields: dict[str, Any]) -> Iterator[str]:
-        """Counts a clip and yields what its place in the corpus makes wrong."""
+        """Count a clip and yield the findings that depend on the clips before it."""
         seconds = len(fields["positions"]) / self._corpus.fps
         for what, count in {"clips": 1, "windows": len(fields["window_starts"]), "seconds": seconds}.items():
             self._counts[split][what] += count
         self._speakers[split].add(fields["speaker"])
         if split == TRAIN:
             self._words.update(word.text.lower() for word in fields["words"])
-        if fields["talk"]:
-            start = fields["source_time"]
-            self._talks[fields["talk"]].append(_Stretch(start, start + seconds, split, fields["id"]))
+        if fields["recording"]:
+            start = fields["recording_start"]
+            self._recordings[fields["recording"]].append(_Stretch(start, start + seconds, split, fields["id"]))
         if fields["id"] in self._ids:
             yield "its id occurs more than once"
         self._ids.add(fields["id"])
@@ -157,7 +167,7 @@ class _Tally:
             yield f"speaker {fields['speaker']!r} is not among those of dataset.json"
 
     def add_bones(self, place: str, fields: dict[str, Any], skeleton: Skeleton) -> None:
-        """Looks how much the bones of a clip change, unless they were estimated."""
+        """Record the variation of the bone lengths of a clip, unless its positions were estimated."""
         if fields["confidence"] is not None:
             return
         lengths = clip_checks.bone_lengths(fields["positions"], skeleton)
@@ -174,42 +184,42 @@ class _Tally:
                 continue
             entry = self._corpus.metadata["splits"][split]
             for what, tolerance in {"clips": 0, "windows": 0, "seconds": _ROUNDING}.items():
-                found, listed = counts[what], entry.get(what, counts[what])  # version 1 has clips alone
+                found, listed = counts[what], entry.get(what, counts[what])  # version 1 has no other counts than clips
                 if not isinstance(listed, int | float) or abs(found - listed) > tolerance:
-                    yield f"{name} counts {listed} {what} in {split!r}, its records have {round(found, 3)}"
+                    yield f"{name} counts {listed} {what} in {split!r}, but its records have {round(found, 3)}"
             if set(entry.get("speakers", ())) != self._speakers[split]:
                 yield f"{name} lists other speakers of {split!r} than its records have"
         if TRAIN not in self.unread and dict(self._words) != self._corpus.metadata["words"]:
             yield f"{name} lists other words than the records of {TRAIN!r} have"
-        for talk, stretches in self._talks.items():
+        for recording, stretches in self._recordings.items():
             shared = _shared_stretch(stretches)
             if shared is not None:
                 first, second = shared
                 yield (
-                    f"{self._corpus.path}: {first.split!r} and {second.split!r} have the same stretch of talk {talk!r} "
-                    f"(clips {first.clip!r} and {second.clip!r}); divide it anew with ha2g data split"
+                    f"{self._corpus.path}: {first.split!r} and {second.split!r} have the same stretch of recording "
+                    f"{recording!r} (clips {first.clip!r} and {second.clip!r}); divide the corpus with ha2g data split"
                 )
 
     def notes(self) -> list[str]:
-        splits = {talk: {stretch.split for stretch in stretches} for talk, stretches in self._talks.items()}
-        divided = [talk for talk, names in splits.items() if len(names) > 1]
+        splits = {name: {stretch.split for stretch in stretches} for name, stretches in self._recordings.items()}
+        divided = [name for name, names in splits.items() if len(names) > 1]
         notes = []
         if divided:
             notes.append(
-                f"{len(divided)} of {len(splits)} talks have clips in several splits, such as {divided[0]!r}: their "
-                "speakers are known from training; ha2g data split --by talk keeps talks together"
+                f"{len(divided)} of {len(splits)} recordings have clips in several splits, such as {divided[0]!r}, so "
+                "their speakers are known from training; ha2g data split --by recording keeps recordings together"
             )
         if self._uneven:
             notes.append(
                 f"bones change their length by more than {_CONSTANT:.0%} in {self._uneven} of {len(self._ids)} clips, "
-                f"most {self._most_uneven[1]}: those of motion capture should not"
+                f"most {self._most_uneven[1]}; in motion capture they should be constant"
             )
         return notes
 
 
 def _shared_stretch(stretches: list[_Stretch]) -> tuple[_Stretch, _Stretch] | None:
-    """Two stretches of a talk that overlap and lie in different splits, None where there are none."""
-    farthest: dict[str, _Stretch] = {}  # by split: of the stretches so far, the one that ends last
+    """Return two overlapping stretches of a recording in different splits, None if there are none."""
+    farthest: dict[str, _Stretch] = {}  # the stretch so far that ends last, by split
     for stretch in sorted(stretches):
         for split, other in farthest.items():
             if split != stretch.split and min(other.end, stretch.end) - stretch.start > _OVERLAP:

@@ -1,4 +1,4 @@
-"""Which windows of a clip a model may learn from: the filters of the TED data, for any source."""
+"""The choice of windows of a clip for training: the filters of the TED data, for data of any origin."""
 
 import collections
 from collections.abc import Sequence
@@ -20,17 +20,18 @@ _UPRIGHT = np.array([0.0, -1.0, 0.0])  # y points down
 
 
 class WindowFilters(NamedTuple):
-    """What a window must fulfil; None switches a filter off.
+    """Conditions that a window must fulfil; None switches a filter off.
 
     Attributes:
-        min_words: words that overlap the window.
-        min_pose_distance: mean |pose - mean pose| over frames, joints and axes, in metres; below it the pose
-            estimator had fallen back on its mean pose.
-        max_spine_angle: greatest angle between spine and upright, in degrees.
-        max_mean_spine_angle: mean over the frames of that angle, in degrees.
-        min_wrist_variance: variance of a wrist's position, in square metres; below it in both wrists nothing moves.
-        num_frames: length of a window.
-        stride: frames between the starts of two windows.
+        min_words: minimum number of words that overlap the window.
+        min_pose_distance: minimum of the mean |pose - mean pose| over frames, joints and axes, in metres; below it the
+            pose estimator has fallen back on its mean pose.
+        max_spine_angle: maximum angle between the spine and upright in any frame, in degrees.
+        max_mean_spine_angle: maximum of the mean over the frames of that angle, in degrees.
+        min_wrist_variance: minimum variance of a wrist's position, in square metres; a window fails if both wrists are
+            below it.
+        num_frames: length of a window in frames.
+        stride: number of frames between the starts of two windows.
     """
 
     min_words: int | None = 2
@@ -42,9 +43,9 @@ class WindowFilters(NamedTuple):
     stride: int = 10
 
 
-# 42 frames = round(34 * 1.25): of each window that passes, the first 34 frames are the sample.
+# 42 frames = round(34 * 1.25): the first 34 frames of each window that passes are the training sample.
 TED = WindowFilters()
-# A person who leans, or stands as the mean pose does, is no tracking error in motion capture.
+# In motion capture, a person who leans or stands in the mean pose is not a tracking error.
 MOCAP = WindowFilters(min_pose_distance=None, max_spine_angle=None, max_mean_spine_angle=None, num_frames=34)
 
 
@@ -52,8 +53,8 @@ class WindowChoice(NamedTuple):
     """The windows of one clip.
 
     Attributes:
-        starts: first frames of the windows that are kept.
-        verdicts: of every window in order, `KEPT` or one of `REASONS`.
+        starts: first frame of each window that is kept.
+        verdicts: verdict on every window in order, `KEPT` or one of `REASONS`.
     """
 
     starts: tuple[int, ...]
@@ -61,7 +62,7 @@ class WindowChoice(NamedTuple):
 
     @property
     def filtered(self) -> collections.Counter[str]:
-        """Number of dropped windows by reason; a reason that dropped none is not in it."""
+        """Number of dropped windows by reason, without reasons that dropped none."""
         return collections.Counter(verdict for verdict in self.verdicts if verdict != KEPT)
 
 
@@ -74,7 +75,7 @@ def choose_windows(
     fps: float = 15,
     filters: WindowFilters = TED,
 ) -> WindowChoice:
-    """Judges the windows of a clip that start every `stride` frames; the first filter that a window fails names it.
+    """Apply the filters to the windows of a clip; the verdict on a window is the first filter that it fails.
 
     The filters in order: too few words, then as in the TED data (HA2G, Appendix A) pose, spine angle and motion.
 
@@ -83,17 +84,17 @@ def choose_windows(
         words: in the clock of `start_time`. Without any, `min_words` drops every window: importers that have no
             transcript switch it off.
         skeleton: gives the joints and, for the distance from it, the mean pose.
-        start_time: of the first frame, in seconds.
+        start_time: time of the first frame in the clock of the words, in seconds.
         fps: frames per second of `positions`.
-        filters: which filters, and how windows are cut.
+        filters: the filters, and the length and stride of windows.
 
     Returns:
-        The windows; none where the clip is shorter than one.
+        The windows; none if the clip is shorter than a window.
     """
     starts = np.arange(0, len(positions) - filters.num_frames + 1, filters.stride)
     verdicts = np.full(len(starts), KEPT, object)
     if len(starts):
-        # From the last filter to the first, so that the first one that a window fails has the last word.
+        # From the last filter to the first, so that the verdict is the first filter that a window fails.
         for reason, is_failed in (
             (MOTION, _too_still(positions, starts, skeleton, filters)),
             (SPINE_ANGLE, _too_tilted(positions, starts, skeleton, filters)),
@@ -146,5 +147,5 @@ def _too_still(positions: np.ndarray, starts: np.ndarray, skeleton: Skeleton, fi
 
 
 def _windows(values: np.ndarray, starts: np.ndarray, filters: WindowFilters) -> np.ndarray:
-    """(windows, num_frames, ...) of values (T, ...)."""
+    """Cut values (T, ...) into windows (windows, num_frames, ...)."""
     return values[starts[:, None] + np.arange(filters.num_frames)]

@@ -1,4 +1,4 @@
-"""Where the windows of a split are: one pass over its records, which finds every record that cannot be used."""
+"""Index of the windows of a split, made in one pass over its records that also finds unusable records."""
 
 from collections.abc import Container
 from typing import Any, NamedTuple
@@ -11,10 +11,11 @@ from ha2g_jax.errors import UserError
 
 
 class WindowIndex(NamedTuple):
-    """The windows of a split, and what is known of its clips without decoding them.
+    """The windows of a split, and the names and speakers of its clips.
 
     Attributes:
-        clips, starts: (W,) int32 number of the clip and first frame of each window.
+        clips: (W,) int32 number of the clip of each window.
+        starts: (W,) int32 first frame of each window.
         names: id of each clip.
         speakers: (clips,) int32 index of the speaker of each clip.
     """
@@ -28,20 +29,20 @@ class WindowIndex(NamedTuple):
 def make_index(
     corpus: Corpus, split: str, num_frames: int, num_images: int = 0, among: Container[str] | None = None
 ) -> WindowIndex:
-    """The windows of `num_frames` frames of a split.
+    """Index the windows of a split.
 
-    Audio and images stay compressed; all else of each record is looked at.
+    Audio and images stay compressed; all other fields of each record are checked.
 
     Args:
-        corpus: where the clips are.
+        corpus: corpus of the clips.
         split: name of the split.
-        num_frames: N.
-        num_images: that each clip must have.
-        among: speakers whose clips are wanted; all by default.
+        num_frames: length N of a window in frames.
+        num_images: number of images that each clip must have.
+        among: names of the speakers whose clips are used; all by default.
 
     Raises:
-        UserError: no clip has N frames, or a record is damaged, has positions that are not finite or not of the
-            corpus' skeleton, an unknown speaker or too few images; named with its shard.
+        UserError: no clip has a window of N frames, or a record is damaged, has positions that are not finite or not
+            of the corpus' skeleton, an unknown speaker or too few images; the message names the record.
     """
     clips = corpus.clips(split)
     speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
@@ -52,7 +53,9 @@ def make_index(
         _check_positions(fields["positions"], corpus, place)
         _check_images(fields["reference_frames"], num_images, place)
         if fields["speaker"] not in speaker_index:
-            raise UserError(f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; import it again")
+            raise UserError(
+                f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; make or import the corpus again"
+            )
         last = len(fields["positions"]) - num_frames
         is_wanted = among is None or fields["speaker"] in among
         fitting = [start for start in fields["window_starts"] if is_wanted and 0 <= start <= last]
@@ -85,7 +88,7 @@ def _check_positions(positions: np.ndarray, corpus: Corpus, place: str) -> None:
     if not is_finite.all():
         raise UserError(
             f"{place} has positions that are NaN or infinite, first in frame {is_finite.argmin()}; "
-            "mend or leave out this clip where it comes from and make or import the corpus again"
+            "correct or remove this clip in the original data and make or import the corpus again"
         )
 
 
@@ -93,5 +96,5 @@ def _check_images(images: list[Any] | None, expected: int, place: str) -> None:
     found = len(images or [])
     if found < expected:
         raise UserError(
-            f"{place} has {found} images of its speaker, expected {expected}: set --config.model.identity.kind=speakers"
+            f"{place} has {found} images of its speaker, expected {expected}; set --config.model.identity.kind=speakers"
         )

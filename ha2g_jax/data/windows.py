@@ -1,7 +1,7 @@
-"""Training windows: N frames of a clip with the speech that goes with them.
+"""Training windows: N frames of a clip with the speech inputs of the same time.
 
-Windows overlap, so they are not copied: each clip is decoded and turned into features when one of its windows is
-first asked for, and a window is a slice of those. Before that there is only an index.
+Windows overlap, so they are not copied: the features of a clip are computed when one of its windows is first used, and
+a window is a slice of these features. Before that there is only an index.
 """
 
 import copy
@@ -22,28 +22,28 @@ from ha2g_jax.skeleton import Skeleton, positions_to_directions
 class Windows:
     """The windows of one split by index, as examples without a batch axis.
 
-    An example is a dict: of the speech what `inputs` names (see `data.speech.window`), "directions" (N, bones, 3)
-    float32 unit vectors, "speaker" () int32 and, with `image_size`, "images" (M, S, S, 3) uint8. Its arrays may be
-    shared and must not be written to. Threads may share a `Windows`, and pickled it is small: the index without
-    decoded clips.
+    An example is a dict of the speech inputs (see `data.speech.window`), "directions" (N, bones, 3) float32 unit
+    vectors, "speaker" () int32 and, with `image_size`, "images" (M, S, S, 3) uint8 images. Several examples may refer
+    to the same memory, so their arrays must not be written to. A `Windows` is thread-safe. Its pickle is small: the
+    index without decoded clips.
 
     Args:
-        corpus: where the clips are.
+        corpus: corpus of the clips.
         split: name of the split.
-        vocabulary: of the training split.
-        num_frames: N.
-        inputs: what of the speech is wanted.
-        num_reference_frames: M, images of a speaker.
-        image_size: S, of the reference frames; None leaves them out.
-        among: speakers whose clips are wanted; all by default.
-        cache_bytes: memory for decoded clips.
+        vocabulary: vocabulary of the training split.
+        num_frames: length N of a window in frames.
+        inputs: names of the speech inputs, among `data.speech.INPUTS`.
+        num_reference_frames: number M of images of a speaker.
+        image_size: width and height S of the images in pixels; None leaves them out.
+        among: names of the speakers whose clips are used; all by default.
+        cache_bytes: maximum memory for decoded clips.
 
     Attributes:
-        skeleton: of the corpus.
-        num_training_speakers: of the corpus.
+        skeleton: skeleton of the corpus.
+        num_training_speakers: number of speakers of the training split.
 
     Raises:
-        UserError: the split has no clip of N frames, a record that cannot be used, or no images where they are wanted.
+        UserError: the split has no window of N frames, an unusable record, or too few images.
     """
 
     def __init__(
@@ -78,22 +78,29 @@ class Windows:
         return self.__dict__ | {"_last_motion": None}
 
     def with_cache(self, cache_bytes: int) -> "Windows":
-        """The same windows with a cache of their own, which is empty."""
+        """Return the same windows with a new, empty cache of `cache_bytes`."""
         windows = copy.copy(self)
         windows.cache_bytes, windows._cache = cache_bytes, ClipCache(self._read.track, cache_bytes)
         return windows
 
     def example(self, index: int, delay: int = 0) -> dict[str, np.ndarray]:
-        """The window of an index, or one that starts `delay` frames later where the clip is long enough.
+        """Return the example of a window.
+
+        Args:
+            index: number of the window.
+            delay: number of frames by which the window starts later, limited by the end of the clip.
+
+        Returns:
+            The arrays by name, see the class.
 
         Raises:
-            UserError: audio or images of its clip cannot be decoded.
+            UserError: audio or images of the clip cannot be decoded.
         """
         number, start = self._find(index)
         track = self._cache[number]
         start = min(start + delay, len(track.directions) - self.num_frames)
-        heard = speech.window(track.speech, self._inputs, self._vocabulary, start, self.num_frames, self._fps)
-        example = heard | {
+        inputs = speech.window(track.speech, self._inputs, self._vocabulary, start, self.num_frames, self._fps)
+        example = inputs | {
             "directions": track.directions[start : start + self.num_frames],
             "speaker": self._index.speakers[number],
         }
@@ -102,16 +109,23 @@ class Windows:
         return example
 
     def name(self, index: int) -> str:
-        """What to call a window in a report: "CLIP_ID@FRAME"."""
+        """Return the name of a window in reports, "CLIP_ID@FRAME"."""
         number, start = self._find(index)
         return f"{self._index.names[number]}@{start}"
 
     def clip_index(self, index: int) -> int:
-        """The number of the clip in its split that a window lies in."""
+        """Return the number of the clip of a window in its split."""
         return self._find(index)[0]
 
     def directions(self, index: int) -> np.ndarray:
-        """The motion of a window alone, (N, bones, 3); decodes no audio, and is quick in the order of the indices."""
+        """Return only the motion of a window, without decoding audio; fastest in ascending order of the indices.
+
+        Args:
+            index: number of the window.
+
+        Returns:
+            (N, bones, 3) float32 unit direction vectors.
+        """
         number, start = self._find(index)
         track, last = self._cache.peek(number), self._last_motion
         if track is not None:
@@ -124,11 +138,19 @@ class Windows:
         return motion[start : start + self.num_frames]
 
     def speakers(self) -> set[int]:
-        """The indices of the speakers of the split."""
+        """Return the indices of the speakers of the split."""
         return set(self._index.speakers.tolist())
 
     def reference_frames(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
-        """The images of a speaker, (M, S, S, 3) uint8 of each of at most `limit` clips."""
+        """Return images of a speaker.
+
+        Args:
+            speaker: index of the speaker.
+            limit: maximum number of clips.
+
+        Returns:
+            (M, S, S, 3) uint8 images of each clip.
+        """
         images = []
         for number in np.flatnonzero(self._index.speakers == speaker)[:limit].tolist():
             track = self._cache.peek(number)
@@ -142,7 +164,7 @@ class Windows:
 
 
 class _Reader(NamedTuple):
-    """Makes features of clips by their number; all that decoding needs, and so what is sent to a worker."""
+    """Computes the features of clips by number; holds all that decoding needs, and is sent to workers."""
 
     clips: Clips
     skeleton: Skeleton
@@ -182,7 +204,15 @@ class _Reader(NamedTuple):
 
 
 def resize_frames(frames: np.ndarray, size: int) -> np.ndarray:
-    """Images (M, height, width, 3) uint8 as E_ID takes them, (M, size, size, 3) uint8."""
+    """Resize images to the input size of the identity encoder E_ID.
+
+    Args:
+        frames: (M, height, width, 3) uint8 images.
+        size: width and height of the result in pixels.
+
+    Returns:
+        (M, size, size, 3) uint8 images.
+    """
     if frames.shape[1:3] == (size, size):
         return frames
     return np.stack([np.asarray(Image.fromarray(frame).resize((size, size))) for frame in frames])

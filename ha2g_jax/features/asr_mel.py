@@ -1,9 +1,9 @@
-"""What an encoder of speech recognition hears: Whisper's log-mel spectrogram (Radford et al. 2022, section 2.2).
+"""Input of a speech recognition encoder: Whisper's log-mel spectrogram (Radford et al. 2022, section 2.2).
 
 16 kHz, FFT 400, hop 160, periodic Hann window, centred frames with reflected borders, mel bands of Slaney's scale and
 area normalisation over 0-8 kHz, log10 of the power, floor 80 dB below the loudest value, (x + 4) / 4. As with D11, the
-loudest value is that of the clip a window is cut from: the spectrogram is computed once per clip and sliced at the
-nearest column, so that all windows of a clip share one floor. Whisper itself takes that of its 30 s.
+loudest value is that of the clip that a window is cut from: the spectrogram is computed once per clip and sliced at the
+nearest column, so that all windows of a clip have the same floor. Whisper itself takes the loudest value of its 30 s.
 """
 
 import functools
@@ -12,7 +12,7 @@ import numpy as np
 
 from ha2g_jax.features.librosa_once import librosa
 
-NUM_ASR_MELS = 80  # of all of Whisper's models but large-v3 and those made from it, which have 128
+NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
 # 2.28 s: the least even number that covers 34 frames at 15 fps. The encoder halves it to 114 positions.
 ASR_COLUMNS = 228
@@ -21,7 +21,7 @@ _SAMPLE_RATE = 16000
 _FFT_SIZE = 400
 _HOP_LENGTH = _SAMPLE_RATE // ASR_COLUMNS_PER_SECOND
 _LEAST_POWER = 1e-10
-_DECADES = 8.0  # from the loudest value down to the floor
+_DECADES = 8.0  # difference between the loudest value and the floor
 
 
 def _scale(decades):
@@ -34,14 +34,14 @@ def _mel_filters(num_mels: int) -> np.ndarray:
 
 
 def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
-    """Whisper's log-mel spectrogram of a whole clip, column c centred on c / 100 s.
+    """Compute Whisper's log-mel spectrogram of a whole clip, with column c centred on c / 100 s.
 
     Whisper drops the last column, which is kept here. All values lie between -1.5, which is silence, and about 2, so
-    that they may be stored as float16.
+    that they can be stored as float16.
 
     Args:
-        audio: (samples,) float32 at 16 kHz, of any length from 1 sample.
-        num_mels: mel bands, as many as the encoder takes.
+        audio: (samples,) float32 at 16 kHz, at least 1 sample.
+        num_mels: number of mel bands, which must be that of the encoder.
 
     Returns:
         (num_mels, 1 + samples // 160) float32.
@@ -53,15 +53,15 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
 
 
 def asr_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """The spectrogram of the window that starts at a frame.
+    """Cut the spectrogram of the window that starts at a frame.
 
     Args:
-        mel: (num_mels, columns) of a whole clip, as from `asr_log_mel`.
+        mel: (num_mels, columns) spectrogram of a whole clip by `asr_log_mel`.
         start_frame: first frame of the window, from 0.
         fps: frames per second.
 
     Returns:
-        (num_mels, 228) of mel's type; what lies past the end of the clip is the clip's floor, as silence in it is.
+        (num_mels, 228) of mel's type, padded past the end of the clip with the clip's floor, the value of silence.
     """
     start = round(start_frame * ASR_COLUMNS_PER_SECOND / fps)
     window = mel[:, start : start + ASR_COLUMNS]

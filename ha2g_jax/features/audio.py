@@ -1,4 +1,4 @@
-"""Speech: any audio file as mono 16 kHz samples, and the log-mel spectrogram that every model hears (SPEC: inputs).
+"""Speech: reader of audio files as mono 16 kHz samples, and the log-mel spectrogram of the models (SPEC: inputs).
 
 The spectrogram is librosa's: FFT 1024, hop 512, Hann window, centred frames with reflected borders, 128 mel bands of
 Slaney's scale and area normalisation over 0-8 kHz, power to dB. D11: 0 dB is the maximum of the clip, the floor lies
@@ -27,7 +27,7 @@ FLOOR_DB = -80.0
 MIN_SECONDS = 0.2
 MAX_SECONDS = 3900.0  # an hour and five minutes
 
-# A clip whose loudest mel power is below this is silence: 70 dB under the noise of 16-bit rounding.
+# A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
 _SILENCE_POWER = 1e-15
 _MIN_SOURCE_RATE = 1000
 _BLOCK = 1 << 20
@@ -36,19 +36,19 @@ _logger = logging.getLogger(__name__)
 
 
 def read_audio(path: str | pathlib.Path) -> np.ndarray:
-    """The sound of a file: everything that libsndfile or PyAV (FFmpeg) reads, videos included.
+    """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
-    Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; a peak above 1 is
-    scaled to 1.
+    Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; audio with a peak above
+    1 is scaled to a peak of 1.
 
     Args:
-        path: the file.
+        path: path of the file.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
 
     Raises:
-        UserError: no such file, no sound in it, nothing but NaN, or not between 0.2 s and 65 minutes long.
+        UserError: the file does not exist, has no audio, only NaN, or is not between 0.2 s and 65 minutes long.
     """
     path = pathlib.Path(path)
     if not path.is_file():
@@ -61,10 +61,10 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
         soundfile.SoundFileError,
         TypeError,
         OSError,
-    ):  # TypeError: a name that means headerless audio, such as .raw
+    ):  # TypeError: a suffix of headerless audio, such as .raw
         samples, rate = _read_with_av(path)
     if rate < _MIN_SOURCE_RATE:
-        raise UserError(f"{path} states a rate of {rate} samples a second; expected at least {_MIN_SOURCE_RATE}")
+        raise UserError(f"{path} declares {rate} samples per second; expected at least {_MIN_SOURCE_RATE}")
     samples = check_samples(samples, rate, str(path))
     if rate != SAMPLE_RATE:
         num_samples = round(len(samples) * SAMPLE_RATE / rate)
@@ -74,18 +74,18 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
 
 
 def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
-    """Samples that motion can be generated from.
+    """Check samples, and replace those that are not finite.
 
     Args:
         samples: (samples,) float32.
         rate: samples per second.
-        name: what to call them in a message.
+        name: name of the audio in an error message.
 
     Returns:
-        The samples, NaN and infinite ones replaced by 0 with a warning in the log.
+        (samples,) float32, in which NaN and infinite samples are replaced by 0, with a warning in the log.
 
     Raises:
-        UserError: shorter than 0.2 s, longer than 65 minutes, or nothing but NaN.
+        UserError: the audio is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
     """
     seconds = len(samples) / rate
     if seconds < MIN_SECONDS:
@@ -105,7 +105,7 @@ def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
 
 
 def _read_with_soundfile(path: pathlib.Path) -> tuple[np.ndarray, int]:
-    # Opened here, because libsndfile goes by a file's name before its contents and complains on stderr.
+    # Opened here, because libsndfile uses the name of a file before its contents and prints warnings to stderr.
     with path.open("rb") as raw, soundfile.SoundFile(raw) as file:
         blocks, num_samples = [], 0
         while len(block := file.read(_BLOCK, dtype="float32", always_2d=True)):
@@ -143,14 +143,15 @@ def _mel_filters() -> np.ndarray:
 
 
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
-    """The log-mel spectrogram of a clip, dB below its maximum (D11).
+    """Compute the log-mel spectrogram of a clip in dB relative to its maximum (D11).
 
-    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike there, the
-    floor follows the clip, so that a quiet recording gives what a loud one gives, and silence is the floor, not 0 dB.
+    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
+    librosa, the floor is relative to the clip, so that the result does not depend on the volume, and silence is at the
+    floor and not at 0 dB.
 
     Args:
-        audio: (samples,) float32 at 16 kHz, of any length from 1 sample.
-        reference: the mel power of 0 dB; the maximum of the clip by default.
+        audio: (samples,) float32 at 16 kHz, at least 1 sample.
+        reference: mel power of 0 dB; the maximum of the clip by default.
 
     Returns:
         (128, 1 + samples // 512) float32 in [-80, 0].
@@ -167,20 +168,25 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
 
 
 def window_column(frame: int, fps: float = 15) -> int:
-    """The column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512."""
+    """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512.
+
+    Args:
+        frame: number of the frame, from 0.
+        fps: frames per second.
+    """
     return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 
 
 def mel_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """The spectrogram of the window that starts at a frame.
+    """Cut the spectrogram of the window that starts at a frame.
 
     Args:
-        mel: (128, columns) of a whole clip.
+        mel: (128, columns) spectrogram of a whole clip.
         start_frame: first frame of the window, from 0.
         fps: frames per second.
 
     Returns:
-        (128, 70); what lies past the end of the clip is silence (-80 dB).
+        (128, 70) dB, padded past the end of the clip with silence (-80 dB).
     """
     start = window_column(start_frame, fps)
     window = mel[:, start : start + WINDOW_COLUMNS]
@@ -189,7 +195,16 @@ def mel_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray
 
 
 def wave_window(audio: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """The samples (36267,) of the window that starts at a frame of a clip (samples,); past its end there is silence."""
+    """Cut the samples of the window that starts at a frame.
+
+    Args:
+        audio: (samples,) audio of a whole clip.
+        start_frame: first frame of the window, from 0.
+        fps: frames per second.
+
+    Returns:
+        (36267,) samples, padded past the end of the clip with silence.
+    """
     start = round(start_frame * SAMPLE_RATE / fps)
     window = audio[start : start + WINDOW_SAMPLES]
     return np.pad(window, (0, WINDOW_SAMPLES - len(window)))

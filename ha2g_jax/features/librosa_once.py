@@ -1,4 +1,4 @@
-"""librosa, whose parts are imported by one process at a time."""
+"""Import of librosa by one process at a time."""
 
 import contextlib
 import functools
@@ -11,14 +11,14 @@ from ha2g_jax.files.cache_folder import cache_folder
 
 @functools.cache
 def librosa() -> Any:
-    """The module librosa, with all that this package uses of it.
+    """Import librosa with all submodules that this package uses, and return the module.
 
-    librosa has numba compile functions when its parts are first imported in an environment, and store them for the next
-    time. Processes that do so at once, such as workers, can leave a store of mixed-up programs, and then every process
-    that calls these is ended by a segmentation fault.
+    When librosa is first imported in an environment, numba compiles functions and caches them on disk. Processes that
+    do so at the same time, such as workers, can corrupt this cache, and then every process that calls these functions
+    ends with a segmentation fault.
     """
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):  # no place to write: a home that is read-only
+        with contextlib.suppress(OSError):  # the cache folder is not writable, such as a read-only home
             cache_folder().mkdir(parents=True, exist_ok=True)
             stack.enter_context(filelock.FileLock(cache_folder() / "librosa.lock"))
         import librosa

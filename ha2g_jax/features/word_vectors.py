@@ -1,4 +1,4 @@
-"""Pretrained word vectors: fastText, GloVe and word2vec files, of which only the rows of a vocabulary are kept."""
+"""Reader of the pretrained word vectors of a vocabulary from fastText, GloVe and word2vec files."""
 
 import gzip
 import io
@@ -17,14 +17,14 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 
 _ZIP = b"PK\x03\x04"
-_MAX_LINE = 1 << 20  # of a text file, in bytes
+_MAX_LINE = 1 << 20  # bytes in a line of a text file
 _MAX_NAME = 1 << 16
 
 # fastText's own format, little-endian throughout.
 _FASTTEXT = struct.pack("<i", 793712314)
 _ARGUMENTS = struct.Struct("<4x13id")
 _DICTIONARY = struct.Struct("<3i2q")
-_ENTRY_BYTES = 9  # count and kind, after the word
+_ENTRY_BYTES = 9  # size of count and kind, which follow a word
 _MATRIX = struct.Struct("<?2q")
 _SUPERVISED = 3
 _END_OF_SENTENCE = b"</s>"
@@ -33,30 +33,30 @@ _Value = TypeVar("_Value")
 
 
 def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int) -> np.ndarray:
-    """Word vectors of a vocabulary: fastText `.vec` and `.bin`, GloVe and word2vec text, word2vec `.bin`.
+    """Read the word vectors of a vocabulary: fastText `.vec` and `.bin`, GloVe and word2vec text, word2vec `.bin`.
 
-    Text and word2vec files are read as a stream, also through gzip where the name ends in `.gz`; of a fastText `.bin`
-    only the wanted rows of the matrix are read. A fastText `.bin` gives every word a vector, that of a word it does
-    not know from its character n-grams (Bojanowski et al. 2017).
+    Text and word2vec files are read as a stream, through gzip if the name ends in `.gz`; of a fastText `.bin` only the
+    needed rows of the matrix are read. A fastText `.bin` has a vector for every word, which for an unknown word is
+    computed from its character n-grams (Bojanowski et al. 2017).
 
     Args:
-        path: the file.
-        vocabulary: the words to look up.
-        dim: the width that the model expects.
+        path: path of the file.
+        vocabulary: words to look up.
+        dim: width of the vectors that the model expects.
 
     Returns:
-        (len(vocabulary), dim) float32. Rows that the file does not have, among them padding and unknown, are drawn
-        from N(0, 1 / dim) with a fixed seed.
+        (len(vocabulary), dim) float32. Rows that the file does not have, including padding and unknown, are drawn from
+        N(0, 1 / dim) with a fixed seed.
 
     Raises:
         UserError: the file is missing, is not one of these formats, is damaged, or has another width.
     """
     path = pathlib.Path(path)
     if not path.is_file():
-        raise UserError(f"no word vectors at {path}; name a fastText, GloVe or word2vec file")
+        raise UserError(f"no word vectors at {path}; give a fastText, GloVe or word2vec file")
     table = np.random.default_rng(0).normal(0, dim**-0.5, (len(vocabulary), dim)).astype(np.float32)
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused below
             rows = _rows(path, vocabulary, dim)
     except (ValueError, EOFError, OSError, zlib.error, struct.error) as error:
         raise UserError(
@@ -71,7 +71,7 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
 
 
 def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tuple[str, np.ndarray]]:
-    """Index in the vocabulary -> name in the file and vector (dim,)."""
+    """Return the name in the file and the vector (dim,) by index in the vocabulary."""
     is_packed = path.suffix == ".gz"
     is_binary = (path.with_suffix("") if is_packed else path).suffix == ".bin"
     with gzip.open(path) if is_packed else path.open("rb") as file:
@@ -87,11 +87,11 @@ def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tup
 
 
 def _best_spellings(rows: Iterator[tuple[str, _Value]], vocabulary: Vocabulary) -> dict[int, tuple[str, _Value]]:
-    """Index in the vocabulary -> name and value of the row that is taken for it."""
+    """Return the name and the value of the best row for each index in the vocabulary."""
     best: dict[int, tuple[str, _Value]] = {}
     for name, value in rows:
         index = vocabulary.encode(name)
-        # Files that keep case have "May" and "may": the vocabulary's spelling wins, else the first one.
+        # Files with letter case have "May" and "may": the vocabulary's spelling is preferred, else the first one.
         if index != UNKNOWN and (index not in best or (name == name.lower() and best[index][0] != name)):
             best[index] = name, value
     return best
@@ -100,7 +100,7 @@ def _best_spellings(rows: Iterator[tuple[str, _Value]], vocabulary: Vocabulary) 
 def _check_width(path: pathlib.Path, found: int, dim: int) -> None:
     if found != dim:
         raise UserError(
-            f"{path} has vectors of {found} values, the config asks for {dim}; "
+            f"{path} has vectors of {found} values, but the config expects {dim}; "
             "set model.text.embedding_dim to the file's width or choose another file"
         )
 
@@ -108,7 +108,7 @@ def _check_width(path: pathlib.Path, found: int, dim: int) -> None:
 def _text_rows(
     file: io.BufferedIOBase, vocabulary: Vocabulary, path: pathlib.Path, dim: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Rows `word value value ...`; fastText and word2vec put a line `count dim` before them."""
+    """Yield rows `word value value ...`, which fastText and word2vec precede by a line `count dim`."""
     is_first = True
     for number, line in enumerate(iter(lambda: file.readline(_MAX_LINE), b""), start=1):
         line = line.rstrip()
@@ -121,7 +121,7 @@ def _text_rows(
         is_first = False
         if num_values < dim:
             raise ValueError(f"line {number} has {num_values} values instead of {dim}")
-        # GloVe has words with spaces in them, such as ". . .".
+        # GloVe has words that contain spaces, such as ". . .".
         name = line.split(b" ", 1)[0] if num_values == dim else line.rsplit(b" ", dim)[0]
         word = name.decode("utf-8", "replace")
         if vocabulary.encode(word) != UNKNOWN:
@@ -131,7 +131,8 @@ def _text_rows(
 def _word2vec_rows(
     file: io.BufferedIOBase, vocabulary: Vocabulary, path: pathlib.Path, dim: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """A line `count dim`, then for each word its name, a space and dim little-endian float32."""
+    """Yield the words of a file with a line `count dim`, then for each word its name, a space and dim little-endian
+    float32."""
     count, width = (int(field) for field in file.readline(100).split())
     _check_width(path, width, dim)
     for _ in range(count):
@@ -149,7 +150,7 @@ def _word2vec_rows(
 
 
 class _Subwords(NamedTuple):
-    """Lengths of the character n-grams of a word, and the number of rows that share them by hash."""
+    """Shortest and longest character n-grams of a word, and the number of rows that they are hashed to."""
 
     shortest: int
     longest: int
@@ -157,11 +158,11 @@ class _Subwords(NamedTuple):
 
 
 def _fasttext_rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tuple[str, np.ndarray]]:
-    """The vectors of a fastText model: the mean of a word's own row and those of its n-grams, as fastText gives it."""
+    """Return the vectors of a fastText model: the mean of a word's own row and the rows of its n-grams."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         version, width, *_, model, num_buckets, shortest, longest, _, _ = _ARGUMENTS.unpack_from(data)
         if version not in (11, 12):
-            raise ValueError(f"fastText's format {version}; 11 and 12 are known")
+            raise ValueError(f"fastText format {version}, expected 11 or 12")
         _check_width(path, width, dim)
         subwords = _Subwords(shortest, 0 if version == 11 and model == _SUPERVISED else longest, num_buckets)
         size, num_words, num_labels, _, num_pruned = _DICTIONARY.unpack_from(data, _ARGUMENTS.size)
@@ -171,9 +172,9 @@ def _fasttext_rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict
         is_quantised, num_rows, num_columns = _MATRIX.unpack_from(data, end)
         start = end + _MATRIX.size
         if is_quantised or num_pruned >= 0:
-            raise UserError(f"{path} is a quantised fastText model (.ftz), which is not supported; take the full .bin")
+            raise UserError(f"{path} is a quantised fastText model (.ftz), which is not supported; use the full .bin")
         if (num_rows, num_columns) != (num_words + num_buckets, dim) or start + 4 * num_rows * dim > len(data):
-            raise ValueError(f"its matrix of {num_rows} x {num_columns} is cut off, or not that of its words")
+            raise ValueError(f"its matrix of {num_rows} x {num_columns} is cut off, or does not match its words")
     vectors: dict[int, tuple[str, np.ndarray]] = {}
     if num_rows:
         matrix = np.memmap(path, "<f4", "r", offset=start, shape=(num_rows, dim))
@@ -189,7 +190,7 @@ def _fasttext_rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict
 def _fasttext_dictionary(
     data: mmap.mmap, size: int, num_words: int, vocabulary: Vocabulary
 ) -> tuple[dict[int, tuple[str, int]], int]:
-    """Index in the vocabulary -> name and row of the words of a dictionary, and where the dictionary ends."""
+    """Return the name and row of each word of a dictionary by index in the vocabulary, and the dictionary's end."""
     wanted = []
     position = _ARGUMENTS.size + _DICTIONARY.size
     for row in range(size):
@@ -204,7 +205,7 @@ def _fasttext_dictionary(
 
 
 def _subword_buckets(name: bytes, subwords: _Subwords) -> list[int]:
-    """The buckets of a word's character n-grams, by the FNV-1a hash of bytes that count as signed."""
+    """Return the buckets of a word's character n-grams, by the FNV-1a hash of signed bytes."""
     if name == _END_OF_SENTENCE:
         return []
     word = b"<" + name + b">"
@@ -216,7 +217,7 @@ def _subword_buckets(name: bytes, subwords: _Subwords) -> list[int]:
         for last in range(first, min(first + subwords.longest, len(characters))):
             for byte in characters[last]:
                 value = (value ^ (byte | (0xFFFFFF00 if byte & 0x80 else 0))) * 16777619 & 0xFFFFFFFF
-            # The brackets alone say nothing.
+            # The brackets alone are not n-grams.
             is_bracket = first == last and first in (0, len(characters) - 1)
             if last - first + 1 >= subwords.shortest and not is_bracket:
                 buckets.append(value % subwords.num_buckets)

@@ -1,1 +1,1 @@
-"""Read and write files safely: archives of arrays, whole files or none, cache folders, child processes."""
+"""Files and processes: safe archives of arrays, atomic writing of files, the cache folder, child processes."""

@@ -1,4 +1,4 @@
-"""Processes of their own, whose output goes to a file, and that are told to stop when this one is."""
+"""Child processes whose output goes to a file, and which are stopped when this process is stopped."""
 
 import contextlib
 import pathlib
@@ -9,24 +9,32 @@ from types import FrameType
 
 
 class Stop:
-    """Whether a signal asked to stop, and the processes that it is passed on to."""
+    """State of a request to stop, which is passed on to child processes.
+
+    Attributes:
+        number: number of the signal that requested the stop, None before.
+    """
 
     def __init__(self) -> None:
         self.number: int | None = None
         self._processes: set[subprocess.Popen] = set()
 
     def handle(self, number: int, _: FrameType | None = None) -> None:
-        """Asks the processes to save and end; ends them at once if asked again."""
+        """Ask the child processes to save and end; kill them if called again.
+
+        Args:
+            number: number of the signal.
+        """
         is_first = self.number is None
         self.number = number
         for process in list(self._processes):
             self._end(process, signal.SIGTERM if is_first else signal.SIGKILL)
 
     def wait(self, process: subprocess.Popen) -> int:
-        """The exit code of a process that ends when this stops."""
+        """Wait for a child process, which is ended when a stop is requested, and return its exit code."""
         self._processes.add(process)
         try:
-            if self.number is not None:  # it came while the process was being started
+            if self.number is not None:  # the signal came while the process was being started
                 self._end(process, signal.SIGTERM)
             return process.wait()
         finally:
@@ -39,7 +47,11 @@ class Stop:
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """Turns SIGTERM, Ctrl-C and a closed terminal, except under nohup, into a `Stop`."""
+    """Handle SIGTERM, Ctrl-C and a closed terminal (except under nohup) by a `Stop` in this context.
+
+    Yields:
+        The `Stop`, whose `number` is set when a signal arrives.
+    """
     stop = Stop()
     numbers = [n for n in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) != signal.SIG_IGN]
     previous = {number: signal.signal(number, stop.handle) for number in numbers}
@@ -58,28 +70,28 @@ def run_logged(
     given: bytes = b"",
     environment: Mapping[str, str] | None = None,
 ) -> str | None:
-    """Runs a command to its end, or until `stop`.
+    """Run a command to its end, or until a stop is requested.
 
     Args:
-        command: the program and its arguments.
-        log: what it prints is added to this file.
-        stop: ends it.
-        given: what it can read from its standard input.
-        environment: of the process, by default that of this one.
+        command: program and arguments.
+        log: file to which the output of the command is appended.
+        stop: request to stop, which ends the command.
+        given: standard input of the command.
+        environment: environment variables of the command, by default those of this process.
 
     Returns:
-        None if it ended well; else the last line that it printed and its exit code.
+        None if the command succeeded; otherwise the last line of its output and its exit code.
     """
     with log.open("ab") as file:
-        # In a session of its own, so that the terminal's Ctrl-C comes to it only by way of `stop`.
+        # In a new session, so that Ctrl-C in the terminal reaches it only through `stop`.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=file, stderr=file, env=environment, start_new_session=True
         )
         assert process.stdin is not None
-        with contextlib.suppress(BrokenPipeError), process.stdin:  # it died: the exit code tells
+        with contextlib.suppress(BrokenPipeError), process.stdin:  # the process died, which its exit code shows
             process.stdin.write(given)
         code = stop.wait(process)
     if code == 0:
         return None
     printed = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
-    return f"{printed[-1] if printed else 'it printed nothing'} (exit code {code}; see {log})"
+    return f"{printed[-1] if printed else 'no output'} (exit code {code}; see {log})"

@@ -1,4 +1,4 @@
-"""Arrays of `.npz` and `.npy` files from strangers: no pickle, and nothing unpacked before its size is known."""
+"""Safe reader of `.npz` and `.npy` files of unknown origin, without pickle and with checks of all sizes."""
 
 import io
 import math
@@ -17,10 +17,10 @@ from ha2g_jax.errors import UserError
 
 _MAGIC = b"\x93NUMPY"
 _MAX_HEADER = 1 << 16
-_MAX_CONTENTS = 1 << 20  # bytes of a zip's table of contents; thousands of arrays
+_MAX_CONTENTS = 1 << 20  # bytes in the table of contents of a zip file, enough for thousands of arrays
 _CHUNK = 1 << 18
 
-# Data that shrinks this much is made to; small files may, since an array of zeros is no crime.
+# Data that is compressed by more than this factor is a zip bomb, unless the file is small, such as an array of zeros.
 _MAX_RATIO = 200
 _BOMB_BYTES = 1 << 28
 
@@ -33,20 +33,20 @@ _PLAIN = re.compile(r"[<>|=]?[biufSU][0-9]{1,9}")
 def read_npz(
     path: str | os.PathLike, *, max_bytes: int = 1 << 30, names: Collection[str] | None = None
 ) -> dict[str, np.ndarray]:
-    """The arrays of a file that `numpy.savez`, `savez_compressed` or `save` wrote.
+    """Read the arrays of a file that `numpy.savez`, `savez_compressed` or `save` wrote.
 
-    Sizes come from the zip's table of contents and the arrays' headers and are checked before anything is unpacked.
+    Sizes are taken from the table of contents and the headers of the arrays, and checked before anything is unpacked.
 
     Args:
-        path: a `.npz`, or a `.npy`, whose array then has the file's stem as its name.
-        max_bytes: of all arrays together.
-        names: which arrays to read if they are there, None for all; the others are neither read nor judged.
+        path: path of a `.npz` file, or of a `.npy` file, whose array has the file's stem as its name.
+        max_bytes: maximum size of all arrays together in bytes.
+        names: names of the arrays to read if they exist, None for all; others are neither read nor checked.
 
     Returns:
-        Name -> array of numbers or text, in native byte order.
+        Arrays of numbers or text by name, in native byte order.
 
     Raises:
-        UserError: the file is missing, empty, damaged, too large unpacked, a zip bomb, encrypted, or holds an array
+        UserError: the file is missing, empty, damaged, too large when unpacked, a zip bomb, encrypted, or has an array
             of Python objects, which only pickle could read.
     """
     path = pathlib.Path(path)
@@ -61,18 +61,18 @@ def read_npz(
         raise UserError(f"no file at {path}; expected a .npz of arrays") from None
     except _BadArrays as error:
         raise UserError(f"{path} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)") from error
-    # What zipfile and zlib raise for damage depends on where it lies.
+    # zipfile and zlib raise different exceptions depending on the position of the damage.
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError) as error:
         reason = " ".join((str(error) or "it ends early").split())[:200]
         raise UserError(f"{path} is not a whole .npz file ({reason}); copy or download it again") from error
 
 
 class _BadArrays(Exception):
-    """What is wrong with a file that is whole."""
+    """Error for a complete file with unusable arrays."""
 
 
 class _SmallReads(io.BufferedReader):
-    """Refuses large reads: zipfile would read a table of contents of any size, and turn it into many objects."""
+    """Reader that refuses large reads, because zipfile would read a table of contents of any size into objects."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > _MAX_CONTENTS:
@@ -96,7 +96,7 @@ def _read_zip(
         if total > max_bytes:
             raise _BadArrays(f"it unpacks to {total} bytes, more than the {max_bytes} allowed")
         if total > max(_BOMB_BYTES, _MAX_RATIO * size):
-            raise _BadArrays(f"its {size} bytes unpack to {total}, as no recording does")
+            raise _BadArrays(f"its {size} bytes unpack to {total}, which is too many for a recording")
         arrays = {}
         for name, entry in entries.items():
             with archive.open(entry) as file:
@@ -110,18 +110,18 @@ def _read_zip(
 def _check_entry(entry: zipfile.ZipInfo, name: str, is_second: bool) -> None:
     shown = repr(entry.filename[:100])
     if not entry.filename.endswith(".npy") or not name or "/" in name or "\\" in name:
-        raise _BadArrays(f"it holds {shown}, which is no array")
+        raise _BadArrays(f"it has {shown}, which is not an array")
     if is_second:
-        raise _BadArrays(f"it holds {shown} twice")
+        raise _BadArrays(f"it has {shown} twice")
     if entry.flag_bits & 0x1:
         raise _BadArrays(f"{shown} is encrypted")
-    # Others need as much memory to unpack as the file asks for.
+    # Other methods need as much memory as the file declares.
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise _BadArrays(f"{shown} is compressed by a method that numpy does not use")
 
 
 def _read_array(file: IO[bytes], size: int, max_bytes: int) -> np.ndarray:
-    """The array of a `.npy` of `size` bytes; its shape must account for each of them."""
+    """Read the array of a `.npy` of `size` bytes, which must match its shape exactly."""
     start = file.read(8)
     if start[:6] != _MAGIC or len(start) < 8:
         raise _BadArrays("it is not in numpy's format")
@@ -134,7 +134,7 @@ def _read_array(file: IO[bytes], size: int, max_bytes: int) -> np.ndarray:
     num_bytes = math.prod(shape) * dtype.itemsize
     found = size - len(start) - len(length_bytes) - length
     if num_bytes != found:
-        raise _BadArrays(f"shape {shape} of {dtype} needs {num_bytes} bytes, it has {found}")
+        raise _BadArrays(f"shape {shape} of {dtype} needs {num_bytes} bytes, but it has {found}")
     if num_bytes > max_bytes:
         raise _BadArrays(f"it unpacks to {num_bytes} bytes, more than the {max_bytes} allowed")
     data = memoryview(bytearray(num_bytes))
@@ -145,7 +145,7 @@ def _read_array(file: IO[bytes], size: int, max_bytes: int) -> np.ndarray:
             raise EOFError("it ends early")
         data[position : position + len(chunk)] = chunk
         position += len(chunk)
-    file.read(1)  # at the end zipfile compares the checksum
+    file.read(1)  # zipfile compares the checksum at the end
     if num_bytes == 0:
         return np.zeros(shape, dtype.newbyteorder("="))
     array = np.frombuffer(data, dtype).reshape(shape, order="F" if is_fortran else "C")
@@ -156,13 +156,13 @@ def _read_array(file: IO[bytes], size: int, max_bytes: int) -> np.ndarray:
 
 
 def _parse_header(header: bytes) -> tuple[np.dtype, tuple[int, ...], bool]:
-    """Type, shape and order; read by pattern, so that nothing in it is ever evaluated."""
+    """Parse type, shape and order by regular expressions, so that nothing is evaluated."""
     descr, fortran, shape = (pattern.search(header) for pattern in (_DESCR, _FORTRAN, _SHAPE))
     if fortran is None or shape is None:
         raise _BadArrays("a header without shape")
     name = descr.group(1).decode("latin-1") if descr else "structured"
     if "O" in name:
-        raise _BadArrays("it holds Python objects (pickle), which is not safe to read; save it as plain numbers")
+        raise _BadArrays("it holds Python objects (pickle), which are not safe to read; save it as plain numbers")
     try:
         dtype = np.dtype(name) if _PLAIN.fullmatch(name) else None
     except (TypeError, ValueError):

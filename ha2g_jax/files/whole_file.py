@@ -1,4 +1,4 @@
-"""Files that are either whole or not there."""
+"""Atomic writing of files."""
 
 import contextlib
 import errno
@@ -11,13 +11,19 @@ from ha2g_jax.errors import UserError
 
 @contextlib.contextmanager
 def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
-    """A temporary name beside `path`, with its suffix, that becomes `path` when the block ends without an exception.
+    """Provide a temporary path, which is renamed to `path` when the context ends without an exception.
 
-    Whatever stops the block, Ctrl-C included, leaves nothing behind and an older file at `path` as it was. Missing
-    folders are made.
+    If the context is left in any other way, Ctrl-C included, nothing is left behind and an older file at `path` stays.
+    Missing folders are made.
+
+    Args:
+        path: path of the file to write.
+
+    Yields:
+        The temporary path, beside `path` and with the same suffix.
 
     Raises:
-        UserError: the place cannot be written, or is full.
+        UserError: the file cannot be written, or the disk is full.
     """
     path = pathlib.Path(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
@@ -31,11 +37,11 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
         temporary.replace(path)
     except OSError as error:
         raise UserError(
-            f"cannot write {path} ({(error.strerror or str(error)).lower()}); choose another place, or make room"
+            f"cannot write {path} ({(error.strerror or str(error)).lower()}); use another folder or free disk space"
         ) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        with contextlib.suppress(OSError):  # a folder that is not empty stays
+        with contextlib.suppress(OSError):  # a folder that is not empty is kept
             for folder in new_folders:
                 folder.rmdir()

@@ -127,7 +127,7 @@ def test_an_iterator_continues_from_its_state(windows, expected):
 def test_refusals(windows, monkeypatch):
     with pytest.raises(UserError, match=f"batch of 9999 is more than the {len(windows)} windows"):
         batches(windows, 9999, seed=0)
-    with pytest.raises(UserError, match=r"batch of 8 does not divide over 3 hosts: set --config\.train\.batch_size"):
+    with pytest.raises(UserError, match=r"batch of 8 is not divisible by 3 hosts; set --config\.train\.batch_size"):
         batches(windows, 8, seed=0, num_hosts=3)
     usage = namedtuple("usage", "total used free")(64 << 20, 64 << 20, 0)
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage)

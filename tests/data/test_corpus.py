@@ -28,7 +28,7 @@ def make_clip(name: str, speaker: str, word: str, seed: int) -> Clip:
         words=(Word(word, 0.0, 0.2),),
         positions=rng.normal(size=(5 + seed, 10, 3)).astype(np.float32),
         reference_frames=None,
-        source_time=0.0,
+        recording_start=0.0,
         window_starts=(0,),
     )
 
@@ -140,7 +140,7 @@ def test_two_writers_of_one_corpus(tmp_path):
 def test_refusals(path, tmp_path):
     with pytest.raises(UserError, match="exists already"):
         write(path)
-    with pytest.raises(UserError, match="'a/b' cannot name a split"):
+    with pytest.raises(UserError, match="'a/b' cannot be the name of a split"):
         write(tmp_path / "other", {"train": CLIPS["train"], "a/b": CLIPS["test"]})
     with pytest.raises(UserError, match=r"dataset\.json is missing"):
         Corpus.open(tmp_path / "nowhere")
@@ -248,7 +248,7 @@ def test_a_record_with_other_types_is_named(tmp_path):
     record = msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}
     with CorpusWriter(tmp_path / "corpus", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer:
         writer.add("train", cast(bytes, msgpack.packb(record)))
-    with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has talk of a wrong type"):
+    with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has recording of a wrong type"):
         Corpus.open(tmp_path / "corpus").clips("train").fields(0)
 
 
@@ -288,6 +288,6 @@ def test_a_clip_is_found_in_its_shard(tmp_path, monkeypatch):
 
 def test_a_shard_without_permission(path, monkeypatch):
     monkeypatch.setattr("os.access", lambda file, mode: "train" not in str(file))  # a superuser may read everything
-    with pytest.raises(UserError, match=r"train-00000\.array_record may not be read .*chmod"):
+    with pytest.raises(UserError, match=r"train-00000\.array_record cannot be read .*chmod"):
         Corpus.open(path).clips("train")
     assert len(Corpus.open(path).clips("test")) == 2

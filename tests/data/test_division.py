@@ -1,4 +1,4 @@
-"""Talks and speakers stay whole, shares are met, and the same seed gives the same bytes."""
+"""Recordings and speakers stay whole, fractions are met, and the same seed gives the same bytes."""
 
 import collections
 
@@ -18,7 +18,7 @@ SKELETON = load_skeleton("ted_gesture")
 
 
 def make_clip(number: int, frames: int) -> Clip:
-    """Two clips a talk, four talks a speaker."""
+    """Two clips per recording, four recordings per speaker."""
     return Clip(
         id=f"clip-{number}",
         speaker=f"speaker-{number // 8}",
@@ -26,15 +26,15 @@ def make_clip(number: int, frames: int) -> Clip:
         words=(),
         positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (frames, 1, 1)),
         reference_frames=None,
-        source_time=(number % 2) * 100.0,
+        recording_start=(number % 2) * 100.0,
         window_starts=(0,),
-        talk=f"talk-{number // 2}",
+        recording=f"recording-{number // 2}",
     )
 
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    """40 clips of 20 talks of 5 speakers, of 3 to 6 seconds; every talk lies in both splits."""
+    """40 clips of 20 recordings of 5 speakers, of 3 to 6 seconds; every recording is in both splits."""
     path = tmp_path_factory.mktemp("division") / "source"
     lengths = np.random.default_rng(0).integers(45, 90, 40)
     report = {"train": {"videos": 20, "clips": 40, "windows": 40, "kept": 40, "filtered": {}}}
@@ -47,7 +47,7 @@ def source(tmp_path_factory):
 
 
 def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:
-    """The splits in which each talk or speaker occurs."""
+    """The splits in which each recording or speaker occurs."""
     found = collections.defaultdict(set)
     for split in corpus.splits:
         for clip in corpus.clips(split):
@@ -55,29 +55,29 @@ def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:
     return found
 
 
-@pytest.mark.parametrize("by", ["talk", "speaker"])
+@pytest.mark.parametrize("by", ["recording", "speaker"])
 def test_nothing_is_divided_and_nothing_lost(source, tmp_path, by):
-    division.divide(source, tmp_path / "out", by=by, shares={"train": 0.6, "val": 0.2, "test": 0.2})
+    division.divide(source, tmp_path / "out", by=by, fractions={"train": 0.6, "val": 0.2, "test": 0.2})
     corpus = Corpus.open(tmp_path / "out")
     assert corpus.splits == ("train", "val", "test")
-    for field in ("talk", by):
+    for field in ("recording", by):
         assert all(len(splits) == 1 for splits in owners(corpus, field).values())
     assert sorted(clip.id for split in corpus.splits for clip in corpus.clips(split)) == sorted(
         f"clip-{number}" for number in range(40)
     )
     assert corpus.metadata["name"] == "source"
     assert corpus.metadata["import"]["train"]["kept"] == 40
-    assert corpus.metadata["division"]["by"] == by
+    assert corpus.metadata["division"]["by"] == {"recording": "talk", "speaker": "speaker"}[by]
     assert validation.examine(tmp_path / "out") == ([], [])
 
 
-def test_shares_are_met(source, tmp_path):
-    """20 talks of about 9 seconds each: no split is farther from its share than a talk is long, here far less."""
+def test_fractions_are_met(source, tmp_path):
+    """20 recordings of about 9 seconds each: the error of a split is far less than a recording."""
     division.divide(source, tmp_path / "out", seed=3)
     splits = Corpus.open(tmp_path / "out").metadata["splits"]
     seconds = {split: entry["seconds"] for split, entry in splits.items()}
-    for split, share in division.SHARES.items():
-        assert seconds[split] / sum(seconds.values()) == pytest.approx(share, abs=0.015)
+    for split, fraction in division.FRACTIONS.items():
+        assert seconds[split] / sum(seconds.values()) == pytest.approx(fraction, abs=0.015)
 
 
 def test_the_seed_decides(source, tmp_path):
@@ -85,7 +85,7 @@ def test_the_seed_decides(source, tmp_path):
         division.divide(source, tmp_path / name, seed=seed)
     for file in (tmp_path / "first").iterdir():
         assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
-    first, other = (owners(Corpus.open(tmp_path / name), "talk") for name in ("first", "other"))
+    first, other = (owners(Corpus.open(tmp_path / name), "recording") for name in ("first", "other"))
     assert first != other
 
 
@@ -96,34 +96,34 @@ def test_the_seed_decides(source, tmp_path):
     st.integers(0, 5),
 )
 def test_every_split_has_something(lengths, parts, seed):
-    """Of any talks: each in one split, no split empty, and no single move of a talk brings the shares nearer."""
-    seconds = {f"talk-{number}": length for number, length in enumerate(lengths)}
-    shares = {f"split-{number}": part / sum(parts) for number, part in enumerate(parts)}
-    assigned = division.assign(seconds, shares, seed)
+    """Each recording is in one split, no split is empty, and moving one recording does not improve the fractions."""
+    seconds = {f"recording-{number}": length for number, length in enumerate(lengths)}
+    fractions = {f"split-{number}": part / sum(parts) for number, part in enumerate(parts)}
+    assigned = division.assign(seconds, fractions, seed)
     assert set(assigned) == set(seconds)
-    assert set(assigned.values()) == set(shares)
+    assert set(assigned.values()) == set(fractions)
     whole = sum(lengths)
 
     def error(splits: dict[str, str]) -> float:
-        filled = dict.fromkeys(shares, 0.0)
+        filled = dict.fromkeys(fractions, 0.0)
         for name, split in splits.items():
             filled[split] += seconds[name]
-        return sum((filled[split] - share * whole) ** 2 for split, share in shares.items())
+        return sum((filled[split] - fraction * whole) ** 2 for split, fraction in fractions.items())
 
     members = collections.Counter(assigned.values())
     reached = error(assigned)
     for name, split in assigned.items():
-        for other in shares:
+        for other in fractions:
             if members[split] > 1 and other != split and reached > 3 * (0.005 * whole) ** 2:
                 assert error(assigned | {name: other}) >= reached * (1 - 1e-6) - 1e-6
 
 
 def test_refusals(source, tmp_path):
     cases = {
-        "has 5 speakers, too few for 6 splits": {"by": "speaker", "shares": {str(part): 1 for part in range(6)}},
-        "not by 'clip'": {"by": "clip"},
-        "expected numbers from 0 on": {"shares": {"train": -1, "val": 2}},
-        "that are not all 0": {"shares": {"train": 0}},
+        "has 5 speakers, too few for 6 splits": {"by": "speaker", "fractions": {str(part): 1 for part in range(6)}},
+        "cannot be divided by 'clip'; expected one of recording, speaker": {"by": "clip"},
+        "expected numbers from 0 on": {"fractions": {"train": -1, "val": 2}},
+        "that are not all 0": {"fractions": {"train": 0}},
     }
     for message, arguments in cases.items():
         with pytest.raises(UserError, match=message):
@@ -133,6 +133,6 @@ def test_refusals(source, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_split_without_a_share_is_left_out(source, tmp_path):
-    division.divide(source, tmp_path / "out", shares={"train": 3, "test": 1, "val": 0})
+def test_a_split_without_a_fraction_is_left_out(source, tmp_path):
+    division.divide(source, tmp_path / "out", fractions={"train": 3, "test": 1, "val": 0})
     assert Corpus.open(tmp_path / "out").splits == ("train", "test")

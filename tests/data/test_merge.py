@@ -26,9 +26,9 @@ def make_clip(name: str, speaker: str, word: str, skeleton: str = "ted_gesture")
         words=(Word(word, 0.1, 0.4),),
         positions=np.tile(directions_to_positions(bones, bones.mean_directions), (45, 1, 1)),
         reference_frames=rng.integers(0, 255, (1, 32, 32, 3), np.uint8),
-        source_time=0.0,
+        recording_start=0.0,
         window_starts=(0, 10),
-        talk=f"{name}-talk",
+        recording=f"{name}-talk",
     )
 
 
@@ -59,7 +59,9 @@ def test_all_clips_are_there_as_they_were(sources, tmp_path):
     merge.merge(sources, tmp_path / "all")
     corpus = Corpus.open(tmp_path / "all")
     assert corpus.splits == ("train", "val", "test")
-    names = {split: [(clip.id, clip.talk, clip.speaker) for clip in corpus.clips(split)] for split in corpus.splits}
+    names = {
+        split: [(clip.id, clip.recording, clip.speaker) for clip in corpus.clips(split)] for split in corpus.splits
+    }
     assert names == {
         "train": [("one-a", "one-a-talk", "one-bo"), ("b", "b-talk", "al"), ("two-a", "two-a-talk", "two-bo")],
         "val": [],
@@ -67,7 +69,7 @@ def test_all_clips_are_there_as_they_were(sources, tmp_path):
     }
     old, new = Corpus.open(sources[1]).clips("train")[0], corpus.clips("train")[2]
     for field in dataclasses.fields(Clip):
-        if field.name not in ("id", "talk", "speaker"):
+        if field.name not in ("id", "recording", "speaker"):
             np.testing.assert_equal(getattr(new, field.name), getattr(old, field.name))
     assert corpus.clips("test").record(0) == Corpus.open(sources[1]).clips("test").record(0)
     assert validation.examine(tmp_path / "all") == ([], [])
@@ -120,7 +122,7 @@ def test_what_does_not_fit_is_refused(sources, tmp_path):
     slow = write(tmp_path / "slow", {"train": [make_clip("x", "di", "so")]}, fps=25)
     clash = write(tmp_path / "clash", {"train": [make_clip("two-a", "di", "so")]})
     cases = {
-        r"one has skeleton ted_gesture \(10 joints\), .*expressive ted_expressive \(43\): joints": [
+        r"one has skeleton ted_gesture \(10 joints\), .*expressive ted_expressive \(43\); merge corpora of one": [
             sources[0],
             expressive,
         ],

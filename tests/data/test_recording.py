@@ -28,7 +28,7 @@ def spoken(start: float, end: float) -> list[Word]:
 def test_cut_in_the_longest_pauses():
     words = spoken(0, 13) + spoken(15, 29) + spoken(32, 44) + spoken(45.5, 60)
     clips, report = to_clips(make_recording(words), SKELETON)
-    assert [clip.source_time for clip in clips] == pytest.approx([0, 14, 30.5, 44.75], abs=0.04)
+    assert [clip.recording_start for clip in clips] == pytest.approx([0, 14, 30.5, 44.75], abs=0.04)
     assert [clip.id for clip in clips] == ["talk-0", "talk-1", "talk-2", "talk-3"]
     assert sum(len(clip.words) for clip in clips) == len(words)
     assert (report.videos, report.clips, report.kept) == (1, 4, sum(len(clip.window_starts) for clip in clips))

@@ -21,11 +21,11 @@ def clip() -> Clip:
         words=(Word("hello", 0.1, 0.3), Word("naïve", 0.3, 0.45)),
         positions=rng.normal(size=(8, 43, 3)).astype(np.float32),
         reference_frames=np.full((2, 224, 224, 3), (30, 120, 200), np.uint8),
-        source_time=1.5,
+        recording_start=1.5,
         window_starts=(0, 10),
         strokes=(Stroke(0.2, 0.1, 0.4, "semantic", "left", 1.25, "one"),),
         style=(0.5, -1.0),
-        talk="a",
+        recording="a",
         confidence=rng.uniform(size=(8, 43)).astype(np.float32),
     )
 

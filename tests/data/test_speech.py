@@ -19,26 +19,26 @@ def audio():
 def test_a_window_has_what_was_asked_for_in_its_shapes(audio, inputs):
     shapes = {"mel": (128, 70), "asr_mel": (80, 228), "audio": (36267,), "words": (34,), "plain_words": (32,)}
     assert shapes.keys() == set(speech.INPUTS)
-    heard = speech.window(speech.prepare(audio, WORDS, inputs), inputs, VOCABULARY, 30, 34, 15)
-    assert {name: array.shape for name, array in heard.items()} == {name: shapes[name] for name in inputs}
+    cut = speech.window(speech.prepare(audio, WORDS, inputs), inputs, VOCABULARY, 30, 34, 15)
+    assert {name: array.shape for name, array in cut.items()} == {name: shapes[name] for name in inputs}
 
 
 def test_a_window_starts_at_its_frame_and_past_the_end_there_is_silence(audio):
     prepared = speech.prepare(audio, WORDS, ("audio",))
-    heard = speech.window(prepared, ("audio",), VOCABULARY, 45, 34, 15)["audio"]
-    np.testing.assert_array_equal(heard[:32000], audio[48000:])
-    assert not heard[32000:].any()
+    cut = speech.window(prepared, ("audio",), VOCABULARY, 45, 34, 15)["audio"]
+    np.testing.assert_array_equal(cut[:32000], audio[48000:])
+    assert not cut[32000:].any()
 
 
 def test_words_of_a_window_with_and_without_their_times(audio):
     prepared = speech.prepare(audio, WORDS, ("words", "plain_words"))
-    heard = speech.window(prepared, ("words", "plain_words"), VOCABULARY, 30, 34, 15)  # from 2 s to 4.27 s
-    assert np.flatnonzero(heard["words"]).tolist() == [4, 28]
+    cut = speech.window(prepared, ("words", "plain_words"), VOCABULARY, 30, 34, 15)  # from 2 s to 4.27 s
+    assert np.flatnonzero(cut["words"]).tolist() == [4, 28]
     # start, "two", a word that training did not have, end
-    assert heard["plain_words"][:5].tolist() == [len(VOCABULARY), 3, 1, len(VOCABULARY) + 1, 0]
+    assert cut["plain_words"][:5].tolist() == [len(VOCABULARY), 3, 1, len(VOCABULARY) + 1, 0]
 
 
 def test_a_sentence_that_is_too_long_keeps_its_marks(audio):
     words = tuple(Word("one", 0.01 * index, 0.01 * index + 0.01) for index in range(60))
-    heard = speech.window(speech.prepare(audio, words, ("plain_words",)), ("plain_words",), VOCABULARY, 0, 34, 15)
-    assert heard["plain_words"][[0, 1, -2, -1]].tolist() == [4, 2, 2, 5]
+    cut = speech.window(speech.prepare(audio, words, ("plain_words",)), ("plain_words",), VOCABULARY, 0, 34, 15)
+    assert cut["plain_words"][[0, 1, -2, -1]].tolist() == [4, 2, 2, 5]

@@ -26,7 +26,7 @@ SKELETON = load_skeleton("ted_gesture")
 FRAMES = 45
 
 
-def make_clip(name: str, talk: str = "", time: float = 0.0, **changes) -> Clip:
+def make_clip(name: str, recording: str = "", time: float = 0.0, **changes) -> Clip:
     """Three seconds of the mean pose, of plausible bones."""
     clip = Clip(
         id=name,
@@ -35,9 +35,9 @@ def make_clip(name: str, talk: str = "", time: float = 0.0, **changes) -> Clip:
         words=(Word("one", 0.1, 0.4), Word("two", 0.5, 0.9)),
         positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (FRAMES, 1, 1)),
         reference_frames=np.zeros((2, 224, 224, 3), np.uint8),
-        source_time=time,
+        recording_start=time,
         window_starts=(0, 10),
-        talk=talk or name,
+        recording=recording or name,
         confidence=np.full((FRAMES, SKELETON.num_joints), 0.5, np.float32),
     )
     return dataclasses.replace(clip, **changes)
@@ -111,10 +111,10 @@ CONFIDENT = np.full((FRAMES, SKELETON.num_joints), 1.5, np.float32)
         (make_clip("bad", confidence=CONFIDENT), "confidence outside 0 to 1"),
         (make_clip("bad", confidence=CONFIDENT * np.nan), "confidence outside 0 to 1"),
         (make_clip("bad", confidence=CONFIDENT[1:]), "confidence of shape"),
-        (with_fields(CLIP, reference_frames=[b"no image"]), "a reference frame that cannot be read"),
+        (with_fields(CLIP, reference_frames=[b"no image"]), "an image of the speaker cannot be read"),
         (
             make_clip("bad", reference_frames=np.zeros((1, 8, 5000, 3), np.uint8)),
-            "a reference frame of 5000 x 8 pixels",
+            "an image of the speaker is 5000 x 8 pixels",
         ),
         (make_clip("good"), "its id occurs more than once"),
     ],
@@ -160,7 +160,7 @@ def edit(path, change):
 @pytest.mark.parametrize(
     ("change", "finding"),
     [
-        (lambda data: data["splits"]["train"].update(clips=3), "counts 3 clips in 'train', its records have 2"),
+        (lambda data: data["splits"]["train"].update(clips=3), "counts 3 clips in 'train', but its records have 2"),
         (lambda data: data["splits"]["train"].update(windows="4"), "counts 4 windows in 'train'"),
         (lambda data: data["splits"]["train"].update(seconds=6.1), "counts 6.1 seconds in 'train', .* have 6.0"),
         (lambda data: data["splits"]["train"].update(speakers=["al"]), "lists other speakers of 'train'"),
@@ -194,15 +194,15 @@ def test_a_damaged_shard_does_not_hide_the_others(tmp_path, monkeypatch):
     assert len(found) == 2
 
 
-def test_talks_in_two_splits(tmp_path):
-    """Other stretches of one talk are a note, as TED's splits have them; the same stretch is a finding."""
-    train = [make_clip("a", "talk", 0), make_clip("b", "talk", 30)]
-    apart = write(tmp_path / "apart", train=train, test=[make_clip("c", "talk", 10)])
+def test_recordings_in_two_splits(tmp_path):
+    """Other stretches of one recording are a note, as TED's splits have them; the same stretch is a finding."""
+    train = [make_clip("a", "recording", 0), make_clip("b", "recording", 30)]
+    apart = write(tmp_path / "apart", train=train, test=[make_clip("c", "recording", 10)])
     findings, notes = validation.examine(apart)
     assert findings == []
     assert len(notes) == 1
-    assert "1 of 1 talks" in notes[0]
-    shared = write(tmp_path / "shared", train=train, test=[make_clip("c", "talk", 31)])
+    assert "1 of 1 recordings" in notes[0]
+    shared = write(tmp_path / "shared", train=train, test=[make_clip("c", "recording", 31)])
     findings, _ = validation.examine(shared)
     assert len(findings) == 1
     assert "clips 'b' and 'c'" in findings[0]

@@ -41,7 +41,7 @@ def _clip(name: str = "a", speaker: str = "ada", **changes) -> Clip:
         words=(Word("long", 0.5, 1.5), Word("click", EVENT / 15, EVENT / 15 + 0.2)),
         positions=_positions(),
         reference_frames=np.full((4, 224, 224, 3), 90, np.uint8),
-        source_time=0.0,
+        recording_start=0.0,
         window_starts=(0, 10, 20, 26, 30),
     )
     return dataclasses.replace(clip, **changes)
@@ -222,7 +222,7 @@ def _with_nan() -> np.ndarray:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"positions": _with_nan()}, r"clip bad \(record 1 of .*val-00000.array_record\) .*NaN.* frame 7; mend"),
+        ({"positions": _with_nan()}, r"clip bad \(record 1 of .*val-00000.array_record\) .*NaN.* frame 7; correct"),
         ({"positions": np.zeros((60, 43, 3), np.float32)}, r"clip bad \(record 1 of .*\(60, 43, 3\), expected"),
         ({"positions": np.zeros((60, 10), np.float32)}, r"clip bad \(record 1 of .*\(60, 10\), expected \(T, 10, 3\)"),
         ({"reference_frames": None}, r"clip bad \(record 1 of .* has 0 images .*identity\.kind=speakers"),

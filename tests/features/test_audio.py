@@ -81,7 +81,7 @@ BAD_FILES = {
     "no_samples.wav": (lambda path: soundfile.write(path, np.zeros(0), 16000), "0.000 s"),
     "short.wav": (lambda path: soundfile.write(path, tone(0.19), 16000), "0.190 s"),
     "nan.wav": (lambda path: soundfile.write(path, np.full(8000, np.nan), 16000, subtype="FLOAT"), "only NaN"),
-    "slow.wav": (lambda path: soundfile.write(path, tone(1), 5), "rate of 5"),
+    "slow.wav": (lambda path: soundfile.write(path, tone(1), 5), "declares 5 samples per second"),
     "long.flac": (lambda path: soundfile.write(path, np.zeros(3901 * 1000, np.int16), 1000), "65 minutes"),
     "mute.mp4": (mute_video, "no sound"),
 }

@@ -182,7 +182,7 @@ BAD = {
     "cut arguments.bin": (MODEL[:50], "not a file of word vectors"),
     "many words.bin": (fasttext_model(["two"], [[1, 2, 3]], size=2**31 - 1), "a dictionary of 2147483647 entries"),
     "many rows.bin": (fasttext_model(["two"], [[1, 2, 3]], shape=(2**62, 3)), "cut off"),
-    "other rows.bin": (fasttext_model(["two", "one"], [[1, 2, 3]]), "not that of its words"),
+    "other rows.bin": (fasttext_model(["two", "one"], [[1, 2, 3]]), "does not match its words"),
     "no buckets.bin": (fasttext_model(["two"], [[1, 2, 3]], ngrams=(2, 3)), "0 buckets"),
     "nan fasttext.bin": (fasttext_model(["two"], [[1, np.nan, 3]]), "'two' that is not finite"),
 }

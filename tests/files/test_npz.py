@@ -1,4 +1,4 @@
-"""Arrays from strangers: what numpy writes is read as it is; whatever else a file holds is one line of error."""
+"""Arrays from files of unknown origin: numpy's files are read, and all others give one line of error."""
 
 import io
 import pathlib
@@ -110,20 +110,20 @@ BAD = {
     "text of no length": (_zip({"a.npy": _header(F4.replace("<f4", "<U0") % "(9,)")}), "elements of type"),
     "no unicode": (_zip({"a.npy": _header(F4.replace("<f4", "<U1") % "(1,)", b"\xff" * 4)}), "not Unicode"),
     "many elements": (_zip({"a.npy": _header(F4 % "(1000000000, 1000000000)")}), "needs 4000000000000000000 bytes"),
-    "few elements": (_zip({"a.npy": _header(F4 % "(2,)", b"\0" * 12)}), "needs 8 bytes, it has 12"),
+    "few elements": (_zip({"a.npy": _header(F4 % "(2,)", b"\0" * 12)}), "needs 8 bytes, but it has 12"),
     "many axes": (_zip({"a.npy": _header(F4 % str((1,) * 99))}), "the shape"),
     "no shape": (_zip({"a.npy": _header(F4 % "(n,)")}), "a header without shape"),
     "other magic": (_zip({"a.npy": b"\x89HDF\r\n\x1a\n" + b"\0" * 99}), "not in numpy's format"),
     "short array": (_zip({"a.npy": b"\x93NUM"}), "not in numpy's format"),
     "huge header": (_zip({"a.npy": b"\x93NUMPY\x02\x00\xff\xff\xff\x7f"}), "a header of 2147483647 bytes"),
-    "bomb": (_declaring(300 << 20), "unpack to 314572800, as no recording does"),
+    "bomb": (_declaring(300 << 20), "unpack to 314572800, which is too many"),
     "greater bomb": (_declaring(0xF0000000), "more than the 1073741824 allowed"),
     "lying about size": (_declaring((9999999 * 8 + 72) & 0xFFFFFFFF), "not a whole|needs 79999992 bytes"),
     "huge contents": (_huge_contents(), "table of contents of 3145728 bytes"),
     "encrypted": (_encrypted(), "is encrypted"),
-    "nested": (_zip({"../a.npy": _npy(np.ones(3))}), "no array"),
-    "folder": (_zip({"a/b.npy": _npy(np.ones(3))}), "no array"),
-    "foreign": (_zip({"readme.txt": b"hello"}), "no array"),
+    "nested": (_zip({"../a.npy": _npy(np.ones(3))}), "not an array"),
+    "folder": (_zip({"a/b.npy": _npy(np.ones(3))}), "not an array"),
+    "foreign": (_zip({"readme.txt": b"hello"}), "not an array"),
     "odd compression": (_zip({"a.npy": _npy(np.ones(3))}, zipfile.ZIP_LZMA), "a method that numpy does not use"),
 }
 

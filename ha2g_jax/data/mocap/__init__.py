@@ -1,1 +1,1 @@
-"""Motion capture of people who speak: BVH files and SMPL-X poses as recordings in the axes of a skeleton."""
+"""Import of motion capture with speech: BVH files and SMPL-X poses, converted to the axes of a skeleton."""

@@ -1,4 +1,4 @@
-"""Reads BVH motion capture of any skeleton."""
+"""Reader of BVH motion capture of any skeleton."""
 
 import os
 import pathlib
@@ -11,26 +11,26 @@ from ha2g_jax.errors import UserError
 
 MAX_JOINTS = 1000
 
-_MAX_LINE = 1 << 16  # characters of a line of the header
+_MAX_LINE = 1 << 16  # characters in a line of the header
 _BLOCK = 1 << 20  # characters of the motion that are parsed at once
-_MAX_NUMBER = 40  # characters of a number
+_MAX_NUMBER = 40  # characters in a number
 _MAX_NAME_WORDS = 8
-_MAX_VALUE = 1e7  # of a channel: ten kilometres in millimetres
+_MAX_VALUE = 1e7  # value of a channel: ten kilometres in millimetres
 _MIN_FPS, _MAX_FPS = 1.0, 2000.0
 _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind in ("position", "rotation")}
-# Rates whose frame time exporters round.
+# Usual rates, whose frame times exporters round.
 _RATES = (24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
-_MIN_DIGITS = 3  # of a frame time that can be told from another
+_MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate
 
 
 class Bvh(NamedTuple):
-    """A motion as it stands in the file.
+    """Contents of a BVH file.
 
     Attributes:
-        joints: names, each after its parent; no two alike. End sites are left out.
+        joints: unique names of the joints, each after its parent. End sites are left out.
         parents: index of each joint's parent, -1 for a root.
-        offsets: (joints, 3) from the parent in the rest pose, in units of the file.
-        channels: of each joint in the order of the file, such as ("Zrotation", "Yrotation", "Xrotation").
+        offsets: (joints, 3) offset from the parent in the rest pose, in units of the file.
+        channels: channels of each joint in the order of the file, such as ("Zrotation", "Yrotation", "Xrotation").
         motion: (frames, channels) values; positions in units of the file, rotations in degrees.
         fps: frames per second.
     """
@@ -44,19 +44,21 @@ class Bvh(NamedTuple):
 
     @property
     def seconds(self) -> float:
+        """Length of the motion in seconds."""
         return len(self.motion) / self.fps
 
 
 def read_bvh(path: str | os.PathLike) -> Bvh:
-    """Reads a file, whatever its exporter: any letter case, white space, order of rotations, positions on any joint.
+    """Read a BVH file of any exporter: any letter case, white space, order of rotations, positions on any joint.
 
-    Memory stays within a few times the size of the file, whatever its header says.
+    Memory stays within a few times the size of the file, whatever its header declares.
 
     Args:
-        path: the file.
+        path: path of the file.
 
     Raises:
-        UserError: it is no BVH, is cut off, or holds values that are no motion; names the line, or frame and channel.
+        UserError: the file is not BVH, is cut off, or has invalid values; the message names the line, or the frame
+            and the channel.
     """
     path = pathlib.Path(path)
     if not path.is_file():
@@ -65,7 +67,7 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
         size = path.stat().st_size
         if size == 0:
             raise UserError(f"{path} is an empty file; expected a motion capture in BVH")
-        # Names may be in any encoding; escaped, different ones stay different.
+        # Names may be in any encoding; escaping keeps different names different.
         with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
             return _Reader(path, file, size).read()
     except OSError as error:
@@ -73,7 +75,7 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
 
 
 class _Reader:
-    """Reads one open file word by word, keeping the line for messages."""
+    """Reader of one open file, word by word, which counts lines for error messages."""
 
     def __init__(self, path: pathlib.Path, file: TextIO, size: int):
         self._path, self._file, self._size = path, file, size
@@ -85,14 +87,14 @@ class _Reader:
 
     def read(self) -> Bvh:
         if self._word().upper() != "HIERARCHY":
-            raise self._error("it does not begin with HIERARCHY, so it is no BVH")
+            raise self._error("it does not begin with HIERARCHY, so it is not a BVH file")
         self._read_hierarchy()
         if missing := [name for index, name in enumerate(self._joints) if index not in self._offsets]:
             raise self._error(f"joint {_shown(missing[0])} has no OFFSET")
         channels = tuple(self._channels.get(joint, ()) for joint in range(len(self._joints)))
         names = [f"{channel} of {joint}" for joint, own in zip(self._joints, channels, strict=True) for channel in own]
         if not names:
-            raise self._error("it has no CHANNELS, so nothing moves")
+            raise self._error("it has no CHANNELS, so it has no motion")
         frames, fps = self._read_motion_header()
         motion = self._read_values(frames, names)
         offsets = np.array([self._offsets[joint] for joint in range(len(self._joints))])
@@ -103,7 +105,7 @@ class _Reader:
         while (word := self._word().upper()) != "MOTION":
             if word in ("ROOT", "JOINT", "END"):
                 if (word == "ROOT") == bool(open_joints) or -1 in open_joints[-1:]:
-                    raise self._error(f"{word} stands where it may not")
+                    raise self._error(f"{word} is not allowed here")
                 name, parent = self._name(), open_joints[-1] if open_joints else -1
                 open_joints.append(-1 if word == "END" else self._add(name, parent))
             elif word == "}" and open_joints:
@@ -121,7 +123,7 @@ class _Reader:
 
     def _add(self, name: str, parent: int) -> int:
         if name in self._joints:
-            raise self._error(f"a second joint {_shown(name)}, expected names that differ and no rings")
+            raise self._error(f"a second joint {_shown(name)}, expected unique names and no cycles")
         if len(self._joints) == MAX_JOINTS:
             raise self._error(f"more than {MAX_JOINTS} joints, expected the skeleton of a person")
         self._joints[name] = parent
@@ -171,7 +173,7 @@ class _Reader:
 
     def _read_values(self, frames: int, names: list[str]) -> np.ndarray:
         wanted, found = frames * len(names), 0
-        # A value takes two characters at least, so that the header cannot ask for more memory than the file's size.
+        # A value takes at least two characters, which limits the memory that the header can demand to the file's size.
         values = np.empty(min(wanted, self._size // 2 + 1))
         for block in self._blocks():
             words = block[: wanted - found]
@@ -180,20 +182,20 @@ class _Reader:
             if found == wanted:
                 return values.reshape(frames, len(names))
         raise UserError(
-            f"{self._path} is cut off: it holds {found // len(names)} whole frames of {len(names)} values, its header "
-            f"says {frames}; export it again"
+            f"{self._path} is cut off: it holds {found // len(names)} whole frames of {len(names)} values, but its "
+            f"header declares {frames}; export it again"
         )
 
     def _blocks(self) -> Iterator[list[str]]:
-        """The words of the motion, some thousands at a time."""
+        """Yield the words of the motion, some thousands at a time."""
         rest = " ".join(self._words) + " "
         while block := self._file.read(_BLOCK):
             text = rest + block
             words = text.split()
-            # The last word may go on in the next block.
+            # The last word may continue in the next block.
             rest = words.pop() if words and not text[-1].isspace() else ""
             if len(rest) > _MAX_LINE:
-                raise self._error(f"then a word of more than {_MAX_LINE} characters, expected numbers")
+                raise self._error(f"a word of more than {_MAX_LINE} characters, expected numbers")
             yield words
         yield rest.split()
 
@@ -219,7 +221,7 @@ class _Reader:
             if not line:
                 raise self._error("the file ends here, expected more of the skeleton or the motion")
             if len(line) == _MAX_LINE:
-                raise self._error(f"a line of {_MAX_LINE} characters or more, so it is no BVH")
+                raise self._error(f"a line of {_MAX_LINE} characters or more, so it is not a BVH file")
             if self._in_motion:
                 line = line.replace(":", " ")
             self._words = iter(line.replace("{", " { ").replace("}", " } ").split())
@@ -238,7 +240,7 @@ def _to_number(word: str) -> float | None:
 
 
 def _frame_rate(text: str, frame_time: float) -> float:
-    """Frames per second; the usual rate where the frame time is that one's, cut to the digits that stand there."""
+    """Return the frames per second: a usual rate if the frame time equals that of the rate in all its digits."""
     digits = len(text.partition(".")[2])
     rate = min(_RATES, key=lambda rate: abs(1 / rate - frame_time))
     is_cut = text.replace(".", "").isdigit() and digits >= _MIN_DIGITS and abs(1 / rate - frame_time) < 10.0**-digits

@@ -1,4 +1,4 @@
-"""Gives a face to a body that has none: points fixed on the head, so that they show how the head turns."""
+"""Face joints for bodies without a face: points fixed on the head, which show its rotation."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,27 +10,27 @@ FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
 
 
 def face_joints(skeleton: Skeleton) -> tuple[int, ...]:
-    """Indices of the skeleton's joints that lie on the head."""
+    """Return the indices of the skeleton's joints that lie on the head."""
     return tuple(index for index, joint in enumerate(skeleton.joints) if joint in FACE)
 
 
 def add_face(
     positions: np.ndarray, head_positions: np.ndarray, head_rotations: np.ndarray, skeleton: Skeleton, *, up: str = "y"
 ) -> np.ndarray:
-    """The motion with the joints of the face set.
+    """Set the joints of the face of a motion.
 
-    Rest poses cannot be relied on: many files store every bone along its own axis. So the head is taken to look ahead
-    on average: M, the mean over the frames of heading^-1 head, is the rotation of a head that faces where the shoulders
-    do, upright. Then heading = head M^-1 at such a moment, and head M^-1 turns as the head does. The points are placed
-    so that on average they lie from the middle of the shoulders as in the mean pose: formats put the neck, but not the
-    shoulders, at different heights.
+    Rest poses are not reliable, because many files store every bone along its own axis. Therefore the head is assumed
+    to look ahead on average. M, the mean over the frames of heading^-1 head, is the rotation of an upright head that
+    faces where the shoulders face, and head M^-1 is the rotation of the face in each frame. The points are placed so
+    that their mean offset from the middle of the shoulders is that of the mean pose, because formats put the neck, but
+    not the shoulders, at different heights.
 
     Args:
-        positions: (T, joints, 3) metres, right-handed, with both shoulders; the face's joints are ignored.
-        head_positions: (T, 3) metres, the joint that the head turns about.
-        head_rotations: (T, 3, 3), the head's rotation in the same world, from whatever rest pose.
-        skeleton: names the joints; its mean pose gives the face.
-        up: the world's axis that points up, one of `axes.UPS`.
+        positions: (T, joints, 3) metres, right-handed, with both shoulders; the joints of the face are ignored.
+        head_positions: (T, 3) metres, position of the joint that the head rotates about.
+        head_rotations: (T, 3, 3) rotation of the head in the same coordinates, from any rest pose.
+        skeleton: skeleton of the joints, whose mean pose gives the face.
+        up: axis of the coordinates that points up, one of `axes.UPS`.
 
     Returns:
         (T, joints, 3) metres, a copy.

@@ -1,4 +1,4 @@
-"""Imports BVH motion capture with its sound and words as a corpus."""
+"""Import of BVH motion capture with its audio and words as a corpus."""
 
 import functools
 import os
@@ -8,76 +8,55 @@ from ha2g_jax.data.import_report import Report
 from ha2g_jax.data.mocap import joint_maps
 from ha2g_jax.data.mocap.importing import FileMotion, import_files
 from ha2g_jax.data.mocap.motion import read_motion
-from ha2g_jax.data.mocap.sources import find_sources
+from ha2g_jax.data.mocap.options import ImportOptions
+from ha2g_jax.data.mocap.recordings import find_recordings
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton
 
 _SUFFIX = ".bvh"
+_DEFAULTS = ImportOptions()
 
 
 def import_bvh(
     src: str | os.PathLike,
     dst: str | os.PathLike,
+    options: ImportOptions = _DEFAULTS,
     *,
     joint_map: str = joint_maps.AUTO,
-    skeleton: str = "ted_expressive",
-    audio: str | os.PathLike | None = None,
-    words: str | os.PathLike | None = None,
-    speaker: str | None = None,
-    split: str = "train",
     unit: float | str = "auto",
-    fps: float = 15,
-    with_words: bool = True,
-    licence: str = "",
 ) -> Report:
-    """Writes a corpus of one BVH file, or of all in a folder and below it, each with the sound and words beside it.
+    """Write a corpus of one BVH file, or of all BVH files in a folder and its subfolders.
 
-    For broken files, and motion and sound of different lengths, see `importing.import_files`.
+    See `recordings.find_recordings` for the audio and the transcript of each file, and `importing.import_files` for
+    unusable files and for motion and audio of different lengths.
 
     Args:
-        src: a .bvh file, or a folder.
+        src: path of a .bvh file or of a folder.
         dst: folder to make.
-        joint_map: "auto", "mixamo", "zeroeggs", "beat" or the path of a YAML file; see `joint_maps`.
-        skeleton: "ted_expressive", or "ted_gesture" for files without fingers.
-        audio: the sound of the only file; any format of `read_audio`.
-        words: the transcript of the only file.
-        speaker: name of the speaker of all files; by default the folder of a file where `src` has subfolders, else the
-            file's name.
-        split: name of the split to write.
-        unit: metres in one unit of the file; "auto" for what the map says, or else mm, cm, inch or m by the length of
-            the arms.
-        fps: frames per second of the corpus.
-        with_words: whether a recording needs a transcript; without one, its windows need no words.
-        licence: of the data, noted in the corpus.
+        options: options of all motion capture formats.
+        joint_map: "auto", "mixamo", "zeroeggs", "beat", "ha2g" or the path of a YAML file; see `joint_maps`.
+        unit: metres in one unit of the file; "auto" uses the unit of the joint map, or else millimetres, centimetres,
+            inches or metres by the length of the arms.
 
     Returns:
-        What was kept and left out; also in the corpus, under "import".
+        The counts of what was kept and left out, which are also stored in the corpus under "import".
 
     Raises:
-        UserError: no file, or none that can be used, or `dst` exists, or an option has no such value.
+        UserError: there is no usable file, `dst` exists, or an option has an invalid value.
     """
     src = pathlib.Path(src)
-    sources = find_sources(
-        src,
-        _SUFFIX,
-        audio=None if audio is None else pathlib.Path(audio),
-        words=None if words is None else pathlib.Path(words),
-        speaker=speaker,
-    )
+    recordings = find_recordings(src, _SUFFIX, options)
     if joint_map != joint_maps.AUTO:
-        joint_maps.load_map(joint_map)  # a fault of the map is said once, not for each file
-    read = functools.partial(_read, skeleton=skeleton, fps=fps, joint_map=joint_map, unit=_to_metres(unit))
+        joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
+    read = functools.partial(_read, options=options, joint_map=joint_map, unit=_to_metres(unit))
     name = src.resolve().name
-    metadata = {"name": name, "source": f"BVH files: {name}", "licence": licence}
-    return import_files(
-        sources, read, dst, skeleton=skeleton, fps=fps, split=split, with_words=with_words, metadata=metadata
-    )
+    return import_files(recordings, read, dst, options, name=name, source=f"BVH files: {name}")
 
 
-def _read(path: pathlib.Path, skeleton: str, fps: float, joint_map: str, unit: float | None) -> FileMotion:
-    motion = read_motion(path, load_skeleton(skeleton), fps=fps, joint_map=joint_map, unit=unit)
-    understood = f"joint map {motion.joint_map}, unit {motion.unit:g} m, {motion.up} up"
-    return FileMotion(motion.positions, motion.seconds, understood)
+def _read(path: pathlib.Path, options: ImportOptions, joint_map: str, unit: float | None) -> FileMotion:
+    motion = read_motion(path, load_skeleton(options.skeleton), fps=options.fps, joint_map=joint_map, unit=unit)
+    description = f"joint map {motion.joint_map}, unit {motion.unit:g} m, {motion.up} up"
+    return FileMotion(motion.positions, motion.seconds, description)
 
 
 def _to_metres(unit: float | str) -> float | None:

@@ -1,4 +1,4 @@
-"""Many files of motion, each with its sound and words, as one corpus: what the importers of all formats share."""
+"""Import of motion files of any format, each with its audio and words, as one corpus."""
 
 import collections
 import dataclasses
@@ -7,7 +7,7 @@ import logging
 import os
 import pathlib
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import tqdm
@@ -15,7 +15,8 @@ import tqdm
 from ha2g_jax.data import import_report, records
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
-from ha2g_jax.data.mocap.sources import Source, compare_lengths, read_speech
+from ha2g_jax.data.mocap.options import ImportOptions
+from ha2g_jax.data.mocap.recordings import MotionRecording, compare_lengths, read_speech
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.window_filters import MOCAP
@@ -24,7 +25,7 @@ from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, 
 
 UNUSABLE = "unusable recording"
 
-_DIED = "a process that read the files was killed, perhaps for want of memory; import fewer files at once"
+_DIED = "a process that read the files was killed, perhaps because memory ran out; import fewer files at once"
 
 _logger = logging.getLogger(__name__)
 
@@ -34,13 +35,13 @@ class FileMotion(NamedTuple):
 
     Attributes:
         positions: (T, joints, 3) metres in the axes of the skeleton, float32, at the corpus' frame rate.
-        seconds: length of the motion in the file.
-        understood: how the file was read, for the corpus' notes.
+        seconds: length of the motion in the file, in seconds.
+        description: how the file was interpreted, which is stored in the corpus.
     """
 
     positions: np.ndarray
     seconds: float
-    understood: str
+    description: str
 
 
 class _Result(NamedTuple):
@@ -48,100 +49,100 @@ class _Result(NamedTuple):
 
     clips: list[bytes]
     report: SplitReport
-    understood: str = ""
+    description: str = ""
     warning: str | None = None
     error: str | None = None
 
 
 def import_files(
-    sources: Sequence[Source],
+    recordings: Sequence[MotionRecording],
     read: Callable[[pathlib.Path], FileMotion],
     dst: str | os.PathLike,
+    options: ImportOptions,
     *,
-    skeleton: str,
-    fps: float,
-    split: str,
-    with_words: bool,
-    metadata: dict[str, Any],
+    name: str,
+    source: str,
 ) -> Report:
-    """Writes a corpus of files of motion; one process a core reads them, their order stays.
+    """Write a corpus of motion files, which one process per core reads; their order is kept.
 
-    Of several files, one that cannot be used is left out with a warning and counted under `rejected`. Motion and sound
-    that differ in length by more than half a second are cut to the shorter, with a warning.
+    Among several files, an unusable one is left out with a warning and counted as rejected. Motion and audio that
+    differ in length by more than half a second are cut to the shorter one, with a warning.
 
     Args:
-        sources: the files with what belongs to them.
-        read: gives the motion of a file, or raises UserError; must be picklable.
+        recordings: motion files with their audio and words.
+        read: picklable function that returns the motion of a file, or raises `UserError`.
         dst: folder to make.
-        skeleton: name of the skeleton.
-        fps: frames per second of the corpus.
-        split: name of the split to write.
-        with_words: whether a recording needs a transcript; without one, its windows need no words.
-        metadata: of the corpus; how files were understood and the report are added.
+        options: options of the import.
+        name: name of the corpus.
+        source: origin of the data, stored in the corpus.
 
     Returns:
-        What was kept and left out.
+        The counts of what was kept and left out.
 
     Raises:
         UserError: no file can be used, no window is left, or `dst` exists.
     """
-    total, errors, understood = SplitReport(), list[str](), collections.Counter[str]()
-    one = functools.partial(_import_file, read=read, skeleton=skeleton, fps=fps, with_words=with_words)
+    total, errors, descriptions = SplitReport(), list[str](), collections.Counter[str]()
+    one = functools.partial(_import_file, read=read, options=options)
+    metadata = {"name": name, "source": source, "licence": options.licence}
+    count = len(recordings)
     with (
-        CorpusWriter(dst, splits=(split,), skeleton=skeleton, fps=fps, metadata=metadata) as writer,
-        parallel_map(min(os.cpu_count() or 1, len(sources)), _DIED) as each,
+        CorpusWriter(
+            dst, splits=(options.split,), skeleton=options.skeleton, fps=options.fps, metadata=metadata
+        ) as writer,
+        parallel_map(min(os.cpu_count() or 1, count), _DIED) as each,
     ):
-        for result in tqdm.tqdm(each(one, sources), "motion", len(sources), unit="file", disable=None, leave=False):
+        for result in tqdm.tqdm(each(one, recordings), "motion", count, unit="file", disable=None, leave=False):
             total += result.report
             if result.warning:
                 _logger.warning("%s", result.warning)
             if result.error:
                 errors.append(result.error)
-                if len(sources) > 1:
+                if count > 1:
                     _logger.warning("left out: %s", result.error)
                 continue
-            understood[result.understood] += 1
+            descriptions[result.description] += 1
             for clip in result.clips:
-                writer.add(split, clip)
-        if len(errors) == len(sources):
+                writer.add(options.split, clip)
+        if len(errors) == count:
             only = errors[0] if len(errors) == 1 else f"all {len(errors)} files failed; the first: {errors[0]}"
             raise UserError(only)
         if not total.kept:
-            place = os.path.commonpath([source.path for source in sources])
-            reasons = ", ".join(f"{reason} {count}" for reason, count in (total.filtered + total.rejected).items())
-            raise UserError(f"{place} has no window that can be used: left out {reasons}")
-        report = {split: total}
-        writer.metadata |= {"motion": dict(sorted(understood.items())), "import": import_report.as_json(report)}
+            place = os.path.commonpath([recording.path for recording in recordings])
+            reasons = ", ".join(f"{reason} {number}" for reason, number in (total.filtered + total.rejected).items())
+            raise UserError(f"{place} has no usable window (left out: {reasons}); give longer or livelier recordings")
+        report = {options.split: total}
+        writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": import_report.as_json(report)}
     return report
 
 
 def _import_file(
-    source: Source, read: Callable[[pathlib.Path], FileMotion], skeleton: str, fps: float, with_words: bool
+    recording: MotionRecording, read: Callable[[pathlib.Path], FileMotion], options: ImportOptions
 ) -> _Result:
-    """The clips of one file; a fault of the file is part of the result."""
+    """Return the clips of one file, or its error."""
     try:
-        motion = read(source.path)
-        audio, words = read_speech(source, with_words=with_words)
-        warning = compare_lengths(source, motion.seconds, audio)
+        motion = read(recording.path)
+        audio, words = read_speech(recording, with_words=options.with_words)
+        warning = compare_lengths(recording, motion.seconds, audio)
     except UserError as error:
         return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=str(error))
-    definition = load_skeleton(skeleton)
-    positions = with_constant_lengths(motion.positions, definition)
+    skeleton = load_skeleton(options.skeleton)
+    positions = with_constant_lengths(motion.positions, skeleton)
     filters = MOCAP if words is not None else MOCAP._replace(min_words=None)
-    recording = Recording(source.talk, source.speaker, audio, words or (), positions)
-    clips, report = to_clips(recording, definition, fps=fps, filters=filters)
-    return _Result([records.encode_clip(clip) for clip in clips], report, motion.understood, warning)
+    content = Recording(recording.name, recording.speaker, audio, words or (), positions)
+    clips, report = to_clips(content, skeleton, fps=options.fps, filters=filters)
+    return _Result([records.encode_clip(clip) for clip in clips], report, motion.description, warning)
 
 
 def with_constant_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """The motion with each bone at its mean length; the root and all direction vectors stay.
+    """Set each bone to its mean length; the root and all direction vectors stay.
 
-    From the neck to a shoulder, or to the nose, there is no bone in a body: the collarbone and the head turn between
-    them. Those of the skeleton have one length each.
+    The skeleton has bones from the neck to a shoulder and to the nose, where a body has joints in between (collarbone,
+    head), so that these distances vary in motion capture. In the corpus, each bone has a constant length.
 
     Args:
         positions: (T, joints, 3) in metres.
-        skeleton: of the joints.
+        skeleton: skeleton of the joints.
 
     Returns:
         (T, joints, 3) in the type of `positions`.

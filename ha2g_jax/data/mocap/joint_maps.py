@@ -1,9 +1,9 @@
-"""Which joint of a motion capture file is which joint of ours: built-in maps and a user's own, all in YAML.
+"""Maps from joints of the skeleton to joints of a motion capture file: built-in maps and users' own, all in YAML.
 
-A map has a line `OURS: NAME` for each joint of the skeleton but those of the face, and one for `head`, the joint that
-the head turns about. NAME may be a list, of which the first that the file has counts. A namespace such as `mixamorig:`
-and letter case make no difference. Two more lines may stand there: `unit`, metres in one unit of the file, and `up`,
-the file's axis that points up. A map without fingers serves TED-Gesture.
+A map has a line `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
+that the head rotates about. NAME may be a list; the first name that the file has is used. Namespaces such as
+`mixamorig:` and letter case are ignored. Two lines are optional: `unit`, metres in one unit of the file, and `up`, the
+axis of the file that points up. A map without fingers is sufficient for TED-Gesture.
 """
 
 import importlib.resources
@@ -19,7 +19,7 @@ from ha2g_jax.data.mocap.face import FACE
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
 
-MAPS = ("zeroeggs", "beat", "mixamo", "ha2g")  # the ones that ask for more first: "auto" takes the first that fits
+MAPS = ("zeroeggs", "beat", "mixamo", "ha2g")  # the most demanding first, because "auto" takes the first that fits
 AUTO = "auto"
 HEAD = "head"
 
@@ -29,13 +29,13 @@ _NAMESPACE = re.compile(r".*[:|]|mixamorig\d*_?", re.IGNORECASE)
 
 
 class JointMap(NamedTuple):
-    """Names of joints in a file.
+    """A map from joints of the skeleton to names of joints in a file.
 
     Attributes:
-        name: of the map.
-        names: for each of our joints, and `head`, its possible names in a file, the best first.
-        unit: metres in one unit of the file, None to find out.
-        up: the file's axis that points up, None to find out.
+        name: name of the map.
+        names: possible names in a file of each joint of the skeleton and of `head`, in order of preference.
+        unit: metres in one unit of the file, None to detect it.
+        up: axis of the file that points up, None to detect it.
     """
 
     name: str
@@ -47,19 +47,19 @@ class JointMap(NamedTuple):
 def choose_map(
     joints: Sequence[str], skeleton: Skeleton, joint_map: str, file: str | pathlib.Path
 ) -> tuple[JointMap, dict[str, int]]:
-    """The map for a file, and where in the file our joints are.
+    """Choose the map for a file and locate the joints of the skeleton in it.
 
     Args:
-        joints: names in the file.
-        skeleton: whose joints are wanted.
-        joint_map: "auto" for the first of `MAPS` that fits, or one of them, or the path of a YAML file.
-        file: what to call the file in a message.
+        joints: names of the joints in the file.
+        skeleton: skeleton whose joints are located.
+        joint_map: "auto" for the first of `MAPS` that fits, or one of `MAPS`, or the path of a YAML file.
+        file: name of the file in an error message.
 
     Returns:
-        The map, and the index in `joints` of each joint of the skeleton but the face's, and of `head`.
+        The map, and the index in `joints` of `head` and of each joint of the skeleton except those of the face.
 
     Raises:
-        UserError: no such map, or it names joints that the file does not have.
+        UserError: there is no such map, or the file lacks joints of the map.
     """
     candidates = [load_map(name) for name in (MAPS if joint_map == AUTO else (joint_map,))]
     wanted = [*(joint for joint in skeleton.joints if joint not in FACE), HEAD]
@@ -71,17 +71,20 @@ def choose_map(
     for joint, place in places.items():
         if place in owners:
             raise UserError(
-                f"map {best.name} takes {joints[place]} for both {owners[place]} and {joint}; name two joints"
+                f"map {best.name} uses {joints[place]} for both {owners[place]} and {joint}; name two different joints"
             )
         owners[place] = joint
     return best, places
 
 
 def load_map(name: str) -> JointMap:
-    """A map of `MAPS`, or one from a YAML file.
+    """Load a joint map.
+
+    Args:
+        name: one of `MAPS`, or the path of a YAML file.
 
     Raises:
-        UserError: no such file, or it is no map.
+        UserError: there is no such file, or it is not a joint map.
     """
     if name in MAPS:
         path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.yaml"
@@ -102,14 +105,14 @@ def _parse(text: bytes, name: str) -> JointMap:
         lines = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise UserError(f"{name} is no YAML ({reason}); expected lines such as `spine: Spine3`") from error
+        raise UserError(f"{name} is not YAML ({reason}); expected lines such as `spine: Spine3`") from error
     if not isinstance(lines, dict) or not all(isinstance(key, str) for key in lines):
-        raise UserError(f"{name} is no joint map; expected lines such as `spine: Spine3`")
+        raise UserError(f"{name} is not a joint map; expected lines such as `spine: Spine3`")
     unit, up = lines.pop("unit", None), lines.pop("up", None)
     if unit is not None:
         unit = _positive(unit, name)
     if up not in (None, *UPS):
-        raise UserError(f"{name} says up: {str(up)[:40]}; expected one of {', '.join(UPS)}")
+        raise UserError(f"{name} has `up: {str(up)[:40]}`; expected one of {', '.join(UPS)}")
     return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
 
 
@@ -119,7 +122,7 @@ def _positive(value: Any, name: str) -> float:
     except (TypeError, ValueError):
         number = 0.0
     if not 0 < number < float("inf"):
-        raise UserError(f"{name} says unit: {str(value)[:40]}; expected metres, such as 0.01 for centimetres")
+        raise UserError(f"{name} has `unit: {str(value)[:40]}`; expected metres, such as 0.01 for centimetres")
     return number
 
 
@@ -133,7 +136,7 @@ def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
 def _find(
     joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file: str | pathlib.Path
 ) -> dict[str, int]:
-    """Index in the file of those wanted joints that it has."""
+    """Return the index in the file of those wanted joints that it has."""
     exact = {joint: index for index, joint in enumerate(joints)}
     plain: dict[str, list[int]] = {}
     for index, joint in enumerate(joints):
@@ -144,7 +147,7 @@ def _find(
             alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
             if len(alike) > 1:
                 both = " and ".join(joints[index] for index in alike[:2])
-                raise UserError(f"{file} has {both}, either may be {ours}; say which in a YAML map (--joint-map)")
+                raise UserError(f"{file} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)")
             if alike:
                 places[ours] = alike[0]
                 break
@@ -162,6 +165,6 @@ def _lacks(file: str | pathlib.Path, joints: Sequence[str], joint_map: JointMap,
     no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
     advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
     return UserError(
-        f"{file} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a map in YAML, a line "
-        f"`{missing[0]}: NAME` for each joint, and name it with --joint-map; joints of the file: {listed}"
+        f"{file} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a YAML map with a line "
+        f"`{missing[0]}: NAME` for each joint and give it with --joint-map; joints of the file: {listed}"
     )

@@ -1,4 +1,4 @@
-"""The motion of a BVH file as joints of a skeleton: mapped, in metres, with a face, in the skeleton's axes."""
+"""Reader of the motion of a BVH file as joints of a skeleton, in metres and in the skeleton's axes, with a face."""
 
 import os
 import pathlib
@@ -15,7 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import MAX_SECONDS
 from ha2g_jax.skeleton import Skeleton
 
-MAX_MINUTES = 2 * MAX_SECONDS / 60  # of motion; with half of it, sound would not belong to it
+MAX_MINUTES = 2 * MAX_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
 _ARM = 0.55  # metres from shoulder to wrist of an adult
@@ -23,14 +23,14 @@ _ARM_RANGE = (0.3, 1.0)
 
 
 class Motion(NamedTuple):
-    """What one file holds, and how it was understood.
+    """The motion of a BVH file, and how the file was interpreted.
 
     Attributes:
         positions: (T, joints, 3) metres in the skeleton's axes, float32.
-        seconds: length of the file's motion.
-        joint_map: name of the map that fitted.
+        seconds: length of the motion in seconds.
+        joint_map: name of the joint map that was used.
         unit: metres in one unit of the file.
-        up: the file's axis that points up.
+        up: axis of the file that points up.
     """
 
     positions: np.ndarray
@@ -48,24 +48,24 @@ def read_motion(
     joint_map: str = AUTO,
     unit: float | None = None,
 ) -> Motion:
-    """Reads the motion of one file.
+    """Read the motion of a BVH file as joints of a skeleton.
 
     Args:
-        path: a BVH file.
-        skeleton: the joints wanted.
-        fps: frames per second wanted.
+        path: path of a BVH file.
+        skeleton: skeleton of the result.
+        fps: frames per second of the result.
         joint_map: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
-        unit: metres in one unit of the file; None for the map's, or else the one of mm, cm, inch and m that makes the
-            arms most like an adult's.
+        unit: metres in one unit of the file; None uses the unit of the joint map, or else that among millimetres,
+            centimetres, inches and metres for which the arms have a length closest to an adult's.
 
     Raises:
-        UserError: the file is no BVH or longer than two hours, its joints do not fit the map, or its arms are no
-            person's.
+        UserError: the file is not BVH or longer than two hours, its joints do not fit the map, or its arms do not
+            have a person's length.
     """
     path = pathlib.Path(path)
     bvh = read_bvh(path)
     if (minutes := bvh.seconds / 60) > MAX_MINUTES:
-        raise UserError(f"{path} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}, so cut it")
+        raise UserError(f"{path} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}: cut the file")
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
     world, rotations = world_motion(bvh, fps)
     positions = np.zeros((len(world), skeleton.num_joints, 3))
@@ -85,7 +85,7 @@ def read_motion(
 
 
 def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None, path: pathlib.Path) -> float:
-    """Metres in one unit, checked or found by the median length of the arms."""
+    """Return the metres in one unit, checked or found by the median length of the arms."""
     arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
     bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
     length = float(np.median(bones.sum(axis=-1)))
@@ -93,6 +93,6 @@ def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None, pa
     if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
         raise UserError(
             f"{path} has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
-            f"{metres:g} m; expected about {_ARM} m: give the metres of one unit (--unit)"
+            f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"
         )
     return metres

@@ -1,4 +1,4 @@
-"""SMPL-X motion as joints of a skeleton: axis-angle poses, as in BEAT2, or positions of joints, as ExPose gives."""
+"""Reader of SMPL-X motion as joints of a skeleton: axis-angle poses (BEAT2) or positions of joints (ExPose)."""
 
 import os
 import pathlib
@@ -19,28 +19,28 @@ from ha2g_jax.skeleton import Skeleton
 AUTO = "auto"
 
 _MAX_BYTES = 1 << 28
-_MAX_FRAMES = 400_000  # more than an hour at 100 frames a second
-_MAX_MINUTES = 2 * MAX_SECONDS / 60  # of motion; with half of it, sound would not belong to it
+_MAX_FRAMES = 400_000  # more than an hour at 100 frames per second
+_MAX_MINUTES = 2 * MAX_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 _POSES, _BETAS, _TRANS = "poses", "betas", "trans"
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
 _POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")
-# The joints alone, with face and tips of toes and fingers, and with landmarks of the face.
+# Joints only; with points of the face and tips of toes and fingers; with landmarks of the face.
 _NUM_POSITIONS = (55, 76, 127, 144)
 _MIN_FPS, _MAX_FPS = 1.0, 2000.0
 _MAX_VALUE = 1e4  # radians or metres
 _ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist
 
-_CHEST = "spine3"  # where the bone to the neck begins, which is the trunk of our skeletons
+_CHEST = "spine3"  # joint used as `spine` of the skeletons, whose trunk is the bone from here to the neck
 
 
 class SmplxMotion(NamedTuple):
-    """What one file holds, and how it was understood.
+    """The motion of a file, and how the file was interpreted.
 
     Attributes:
         positions: (T, joints, 3) metres in the skeleton's axes, float32.
-        seconds: length of the file's motion.
+        seconds: length of the motion in seconds.
         kind: "poses" or "positions of N joints".
-        up: the file's axis that points up.
+        up: axis of the file that points up.
     """
 
     positions: np.ndarray
@@ -58,22 +58,23 @@ def read_smplx(
     source_fps: float | None = None,
     up: str = AUTO,
 ) -> SmplxMotion:
-    """Reads the motion of one file.
+    """Read the SMPL-X motion of a file as joints of a skeleton.
 
-    With an array `poses` (T, 165) the 55 local rotations, relative to the T-pose with flat hands, are interpolated on
-    the sphere and hung on the body, shaped by `betas` and moved by `trans` (T, 3); so bones keep their length. Else
-    the positions (T, 55, 76, 127 or 144, 3) in metres of an array such as `joints` are interpolated on straight lines.
+    If the file has an array `poses` (T, 165), its 55 local rotations, relative to the T-pose with flat hands, are
+    interpolated on the sphere and applied to the body, which is shaped by `betas` and moved by `trans` (T, 3), so that
+    bones keep their lengths. Otherwise the positions (T, 55, 76, 127 or 144, 3) in metres of an array such as `joints`
+    are interpolated linearly.
 
     Args:
-        path: a `.npz`, or for positions a `.npy`.
-        skeleton: the joints wanted.
-        body: the template, or that of a model file.
-        fps: frames per second wanted.
-        source_fps: of the file; None for what it says in `mocap_frame_rate` or `fps`.
+        path: path of a `.npz` file, or of a `.npy` file of positions.
+        skeleton: skeleton of the result.
+        body: body to which poses are applied, the template or that of a model file.
+        fps: frames per second of the result.
+        source_fps: frames per second of the file; None uses the rate stored in it as `mocap_frame_rate` or `fps`.
         up: axis of the file that points up, one of `axes.UPS`; "auto" takes the one nearest to the mean spine.
 
     Raises:
-        UserError: the file has no such arrays, or other shapes, values that are no motion, or no frame rate.
+        UserError: the file has no such arrays, wrong shapes, invalid values, or no frame rate.
     """
     path = pathlib.Path(path)
     if path.suffix.lower() == ".npy":
@@ -95,10 +96,12 @@ def _to_motion(
     frames = _check_frames(arrays[name], name)
     rate = source_fps or _frame_rate(arrays)
     if (minutes := len(frames) / rate / 60) > _MAX_MINUTES:
-        raise UserError(f"{minutes:.0f} minutes at {rate:g} frames a second; expected at most {_MAX_MINUTES:.0f}")
+        raise UserError(
+            f"{minutes:.0f} minutes at {rate:g} frames per second; expected at most {_MAX_MINUTES:.0f}: cut the file"
+        )
     moments = _moments(len(frames), rate, fps)
     if name == _POSES:
-        kind, points = _POSES, _hang(frames, body.shaped(_shape(arrays)), moments)
+        kind, points = _POSES, _pose(frames, body.shaped(_shape(arrays)), moments)
         points += _between(_translation(arrays, len(frames)), moments)[:, None]
         positions = _choose(points, skeleton)
         up = find_up(positions, skeleton) if up == AUTO else up
@@ -111,7 +114,7 @@ def _to_motion(
 
 
 def _check_frames(array: np.ndarray, name: str) -> np.ndarray:
-    """(T, 55, 3) axis-angles or (T, 55 or more, 3) positions as float64."""
+    """Check and return (T, 55, 3) axis-angles or (T, 55 or more, 3) positions as float64."""
     if name == _POSES:
         is_good = array.shape[1:] in ((3 * len(JOINTS),), (len(JOINTS), 3))
         expected = f"(frames, {3 * len(JOINTS)}), three values for each of {len(JOINTS)} joints"
@@ -121,7 +124,7 @@ def _check_frames(array: np.ndarray, name: str) -> np.ndarray:
     if not is_good or not len(array):
         raise UserError(f"{name} has shape {array.shape}; expected {expected}")
     if len(array) > _MAX_FRAMES:
-        raise UserError(f"{name} has {len(array)} frames; expected at most {_MAX_FRAMES}, so cut it into recordings")
+        raise UserError(f"{name} has {len(array)} frames; expected at most {_MAX_FRAMES}: cut the file")
     return _check_values(array, name).reshape(len(array), -1, 3)
 
 
@@ -132,7 +135,9 @@ def _check_values(array: np.ndarray, name: str) -> np.ndarray:
     flat = values.reshape(len(values), -1)
     is_good = (flat.max(axis=1, initial=0) <= _MAX_VALUE) & (flat.min(axis=1, initial=0) >= -_MAX_VALUE)
     if not is_good.all():
-        raise UserError(f"frame {int(np.argmin(is_good)) + 1} of {name} holds values that are no motion; repair it")
+        raise UserError(
+            f"frame {int(np.argmin(is_good)) + 1} of {name} has values that are not finite or too large; repair it"
+        )
     return values
 
 
@@ -148,7 +153,7 @@ def _frame_rate(arrays: Mapping[str, np.ndarray]) -> float:
 
 
 def _shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The shape coefficients (n,); those of the first frame where a file has them for each."""
+    """Return the shape coefficients (n,), those of the first frame if a file has them for each frame."""
     betas = arrays.get(_BETAS, np.zeros(0))
     betas = betas[0] if betas.ndim == 2 and len(betas) else betas
     if betas.ndim != 1:
@@ -164,41 +169,41 @@ def _translation(arrays: Mapping[str, np.ndarray], num_frames: int) -> np.ndarra
 
 
 def _moments(num_frames: int, source_fps: float, fps: float) -> np.ndarray:
-    """(T,) frames of the source, with fractions, at which a pose is wanted."""
+    """Return the fractional frames (T,) of the file at which poses are sampled."""
     last = num_frames - 1
     return np.minimum(np.arange(int(last * fps / source_fps + 1e-6) + 1) * (source_fps / fps), last)
 
 
 def _neighbours(moments: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(T,) the frames before and after each moment, and how far it lies between them."""
+    """Return the frames (T,) before and after each moment, and the weight (T,) of the latter."""
     before = np.floor(moments).astype(int)
     return before, np.minimum(before + 1, num_frames - 1), moments - before
 
 
 def _between(values: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    before, after, share = _neighbours(moments, len(values))
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return values[before] + share * (values[after] - values[before])
+    before, after, weight = _neighbours(moments, len(values))
+    weight = weight.reshape(-1, *[1] * (values.ndim - 1))
+    return values[before] + weight * (values[after] - values[before])
 
 
-def _hang(rotations: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Forward kinematics: local axis-angles (frames, 55, 3) on a body (61, 3) -> its points at moments (T, 61, 3)."""
-    before, after, share = _neighbours(moments, len(rotations))
+def _pose(axis_angles: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    """Apply local axis-angles (frames, 55, 3) to a body (61, 3) and return its points (T, 61, 3) at the moments."""
+    before, after, weight = _neighbours(moments, len(axis_angles))
     positions = np.empty((len(moments), len(rest), 3))
     positions[:, 0] = rest[0]
-    turns: list[Rotation] = []
+    rotations: list[Rotation] = []
     for joint, parent in enumerate(PARENTS):
-        first, second = (Rotation.from_rotvec(rotations[frames, joint]) for frames in (before, after))
-        turn = first * Rotation.from_rotvec(share[:, None] * (first.inv() * second).as_rotvec())
-        turns.append(turn if parent < 0 else turns[parent] * turn)
+        first, second = (Rotation.from_rotvec(axis_angles[frames, joint]) for frames in (before, after))
+        rotation = first * Rotation.from_rotvec(weight[:, None] * (first.inv() * second).as_rotvec())
+        rotations.append(rotation if parent < 0 else rotations[parent] * rotation)
     parents = (*PARENTS, *[HEAD] * (len(rest) - len(JOINTS)))
     for point, parent in enumerate(parents[1:], start=1):
-        positions[:, point] = positions[:, parent] + turns[parent].apply(rest[point] - rest[parent])
+        positions[:, point] = positions[:, parent] + rotations[parent].apply(rest[point] - rest[parent])
     return positions
 
 
 def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, str]:
-    """The skeleton's joints (T, joints, 3) of SMPL-X's (T, 55 or more, 3), and the way up."""
+    """Return the joints of the skeleton (T, joints, 3) from those of SMPL-X (T, 55 or more, 3), and the up axis."""
     has_face = found.shape[1] > len(JOINTS)
     count = len(JOINTS) + (len(FACE) - 1 if has_face else 0)
     points = np.zeros((len(found), len(JOINTS) + len(FACE), 3))
@@ -212,19 +217,20 @@ def _from_positions(found: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.
 
 
 def _head_rotations(points: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) rotations of the head, told from its joint and the eyeballs."""
+    """Return rotations (T, 3, 3) of the head, computed from its joint and the eyeballs."""
     left, right = (points[:, JOINTS.index(f"{side}_eyeball")] for side in ("left", "right"))
     x, ahead = left - right, (left + right) / 2 - points[:, HEAD]
     y = np.cross(ahead, x)
     axes = np.stack([x, y, np.cross(x, y)], axis=-1)
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     if (lengths == 0).any():
-        raise UserError(f"the head of frame {int(np.argmax((lengths == 0).any(axis=(1, 2)))) + 1} has no eyes apart")
+        frame = int(np.argmax((lengths == 0).any(axis=(1, 2)))) + 1
+        raise UserError(f"the eyes and the head joint of frame {frame} lie on one line; repair this frame")
     return axes / lengths
 
 
 def _choose(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """The skeleton's joints (T, joints, 3) among points (T, 61, 3)."""
+    """Select the joints of the skeleton (T, joints, 3) from points (T, 61, 3)."""
     places = {name: index for index, name in enumerate((*JOINTS, *FACE))} | {"spine": JOINTS.index(_CHEST)}
     return points[:, [places[joint] for joint in skeleton.joints]]
 

@@ -1,4 +1,4 @@
-"""The user's own SMPL-X body model, reduced to what the joints need."""
+"""Reader of a user's own SMPL-X body model, reduced to the joints and the points of the face."""
 
 import os
 import pathlib
@@ -19,10 +19,10 @@ _ALL_SHAPES, _ALL_DIRECTIONS, _FEW_SHAPES = 300, 400, 10
 
 
 def read_body_model(path: str | os.PathLike) -> Body:
-    """The joints of an SMPL-X model file, J = R (v + S b) with the regressor R, and the points of the face.
+    """Read the joints of an SMPL-X model file, J = R (v + S b) with the regressor R, and the points of the face.
 
     Args:
-        path: `SMPLX_NEUTRAL.npz` or one like it.
+        path: path of `SMPLX_NEUTRAL.npz` or a similar file.
 
     Raises:
         UserError: the file is a pickle, or not an SMPL-X model.
@@ -36,13 +36,13 @@ def read_body_model(path: str | os.PathLike) -> Body:
     vertices, shapes, regressor, tree = (arrays[name] for name in _ARRAYS)
     found = (vertices.shape, shapes.shape[:2], shapes.ndim, regressor.shape, tree.shape)
     expected = ((_NUM_VERTICES, 3), (_NUM_VERTICES, 3), 3, (len(JOINTS), _NUM_VERTICES), (2, len(JOINTS)))
-    # The parent of the root is stored as -1 of one integer type or another.
+    # The parent of the root is -1 in an integer type that varies, so it is not compared.
     if found != expected or tree[0, 1:].tolist() != list(PARENTS[1:]):
         raise UserError(f"{path} is not a model of SMPL-X; expected one such as SMPLX_NEUTRAL.npz, with 55 joints")
     if any(array.dtype.kind != "f" or not np.isfinite(array).all() for array in (vertices, shapes, regressor)):
-        raise UserError(f"{path} holds values that are no numbers; download the model again")
+        raise UserError(f"{path} has values that are not finite numbers; download the model again")
     count = _ALL_SHAPES if shapes.shape[-1] >= _ALL_DIRECTIONS else _FEW_SHAPES
-    # A crown is the highest vertex of the T-pose.
+    # The crown is the highest vertex of the T-pose.
     corners = [_FACE_VERTICES.get(name, int(vertices[:, 1].argmax())) for name in FACE]
     shapes = shapes[..., :count]
     directions = np.concatenate([np.tensordot(regressor, shapes, 1), shapes[corners]])

@@ -1,8 +1,8 @@
-"""The joints of SMPL-X and a body of our own to hang its rotations on: an adult of 1.7 m in the T-pose.
+"""The joints of SMPL-X, and a neutral body to which its rotations can be applied: an adult of 1.7 m in the T-pose.
 
-Names, order and parents of the joints are those of SMPL-X; its body model is licensed and no part of this. The lengths
-are rounded from anthropometry: limbs between joint centres from De Leva (1996), finger bones from Buryanov and Kotiuk
-(2010), heights of trunk and head from Drillis and Contini (1966).
+Names, order and parents of the joints are those of SMPL-X; its licensed body model is not used. The lengths are rounded
+from anthropometry: limbs between joint centres from De Leva (1996), finger bones from Buryanov and Kotiuk (2010),
+heights of trunk and head from Drillis and Contini (1966).
 """
 
 from typing import NamedTuple
@@ -29,18 +29,25 @@ FACE = ("nose", "right_eye", "left_eye", "right_ear", "left_ear", "head")
 
 
 class Body(NamedTuple):
-    """A body in the T-pose: metres, y up, facing +z, the left on +x.
+    """A body in the T-pose: metres, y up, facing +z, left on +x.
 
     Attributes:
-        points: (61, 3), the 55 joints and the 6 points of `FACE`.
-        directions: (61, 3, n), how the points move with each of n shape coefficients.
+        points: (61, 3) positions of the 55 joints and the 6 points of `FACE`.
+        directions: (61, 3, n) displacement of the points for each of n shape coefficients.
     """
 
     points: np.ndarray
     directions: np.ndarray
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
-        """The points (61, 3) of a person with shape coefficients (m,), of which this body knows the first n."""
+        """Apply shape coefficients to the body.
+
+        Args:
+            betas: (m,) shape coefficients, of which the first n are used.
+
+        Returns:
+            (61, 3) points of the person.
+        """
         count = min(len(betas), self.directions.shape[-1])
         return self.points + self.directions[..., :count] @ betas[:count]
 
@@ -81,7 +88,7 @@ _FACE_REST = {
 
 
 def template() -> Body:
-    """The neutral body, which knows no shapes."""
+    """Return the neutral body, which has no shape coefficients."""
     rest = {name: np.array(place) for name, place in _REST.items()}
     for finger, bones in _HAND.items():
         for number, place in enumerate(rest["left_wrist"] + np.cumsum(bones, axis=0), start=1):
@@ -91,5 +98,5 @@ def template() -> Body:
 
 
 def _side(name: str, left: dict) -> np.ndarray:
-    """The place of a joint; the right is the left in a mirror."""
+    """Return the position of a joint; joints on the right are mirror images of those on the left."""
     return np.array(left[name.replace("right", "left")]) * (-1 if name.startswith("right") else 1, 1, 1)

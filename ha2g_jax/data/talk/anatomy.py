@@ -28,12 +28,12 @@ TRUNK_LIMITS = (15.0, 15.0, 12.0)
 HEAD_LIMITS = (25.0, 35.0, 20.0)
 SHRUG_LIMIT = 12.0
 
-# Degrees at full flexion of the knuckle and of the joint after it, for each finger of the lexicon. The shares make
+# Degrees at full flexion of the knuckle and of the joint after it, for each finger of the lexicon. The values make
 # a half-closed hand bend like the published means (index 23 and 50 degrees, pinky 47 and 30).
 FINGER_BEND = np.array([(40.0, 55.0), (58.0, 117.0), (82.0, 94.0), (86.0, 88.0), (98.0, 66.0)])
 
-# Azimuth in the palm (towards the thumb) and palmar drop of each metacarpal, degrees: neighbouring bones
-# meet at the published angles.
+# Azimuth in the palm (towards the thumb) and palmar drop of each metacarpal, degrees, chosen so that neighbouring
+# bones meet at the published angles.
 _METACARPALS = np.array([(40.5, 11.0), (13.6, 0.0), (0.0, 0.0), (-14.6, 0.0), (-27.7, 0.0)])
 
 
@@ -56,7 +56,14 @@ class Body(NamedTuple):
 
 
 def within_limits(body: Body) -> Body:
-    """The same movement with every angle inside its anatomical limits."""
+    """Clip every angle of a body to its anatomical limits.
+
+    Args:
+        body: joint angles in degrees.
+
+    Returns:
+        A body of the same shapes, all of whose angles lie within the limits of this module.
+    """
     low, high = np.array(list(ARM_LIMITS.values())).T
     return Body(
         np.clip(body.trunk, -np.array(TRUNK_LIMITS), TRUNK_LIMITS),
@@ -68,12 +75,20 @@ def within_limits(body: Body) -> Body:
 
 
 def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
-    """Unit direction vectors (T, bones, 3) of a body in joint angles."""
+    """Compute the direction vectors of a body by forward kinematics.
+
+    Args:
+        skeleton: skeleton with the 43 joints of TED-Expressive.
+        body: joint angles over T frames, in degrees.
+
+    Returns:
+        (T, bones, 3) unit direction vectors, float64.
+    """
     neutral = _neutral_directions(skeleton)
     directions = np.zeros((len(body.trunk), skeleton.num_bones, 3))
-    trunk = _turn(body.trunk)
+    trunk = _rotation(body.trunk)
     directions[:, skeleton.bone("neck")] = trunk @ neutral[skeleton.bone("neck")]
-    head = trunk @ _turn(body.head)
+    head = trunk @ _rotation(body.head)
     for child in ("nose", "right_eye", "left_eye", "right_ear", "left_ear"):
         directions[:, skeleton.bone(child)] = head @ neutral[skeleton.bone(child)]
     for side, name in enumerate(("left", "right")):
@@ -84,17 +99,20 @@ def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
         upper, fore, hand = _arm_frames(np.deg2rad(body.arms[:, side]))
         parts |= {"elbow": upper, "wrist": fore} | _finger_directions(hand, body.fingers[:, side])
         for child, vectors in parts.items():
-            turned = np.einsum("tij,tj->ti", trunk, vectors * mirror)
-            directions[:, skeleton.bone(f"{name}_{child}")] = turned
+            rotated = np.einsum("tij,tj->ti", trunk, vectors * mirror)
+            directions[:, skeleton.bone(f"{name}_{child}")] = rotated
     return directions
 
 
 def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swivel: float) -> np.ndarray:
-    """Inverse kinematics of one arm.
+    """Find the arm angles that put the wrist at a point (inverse kinematics of the left arm).
 
     Args:
-        wrist: wrist seen from the shoulder, metres outward, up and forward.
-        swivel: how far the elbow is turned out from hanging below the line to the wrist, degrees.
+        skeleton: skeleton with the lengths of the upper arm and the forearm.
+        wrist: position of the wrist relative to the shoulder, in metres outward, up and forward; a point out of reach
+            is moved along its direction into reach.
+        swivel: rotation of the elbow about the line from shoulder to wrist, in degrees; 0 is straight below the line,
+            positive is outward.
 
     Returns:
         (4,) flexion, abduction, rotation and elbow in degrees.
@@ -123,9 +141,16 @@ def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swive
 
 
 def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.ndarray:
-    """Flexions (..., 2 hands, 5 fingers) measured from direction vectors (..., bones, 3); 0 straight, 1 closed.
+    """Measure the flexion of the fingers, the inverse of `body_directions` for fingers.
 
-    The inverse of the fingers of `body_directions`: the angles of the two joints, summed, over their full range.
+    The flexion of a finger is the sum of the angles at its two joints, divided by the sum of their full ranges.
+
+    Args:
+        skeleton: skeleton of the direction vectors.
+        directions: (..., bones, 3) direction vectors.
+
+    Returns:
+        (..., 2, 5) flexions of both hands' fingers, left hand first; 0 is straight, 1 is closed.
     """
     unit = skeletons.normalize(directions)
     flexions = np.zeros((*directions.shape[:-2], 2, len(lexicon.FINGERS)), directions.dtype)
@@ -139,13 +164,14 @@ def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.
 
 
 def _neutral_directions(skeleton: skeletons.Skeleton) -> np.ndarray:
-    """The published mean directions, made symmetric and unit length."""
+    """Return the published mean directions, made symmetric and of unit length."""
     mean = skeleton.mean_directions.astype(np.float64)
     return skeletons.normalize(mean + skeletons.mirror_directions(skeleton, mean))
 
 
 def _arm_frames(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Upper arm (T, 3), forearm (T, 3) and the hand's axes (T, 3 axes, 3): along it, to the thumb, to its back."""
+    """Return the upper arm (T, 3), the forearm (T, 3) and the hand's axes (T, 3, 3): along it, to the thumb, to its
+    back."""
     flexion, abduction, rotation, elbow, pronation, extension, deviation = angles.T
     upper, forward, sideways = _upper_arm(flexion, abduction)
     bend = _between(forward, sideways, rotation)
@@ -158,7 +184,7 @@ def _arm_frames(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _upper_arm(flexion, abduction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The upper arm and the two directions at right angles to it in which the forearm bends: forward and outward."""
+    """Return the upper arm and the two directions at right angles to it in which the forearm bends."""
     upper = [np.sin(abduction), np.cos(abduction) * np.cos(flexion), -np.cos(abduction) * np.sin(flexion)]
     forward = [0 * flexion, -np.sin(flexion), -np.cos(flexion)]
     outward = [np.cos(abduction), -np.sin(abduction) * np.cos(flexion), np.sin(abduction) * np.sin(flexion)]
@@ -166,12 +192,12 @@ def _upper_arm(flexion, abduction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _between(first: np.ndarray, second: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """The unit vectors (T, 3) that lie `angle` (T,) from `first` on the way to `second`, at right angles to it."""
+    """Rotate `first` (T, 3) by `angle` (T,) towards `second`, which is at right angles to it."""
     return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
 
 
 def _finger_directions(hand: np.ndarray, flexions: np.ndarray) -> dict[str, np.ndarray]:
-    """Directions (T, 3) of the three bones of each finger of one hand from its axes and flexions (T, 5)."""
+    """Return the directions (T, 3) of the three bones of each finger of one hand from its axes and flexions (T, 5)."""
     parts = {}
     for finger, name in enumerate(lexicon.FINGERS):
         azimuth, drop = np.deg2rad(_METACARPALS[finger])
@@ -186,14 +212,22 @@ def _finger_directions(hand: np.ndarray, flexions: np.ndarray) -> dict[str, np.n
     return parts
 
 
-def _turn(angles: np.ndarray) -> np.ndarray:
-    """Rotation matrices (T, 3, 3) of pitch, yaw and roll (T, 3) in degrees."""
+def _rotation(angles: np.ndarray) -> np.ndarray:
+    """Return rotation matrices (T, 3, 3) of pitch, yaw and roll (T, 3) in degrees."""
     pitch, yaw, roll = np.deg2rad(angles).T
     return axis_rotation(1, -yaw) @ axis_rotation(0, pitch) @ axis_rotation(2, roll)
 
 
 def axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Rotation matrices (T, 3, 3) about the axis 0, 1 or 2 by angles (T,) in radians."""
+    """Build rotation matrices about a coordinate axis.
+
+    Args:
+        axis: 0, 1 or 2 for x, y or z.
+        angle: (T,) angles in radians.
+
+    Returns:
+        (T, 3, 3) rotation matrices.
+    """
     matrix = np.tile(np.eye(3), (len(angle), 1, 1))
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix[:, first, first] = matrix[:, second, second] = np.cos(angle)
@@ -202,6 +236,6 @@ def axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
 
 
 def _perpendicular(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The unit part of a vector (3,) at right angles to a unit axis (3,)."""
+    """Return the part of a vector (3,) at right angles to a unit axis (3,), scaled to unit length."""
     rest = vector - (vector @ axis) * axis
     return rest / np.linalg.norm(rest)

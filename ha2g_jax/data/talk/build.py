@@ -1,4 +1,4 @@
-"""Builds the Talk corpus: synthetic speakers, their speech, and gestures with a known ground truth."""
+"""Build the Talk corpus: synthetic speakers, their speech, and gestures with a known ground truth."""
 
 import os
 import pathlib
@@ -23,31 +23,38 @@ FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
 _VERSION = "talk-v1"
-_DIED = "a process that made the corpus was killed, perhaps for want of memory; use fewer --workers"
+_DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
 _DEFAULT_SPEAKERS, _DEFAULT_MINUTES = 24, 120
-_CLIP_SECONDS = (10.0, 19.0)  # until the last sentence is over, a clip lasts some seconds more
+_CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
 _MEAN_CLIP_SECONDS = 17.6
-_CLIPS_PER_TALK = 2
-_UNSEEN_SPEAKERS, _UNSEEN_TALKS, _TEST_TALKS, _VAL_TALKS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
+_CLIPS_PER_RECORDING = 2
+# Fractions of the speakers, and of the recordings.
+_UNSEEN_SPEAKERS, _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
 
 _REFERENCE_FRAMES = 4
 _PEAK = 0.7
-_NOISE_DB = (-75.0, -50.0)  # of the room, relative to full scale
+_NOISE_DB = (-75.0, -50.0)  # background noise, relative to full scale
 
-# First numbers of spawn keys, so that no speaker shares a seed with a talk.
-_SPEAKER_SEEDS, _TALK_SEEDS = 0, 1
+# First numbers of spawn keys, so that no speaker has the seed of a recording.
+_SPEAKER_SEEDS, _RECORDING_SEEDS = 0, 1
 
 
 class Speaker(NamedTuple):
-    """Who speaks and moves."""
+    """A synthetic speaker.
+
+    Attributes:
+        name: name of the speaker in the corpus.
+        voice: voice that speaks the sentences.
+        style: style of the gestures.
+    """
 
     name: str
     voice: Voice
     style: Style
 
 
-class _Talk(NamedTuple):
-    """All that a worker needs to make the clips of one talk; equal values give equal bytes."""
+class _RecordingPlan(NamedTuple):
+    """All that a worker needs to make the clips of one recording; equal values give equal bytes."""
 
     name: str
     split: str
@@ -64,87 +71,104 @@ def make_talk(
     seed: int = 0,
     workers: int | None = None,
 ) -> None:
-    """Makes the corpus in the folder `out`; the same numbers give the same bytes whatever the workers.
+    """Make a Talk corpus in the folder `out`.
 
-    One speaker in six is kept for `test_unseen_speakers`: a new voice, and a style between two styles of training.
+    Equal arguments give equal bytes, whatever the number of workers. One speaker in six occurs only in the split
+    `test_unseen_speakers`, with a new voice and a style between two styles of training.
 
     Args:
         out: folder to make; nothing is left of it if the work is interrupted.
         speakers: number of speakers, at least 2.
-        minutes: about how much speech in all.
-        seed: of everything random.
-        workers: processes; one a core by default.
+        minutes: approximate duration of all speech, in minutes.
+        seed: seed of all random draws.
+        workers: number of processes; one per core by default.
 
     Raises:
         UserError: `out` exists, or there are too few speakers or minutes for all splits.
     """
-    talks = _plan(speakers, minutes, seed)
+    plans = _plan(speakers, minutes, seed)
     metadata = {
         "name": _VERSION,
         "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}",
         "licence": "Synthetic speech and motion; free of third-party rights",
     }
-    workers = min(workers or os.cpu_count() or 1, len(talks))
+    workers = min(workers or os.cpu_count() or 1, len(plans))
     with (
         CorpusWriter(out, splits=SPLITS, skeleton=teacher.SKELETON, fps=FPS, metadata=metadata) as writer,
         parallel_map(workers, _DIED) as each,
     ):
-        for talk, clips in tqdm.tqdm(zip(talks, each(_make_clips, talks)), "Talk corpus", len(talks), unit="talk"):
+        made = zip(plans, each(_make_clips, plans))
+        for plan, clips in tqdm.tqdm(made, "Talk corpus", len(plans), unit="recording"):
             for clip in clips:
-                writer.add(talk.split, clip)
+                writer.add(plan.split, clip)
 
 
 def talk_path(spec: str) -> pathlib.Path:
-    """The folder of a corpus: "talk" is the default Talk corpus, built on first use; else `spec` is a path."""
+    """Return the folder of a corpus, and build the default Talk corpus on first use.
+
+    Args:
+        spec: "talk" for the default Talk corpus, else the path of a corpus.
+
+    Returns:
+        The folder of the corpus.
+
+    Raises:
+        UserError: the default Talk corpus cannot be written.
+    """
     path = talk_folder(spec)
     if spec == "talk" and not path.exists():
         try:
             make_talk(path)
         except UserError:
-            if not path.exists():  # else another process has made the same corpus meanwhile
+            if not path.exists():  # otherwise another process has made the same corpus in the meantime
                 raise
     return path
 
 
 def talk_folder(spec: str) -> pathlib.Path:
-    """Where `talk_path` has a corpus, or will have it: "talk" in $HA2G_CACHE, by default ~/.cache/ha2g-jax."""
+    """Return the folder that `talk_path` returns, without building the corpus.
+
+    Args:
+        spec: "talk" for the default Talk corpus, which lies in $HA2G_CACHE, by default ~/.cache/ha2g-jax; else the
+            path of a corpus.
+    """
     if spec != "talk":
         return pathlib.Path(spec)
     return cache_folder() / _VERSION
 
 
-def _plan(num_speakers: int, minutes: float, seed: int) -> list[_Talk]:
-    """Who gives which talk in which split, in the order of writing."""
+def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:
+    """Assign recordings to speakers and splits, in the order of writing."""
     num_clips = round(minutes * 60 / _MEAN_CLIP_SECONDS)
     unseen = max(1, round(num_speakers * _UNSEEN_SPEAKERS))
     seen = num_speakers - unseen
-    clips_per_talk = _CLIPS_PER_TALK if num_clips >= 4 * _CLIPS_PER_TALK * num_speakers else 1
-    num_talks = num_clips // clips_per_talk
+    clips_each = _CLIPS_PER_RECORDING if num_clips >= 4 * _CLIPS_PER_RECORDING * num_speakers else 1
+    num_recordings = num_clips // clips_each
     counts = {
-        "val": max(1, round(num_talks * _VAL_TALKS)),
-        "test": max(1, round(num_talks * _TEST_TALKS)),
-        "test_unseen_speakers": max(unseen, round(num_talks * _UNSEEN_TALKS)),
+        "val": max(1, round(num_recordings * _VAL_RECORDINGS)),
+        "test": max(1, round(num_recordings * _TEST_RECORDINGS)),
+        "test_unseen_speakers": max(unseen, round(num_recordings * _UNSEEN_RECORDINGS)),
     }
-    counts["train"] = num_talks - sum(counts.values())
+    counts["train"] = num_recordings - sum(counts.values())
     if seen < 1:
         raise UserError(f"{num_speakers} speakers are too few for a split of unseen ones; give at least 2")
     if counts["train"] < seen:
         raise UserError(f"{minutes:g} minutes are too few for {num_speakers} speakers; give at least {num_speakers}")
 
     cast = _cast(seen, unseen, seed)
-    talks: list[_Talk] = []
+    plans: list[_RecordingPlan] = []
     for key, split in enumerate(SPLITS):
         pool = cast[seen:] if split == "test_unseen_speakers" else cast[:seen]
         for number in range(counts[split]):
-            # A stride keeps val and test, which hold a talk or none of each speaker, from choosing the same speakers.
+            # Val and test hold at most one recording of each speaker; a stride makes them choose different speakers.
             speaker = pool[(number * 7 if split == "val" else number) % len(pool)]
-            talk_seed = np.random.SeedSequence(seed, spawn_key=(_TALK_SEEDS, key, number))
-            talks.append(_Talk(f"{split}-{number:04d}", split, speaker, clips_per_talk, talk_seed))
-    return talks
+            own_seed = np.random.SeedSequence(seed, spawn_key=(_RECORDING_SEEDS, key, number))
+            plans.append(_RecordingPlan(f"{split}-{number:04d}", split, speaker, clips_each, own_seed))
+    return plans
 
 
 def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:
-    """The speakers of training, then the unseen ones; each from a seed of their own."""
+    """Draw the speakers of training, then the unseen ones, each from its own seed."""
     cast: list[Speaker] = []
     for number in range(seen + unseen):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SPEAKER_SEEDS, number)))
@@ -156,30 +180,30 @@ def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:
     return cast
 
 
-def _make_clips(talk: _Talk) -> list[bytes]:
-    """The encoded clips of one talk, in order of time."""
-    speech_rng, room_rng, motion_rng = (np.random.default_rng(seed) for seed in talk.seed.spawn(3))
-    style, sentences = talk.speaker.style, grammar.sentences(speech_rng)
-    noise_level = 10 ** (room_rng.uniform(*_NOISE_DB) / 20)
+def _make_clips(plan: _RecordingPlan) -> list[bytes]:
+    """Make the encoded clips of one recording, in order of time."""
+    speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))
+    style, sentences = plan.speaker.style, grammar.sentences(speech_rng)
+    noise_level = 10 ** (noise_rng.uniform(*_NOISE_DB) / 20)
     clips: list[bytes] = []
     time = 0.0
-    for index in range(talk.num_clips):
-        audio, words = _speak(sentences, talk.speaker.voice, speech_rng)
-        # Rounded as it will be stored, so that the teacher hears what the model will hear.
-        audio = np.round((audio + noise_level * _pink_noise(len(audio), room_rng)) * 2**15) / np.float32(2**15)
+    for index in range(plan.num_clips):
+        audio, words = _speak(sentences, plan.speaker.voice, speech_rng)
+        # Rounded as it will be stored, so that the teacher gets the samples that the model will get.
+        audio = np.round((audio + noise_level * _pink_noise(len(audio), noise_rng)) * 2**15) / np.float32(2**15)
         positions, strokes = teacher.perform(audio, words, style, motion_rng, FPS)
         clip = records.Clip(
-            id=f"{talk.name}-{index}",
-            speaker=talk.speaker.name,
+            id=f"{plan.name}-{index}",
+            speaker=plan.speaker.name,
             audio=audio,
             words=words,
             positions=positions,
             reference_frames=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
-            source_time=time,
+            recording_start=time,
             window_starts=tuple(range(0, len(positions) - records.WINDOW_FRAMES + 1, records.WINDOW_STRIDE)),
             strokes=strokes,
             style=tuple(style),
-            talk=talk.name,
+            recording=plan.name,
         )
         clips.append(records.encode_clip(clip))
         time += len(audio) / SAMPLE_RATE
@@ -187,7 +211,7 @@ def _make_clips(talk: _Talk) -> list[bytes]:
 
 
 def _speak(sentences: Iterator[str], voice: Voice, rng: np.random.Generator) -> tuple[np.ndarray, tuple[Word, ...]]:
-    """Sentences with pauses between them, enough for one clip: (samples,) float32 and the words."""
+    """Speak sentences with pauses between them, enough for one clip: (samples,) float32 and the words."""
     target = round(rng.uniform(*_CLIP_SECONDS) * SAMPLE_RATE)
     audio = np.zeros(round(rng.uniform(0.2, 0.6) * SAMPLE_RATE), np.float32)
     words: list[Word] = []
@@ -203,7 +227,7 @@ def _speak(sentences: Iterator[str], voice: Voice, rng: np.random.Generator) -> 
 
 
 def _pink_noise(num_samples: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise of a room, (num_samples,) float32 of standard deviation 1."""
+    """Draw background noise, (num_samples,) float32 of standard deviation 1."""
     spectrum = np.fft.rfft(rng.standard_normal(num_samples))
     spectrum /= np.sqrt(np.arange(len(spectrum)) + 100.0)
     noise = np.fft.irfft(spectrum, num_samples)

@@ -1,6 +1,6 @@
-"""What a listener hears in speech without knowing the words: syllables, loudness, pitch and phrases.
+"""Acoustic cues of speech that do not depend on the words: syllables, loudness, pitch and phrases.
 
-All of it comes from one short-time spectrum, and every level is relative to the recording's own
+All of them come from one short-time spectrum, and every level is relative to the recording's own
 loudness and noise floor, so that recorded speech works as well as synthetic speech.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 SAMPLE_RATE = 16000
-RATE = 100  # cues a second
+RATE = 100  # cues per second
 
 _WINDOW, _HOP, _FFT = 640, SAMPLE_RATE // RATE, 1280
 _VOICE_BAND = (200.0, 4000.0)
@@ -21,7 +21,7 @@ _ACCENT_GAP = 0.6
 
 
 class Cues(NamedTuple):
-    """Cues of a recording; tracks have `RATE` values a second, times are in seconds.
+    """Acoustic cues of a recording; tracks have `RATE` values per second, times are in seconds.
 
     Attributes:
         loudness: (n,) 0 at the noise floor, 1 at the loud syllables.
@@ -38,8 +38,15 @@ class Cues(NamedTuple):
     pauses: np.ndarray
 
 
-def hear(audio: np.ndarray) -> Cues:
-    """The cues of speech (samples,) at 16 kHz; silence gives flat tracks and no events."""
+def find_cues(audio: np.ndarray) -> Cues:
+    """Find the acoustic cues of speech; silence gives flat tracks and no events.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz.
+
+    Returns:
+        The cues, with n = 1 + samples // 160 values per track.
+    """
     padded = np.pad(audio.astype(np.float32), (_WINDOW // 2, _WINDOW // 2 + _HOP))
     frames = np.lib.stride_tricks.sliding_window_view(padded, _WINDOW)[: len(audio) + 1 : _HOP]
     power = np.abs(np.fft.rfft(frames * np.hanning(_WINDOW).astype(np.float32), _FFT)) ** 2
@@ -51,7 +58,7 @@ def hear(audio: np.ndarray) -> Cues:
 
 
 def _syllables(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Loudness between 0 and 1 and its peaks, the syllable nuclei."""
+    """Return the loudness between 0 and 1 and its peaks, the syllable nuclei."""
     low, high = (int(edge * _FFT / SAMPLE_RATE) for edge in _VOICE_BAND)
     band = ndimage.gaussian_filter1d(power[:, low:high].sum(axis=-1, dtype=np.float64), 0.025 * RATE)
     level = 10 * np.log10(band / (_WINDOW * _FFT / 4) + 1e-12)
@@ -65,12 +72,12 @@ def _syllables(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pitch(power: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Smooth pitch in semitones around its median, and where the voice is voiced, by autocorrelation."""
+    """Return the smooth pitch in semitones around its median, and where it is voiced, by autocorrelation."""
     shortest, longest = (int(SAMPLE_RATE / frequency) for frequency in reversed(_PITCH_RANGE))
     correlation = np.fft.irfft(power)[:, : longest + 1]
     window = np.fft.irfft(np.abs(np.fft.rfft(np.hanning(_WINDOW), _FFT)) ** 2)[: longest + 1]
     strength = correlation[:, shortest:] / (correlation[:, :1] + 1e-9) * (window[0] / window[shortest:])
-    # A small tax on long lags: a voice repeats at twice its period as well.
+    # A small penalty on long lags, because a voice also repeats at twice its period.
     lags = np.arange(shortest, longest + 1)
     best = np.argmax(strength - 0.1 * lags / longest, axis=-1)
     voiced = (strength[np.arange(len(best)), best] > 0.45) & (loudness > 0.15)
@@ -85,7 +92,7 @@ def _pitch(power: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _pauses(loudness: np.ndarray) -> np.ndarray:
-    """Starts and ends of the silences between the first and the last sound."""
+    """Return the starts and ends of the silences between the first and the last sound."""
     speaking = ndimage.gaussian_filter1d((loudness > 0.12).astype(float), 0.03 * RATE) > 0.5
     edges = np.flatnonzero(np.diff(speaking.astype(int)))
     ends_of_sound = edges[: len(edges)][~speaking[edges + 1]]

@@ -12,9 +12,9 @@ import numpy as np
 
 from ha2g_jax.data.talk.patterns import CARRIERS, RULES
 
-# Share of clauses that carry a gesture-bearing word; sets about one such word in two and a half seconds.
-_CARRIER_SHARE = 0.97
-_OPENER_SHARE = 0.25
+# Probability that a clause carries a gesture-bearing word; gives about one such word in two and a half seconds.
+_CARRIER_PROBABILITY = 0.97
+_OPENER_PROBABILITY = 0.25
 _CLAUSES = (1, 1, 2, 2, 2, 3)
 
 # Words that speakers hardly ever emphasise.
@@ -23,35 +23,41 @@ _FUNCTION_WORDS = frozenset(
     | {"that", "the", "to", "was", "were", "with"}
 )
 
-# Share of the content words, and their volume and pitch relative to the phrase, in percent. Two numbers a word, no
-# more: espeak-ng loses its place, and races, in a phrase of some 70 changes.
+# Probability for a content word, and its volume and pitch relative to the phrase, in percent. No more than two changes
+# per word: with some 70 changes in a phrase, espeak-ng loses its position and speaks too fast.
 _EMPHASIS = ((0.10, 90, 22), (0.15, 45, 10), (0.15, -35, -5))
 
 
 def sentences(rng: np.random.Generator) -> Iterator[str]:
-    """Endless sentences as SSML, to be spoken one by one.
+    """Yield random sentences without end.
 
-    Gesture-bearing words are dealt like cards: each occurs once before any occurs again.
+    Gesture-bearing words are drawn without replacement: each occurs once before any occurs again.
+
+    Args:
+        rng: generator of the random draws.
+
+    Yields:
+        One sentence as SSML.
     """
     deck: collections.deque[str] = collections.deque()
     while True:
         clauses = []
         for _ in range(rng.choice(_CLAUSES)):
-            if rng.random() < _CARRIER_SHARE:
+            if rng.random() < _CARRIER_PROBABILITY:
                 if not deck:
                     deck.extend(rng.permutation(list(CARRIERS)).tolist())
                 pattern = str(rng.choice(CARRIERS[deck.popleft()]))
             else:
                 pattern = "MAIN"
             clauses.append(pattern)
-        parts = ["OPENER"] if rng.random() < _OPENER_SHARE else []
+        parts = ["OPENER"] if rng.random() < _OPENER_PROBABILITY else []
         for index, clause in enumerate(clauses):
             parts += ["LINK"] * (index > 0) + [clause]
         yield _mark_up(_expand(" ".join(parts), rng), rng)
 
 
 def _expand(pattern: str, rng: np.random.Generator) -> list[str]:
-    """The pattern as words and commas, every symbol replaced."""
+    """Replace every symbol of a pattern, which leaves words and commas."""
     tokens: list[str] = []
     for token in pattern.replace(",", " ,").split():
         if token.isupper():
@@ -66,7 +72,7 @@ def _expand(pattern: str, rng: np.random.Generator) -> list[str]:
 
 
 def _mark_up(tokens: list[str], rng: np.random.Generator) -> str:
-    """One sentence with a prosody for each phrase, emphasised words and pauses."""
+    """Mark up one sentence with a prosody for each phrase, emphasised words and pauses."""
     phrases: list[list[str]] = [[]]
     for token in tokens:
         if token == ",":
@@ -89,10 +95,10 @@ def _emphasise(word: str, mark: str, rng: np.random.Generator) -> str:
     draw, hesitation, length = rng.random(3)
     text = word + mark
     if word not in _FUNCTION_WORDS:
-        for share, volume, pitch in _EMPHASIS:
-            if 0 <= draw < share:
+        for probability, volume, pitch in _EMPHASIS:
+            if 0 <= draw < probability:
                 text = f'<prosody volume="{volume:+d}%" pitch="{pitch:+d}%">{text}</prosody>'
-            draw -= share
+            draw -= probability
     if hesitation < 0.03:
         text = f'<break time="{150 + 250 * length:.0f}ms"/> {text}'
     return text

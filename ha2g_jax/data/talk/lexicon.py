@@ -37,12 +37,12 @@ HAND_SHAPES: dict[str, tuple[float, float, float, float, float]] = {
 
 
 class ArmPath(NamedTuple):
-    """Where a gesture takes the wrist. Offsets are metres from the shoulder: outward, up, forward.
+    """Path of the wrist in a gesture. Offsets are metres from the shoulder: outward, up, forward.
 
     Attributes:
-        both: whether the other hand does the same, mirrored.
-        wind_up: wrist at the end of the preparation.
-        peak: wrist at the end of the stroke, where it is held.
+        both: whether the other hand makes the mirrored movement.
+        wind_up: position of the wrist at the end of the preparation.
+        peak: position of the wrist at the end of the stroke, where it is held.
         pronation: roll of the forearm in degrees; 0 thumb up, 90 palm down, -60 palm up.
         extension: bend of the wrist in degrees towards the back of the hand.
     """
@@ -71,5 +71,5 @@ _CLASS_OF_WORD = {word: name for name, words in WORD_CLASSES.items() for word in
 
 
 def word_class(word: str) -> str:
-    """The gesture class of a word, "" for a word that carries none."""
+    """Return the gesture class of a word in any letter case, "" for a word that carries no gesture."""
     return _CLASS_OF_WORD.get(word.lower(), "")

@@ -1,8 +1,8 @@
 """The sentence patterns of the Talk corpus.
 
 In a pattern, words in capitals are symbols that `grammar.py` replaces by one of their own patterns; the other words
-are spoken. A comma is a phrase boundary. Gesture-bearing words stand in `CARRIERS` only, one a pattern, so that how
-often they occur is set in one place.
+are spoken. A comma is a phrase boundary. Gesture-bearing words occur in `CARRIERS` only, one in each pattern, so that
+their frequency is set in one place.
 """
 
 from ha2g_jax.data.talk.vocabulary import WORDS
@@ -39,7 +39,7 @@ RULES: dict[str, tuple[str, ...]] = {
         "MEET THE PERSON",
         "MEET our PERSONS",
     ),
-    # Half of the clauses do without: an empty pattern stands for no words.
+    # An empty pattern stands for no words: many clauses have no adverb.
     "HOW": (*WORDS["HOW"], *[""] * 8),
     "WHERE": (
         "in the PLACE",

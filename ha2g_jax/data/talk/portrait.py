@@ -1,4 +1,4 @@
-"""Pictures of the speakers of Talk: who moves how can be seen from how they look."""
+"""Images of the speakers of Talk, in which the look of a speaker shows the speaker's style."""
 
 import numpy as np
 
@@ -18,7 +18,11 @@ _HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for th
 
 
 def look(style: Style) -> figure.Look:
-    """The look of a speaker: each number of the style changes one thing that is large in the picture."""
+    """Return the look of a speaker; each number of the style changes one feature that is large in the image.
+
+    Args:
+        style: style of the speaker.
+    """
     return figure.Look(
         skin=_colour(_SKINS, style.curl),
         hair=_colour(_HAIR, style.mixing),
@@ -30,7 +34,16 @@ def look(style: Style) -> figure.Look:
 
 
 def portrait(positions: np.ndarray, style: Style, size: int = 224) -> np.ndarray:
-    """The speaker in a pose (43, 3) as a picture (size, size, 3) uint8."""
+    """Draw a speaker in a pose.
+
+    Args:
+        positions: (43, 3) joint positions in metres.
+        style: style of the speaker.
+        size: width and height of the image in pixels.
+
+    Returns:
+        (size, size, 3) uint8 image.
+    """
     return figure.draw_figure(positions, skeletons.load_skeleton(_SKELETON), look(style), size, size)
 
 

@@ -36,7 +36,7 @@ _TOKEN = re.compile(r"<[^>]*>|(?P<word>[^\W_]+(?:['’-][^\W_]+)*)")
 
 
 class Utterance(NamedTuple):
-    """Speech and its words.
+    """Spoken text with the times of its words.
 
     Attributes:
         audio: (samples,) float32 in [-1, 1] at 16 kHz.
@@ -64,20 +64,23 @@ _Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctype
 
 
 def say(markup: str, voice: Voice) -> Utterance:
-    """Speaks one text; the same text and voice give the same bytes in any process and any order.
+    """Speak one text; the same text and voice give the same bytes in any process and any order.
 
-    Not for several threads at once: espeak-ng keeps its state in global variables.
+    Not thread-safe: espeak-ng keeps its state in global variables.
 
     Args:
         markup: plain words, or SSML (`<emphasis level="strong">`, `<prosody rate="90%">`, `<break time="200ms"/>`).
-        voice: who speaks.
+        voice: voice of the speaker.
+
+    Returns:
+        The samples and the words with their times.
 
     Raises:
         UserError: espeak-ng cannot be loaded.
     """
-    source = f"<speak>{markup}</speak>"
+    ssml = f"<speak>{markup}</speak>"
     chunks: list[np.ndarray] = []
-    onsets: list[tuple[int, int]] = []  # (character in the source, sample)
+    onsets: list[tuple[int, int]] = []  # (character of the SSML, sample)
     pauses: list[int] = []
 
     @_Callback
@@ -101,22 +104,28 @@ def say(markup: str, voice: Voice) -> Utterance:
         for parameter, value in settings.items():
             library.espeak_SetParameter(parameter, value, 0)
         library.espeak_SetSynthCallback(collect)
-        text = source.encode()
+        text = ssml.encode()
         arguments = (ctypes.c_size_t(len(text) + 1), ctypes.c_uint(0), _POS_CHARACTER, ctypes.c_uint(0))
         if library.espeak_Synth(ctypes.c_char_p(text), *arguments, ctypes.c_uint(_CHARS_UTF8_SSML), None, None):
             raise RuntimeError("espeak-ng refused the text")
 
     samples = np.concatenate([np.zeros(0, np.int16), *chunks])
-    words = _place_words(source, onsets, sorted({*pauses, len(samples)}), native_rate)
+    words = _place_words(ssml, onsets, sorted({*pauses, len(samples)}), native_rate)
     return Utterance(soxr.resample(samples.astype(np.float32) / 2**15, native_rate, SAMPLE_RATE), words)
 
 
 @contextlib.contextmanager
 def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
-    """espeak-ng just loaded, and its sample rate.
+    """Load espeak-ng anew and unload it at the end.
 
-    The phase of the voice, its flutter and its echo live on in static variables from one utterance to the next.
-    Only unloading the library resets them (4 ms), and so makes the samples independent of what was said before.
+    espeak-ng keeps the phase of the voice, its flutter and its echo in static variables from one utterance to the
+    next. Only unloading the library resets them (4 ms) and makes the samples independent of earlier utterances.
+
+    Yields:
+        The library and its sample rate in hertz.
+
+    Raises:
+        UserError: the library or its voices cannot be loaded.
     """
     try:
         library = ctypes.CDLL(espeakng_loader.get_library_path())
@@ -132,7 +141,7 @@ def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
                 f"espeak-ng cannot read its voices in {folder} (a path of at most 150 characters works); "
                 "reinstall it, in a folder with a shorter name: pip install espeakng-loader"
             )
-        library.espeak_ng_SetRandSeed(ctypes.c_long(0))  # else breath depends on the time of day
+        library.espeak_ng_SetRandSeed(ctypes.c_long(0))  # otherwise breath noise depends on the time of day
         yield library, rate
         library.espeak_Terminate()
     finally:
@@ -140,14 +149,15 @@ def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
         close(library._handle)
 
 
-def _place_words(source: str, onsets: list[tuple[int, int]], pauses: list[int], rate: int) -> tuple[Word, ...]:
-    """Words with their times; a word ends where the next one begins or a pause does.
+def _place_words(ssml: str, onsets: list[tuple[int, int]], pauses: list[int], rate: int) -> tuple[Word, ...]:
+    """Return words with their times; a word ends where the next word or a pause begins.
 
-    espeak-ng has entries of several words ("of the"), which raise one event: these words share its span by letters.
+    espeak-ng has entries of several words ("of the"), which raise one event; its span is divided among these words by
+    their number of letters.
     """
     sample_at = dict(reversed(onsets))
     groups: list[tuple[int, list[str]]] = []
-    for match in _TOKEN.finditer(source):
+    for match in _TOKEN.finditer(ssml):
         if match["word"] is None:
             continue
         if match.start("word") in sample_at:

@@ -1,4 +1,4 @@
-"""Strokes: which cues and words become movement, and the smooth tracks between their key poses."""
+"""Strokes: the choice of cues and words that become movement, and smooth tracks between their key poses."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from ha2g_jax.data.talk import lexicon
 from ha2g_jax.data.talk.cues import Cues
 from ha2g_jax.features.text import Word
 
-LATENCY = 0.06  # seconds later or earlier at either end of the style
+LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
 _BEAT_GAP = 0.5
 WEAKEST_BEAT = 0.75
 _RISE, _REST, _REBOUND = 0.42, 0.03, 0.22
@@ -17,7 +17,13 @@ _HOLD = 0.55
 
 
 class Beat(NamedTuple):
-    """A beat of the hands: raised at `apex`, down at `hit` (seconds); loudness of its syllable."""
+    """A beat of the hands.
+
+    Attributes:
+        apex: time at which the hand is highest, in seconds.
+        hit: time at which the hand is lowest, in seconds.
+        loudness: loudness of the syllable that causes the beat.
+    """
 
     apex: float
     hit: float
@@ -25,7 +31,16 @@ class Beat(NamedTuple):
 
 
 class WordGesture(NamedTuple):
-    """A gesture of a word: wound up at `ready`, at its peak from `peak` to `release` (seconds)."""
+    """A gesture of a word; times in seconds.
+
+    Attributes:
+        word_class: class of the word.
+        start: start of the preparation.
+        ready: end of the preparation.
+        peak: start of the hold.
+        release: end of the hold.
+        end: end of the retraction.
+    """
 
     word_class: str
     start: float
@@ -36,14 +51,14 @@ class WordGesture(NamedTuple):
 
 
 def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
-    """Minimum-jerk movement through key poses, at rest in each: x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
+    """Interpolate key poses by minimum-jerk movement, x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
 
     Args:
         times: (T,) seconds.
         keys: (time, value) pairs in order of time; values are numbers or (D,) vectors.
 
     Returns:
-        (T,) or (T, D); the first and last key are held outside.
+        (T,) or (T, D) values, at rest at each key; the first and the last key are held outside their times.
     """
     moments = np.array([moment for moment, _ in keys])
     values = np.array([value for _, value in keys], float)
@@ -57,7 +72,15 @@ def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float
 
 
 def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
-    """The loud syllables that the hands beat, at most one in `_BEAT_GAP` seconds, louder ones first."""
+    """Choose the loud syllables that cause a beat, at most one in 0.5 seconds, louder ones first.
+
+    Args:
+        cues: acoustic cues of the speech.
+        latency: delay of the movement after the speech, in seconds.
+
+    Returns:
+        The beats in order of time.
+    """
     chosen: list[np.ndarray] = []
     for nucleus in cues.nuclei[np.argsort(-cues.nuclei[:, 1], kind="stable")]:
         if nucleus[1] >= WEAKEST_BEAT and all(abs(nucleus[0] - other[0]) >= _BEAT_GAP for other in chosen):
@@ -66,7 +89,7 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
     last = -np.inf
     for moment, loudness in sorted(tuple(nucleus) for nucleus in chosen):
         hit = moment + latency
-        # A crowded stroke is quicker; it is never so quick that a frame cannot show it.
+        # A stroke soon after another is quicker, but never too quick for the frame rate to show it.
         stroke = np.clip(0.48 * (hit - last), 0.20, 0.24)
         beats.append(Beat(hit - stroke, hit, loudness))
         last = hit
@@ -74,7 +97,15 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
 
 
 def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float, float]]:
-    """Key values of the height of a beating hand: up by its size at the apex, a little below rest at the hit."""
+    """Return the keys of the height of a hand that beats.
+
+    Args:
+        beats: beats in order of time.
+        sizes: height of each beat at its apex, in metres; at the hit the hand is a little below rest.
+
+    Returns:
+        (time, height) pairs in order of time, for `track`.
+    """
     keys = [(-1.0, 0.0)]
     for beat, size in zip(beats, sizes, strict=True):
         rise = beat.apex - _RISE
@@ -88,7 +119,15 @@ def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float
 
 
 def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGesture, ...]:
-    """The words that carry a gesture, in order; each is prepared before its onset and held after it."""
+    """Plan a gesture for each word that carries one; it is prepared before the word's onset and held after it.
+
+    Args:
+        words: words in order of time.
+        latency: delay of the movement after the speech, in seconds.
+
+    Returns:
+        The gestures in order of time.
+    """
     onsets = [(word.start, lexicon.word_class(word.text)) for word in words if lexicon.word_class(word.text)]
     peaks = [onset + latency + 0.12 for onset, _ in onsets]
     gestures = []
@@ -101,30 +140,40 @@ def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGestu
 
 
 def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequence) -> tuple[list, list]:
-    """Keys of a gesture's share (0 or 1) and of its value, which moves on from gesture to gesture.
+    """Return the keys of the weight of the gestures (0 or 1) and of their value.
 
     Args:
-        gestures: in order of time.
+        gestures: gestures in order of time.
         ready: value of each gesture at the end of its preparation.
         peak: value of each gesture while it is held.
+
+    Returns:
+        (time, weight) pairs and (time, value) pairs in order of time, for `track`.
     """
-    share: list[tuple[float, float]] = [(-1.0, 0.0)]
+    weight: list[tuple[float, float]] = [(-1.0, 0.0)]
     value: list[tuple[float, Sequence[float]]] = []
     for index, gesture in enumerate(gestures):
         linked = index > 0 and gestures[index - 1].end > gesture.start
         if linked:
-            share.pop()  # the hand goes straight to the next gesture instead of home
-            share.append((gesture.ready, 1.0))
+            weight.pop()  # the hand moves straight to the next gesture and does not return to rest
+            weight.append((gesture.ready, 1.0))
         else:
-            share += [(gesture.start, 0.0), (gesture.ready, 1.0)]
+            weight += [(gesture.start, 0.0), (gesture.ready, 1.0)]
             value.append((gesture.start, ready[index]))
-        share += [(gesture.release, 1.0), (gesture.end, 0.0)]
+        weight += [(gesture.release, 1.0), (gesture.end, 0.0)]
         value += [(gesture.ready, ready[index]), (gesture.peak, peak[index]), (gesture.release, peak[index])]
-    return _in_order(share), _in_order(value)
+    return _in_order(weight), _in_order(value)
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
-    """Keys of the side the body leans to: it changes over each pause, more after a long one."""
+    """Return the keys of the lean of the body, which changes sides in each pause, more so in a long one.
+
+    Args:
+        pauses: (p, 2) start and end of each pause in seconds.
+
+    Returns:
+        (time, lean) pairs in order of time, for `track`; the lean lies in [-1, 1].
+    """
     keys = [(-1.0, 0.7)]
     side = -1.0
     for start, end in pauses:
@@ -134,7 +183,7 @@ def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _in_order(keys: list) -> list:
-    """The keys with times that never step back."""
+    """Make the times of the keys non-decreasing."""
     if not keys:
         return keys
     moments = np.maximum.accumulate([moment for moment, _ in keys])

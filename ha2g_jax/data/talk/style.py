@@ -1,4 +1,4 @@
-"""The style of a speaker: six numbers that change how, never when or why, the speaker moves."""
+"""The style of a speaker of Talk: six numbers that change how the speaker moves, and not when or why."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,10 @@ class Style(NamedTuple):
     """Six numbers in [-1, 1]; 0 is the middle of the population.
 
     Attributes:
-        mixing: share of the three causes; high is more beats, low is larger word gestures and head movement.
+        mixing: weight of the three causes; high is more beats, low is larger word gestures and head movement.
         amplitude: size of all movement.
         handedness: which hand does more, -1 left, 1 right.
-        latency: how late the gestures come after the speech.
+        latency: delay of the gestures after the speech.
         elbow: elbow swivel and rest pose, -1 close to the body and low, 1 wide and high.
         curl: finger curl at rest.
     """
@@ -26,7 +26,12 @@ class Style(NamedTuple):
 
 
 def sample_style(rng: np.random.Generator) -> Style:
-    """A style drawn uniformly from the cube, but two of three people are right-handed and none is two-handed."""
+    """Draw a random style: uniform in [-1, 1], except that two of three speakers are right-handed and none is
+    ambidextrous.
+
+    Args:
+        rng: generator of the random draws.
+    """
     style = Style(*(float(value) for value in rng.uniform(-1, 1, len(Style._fields))))
     side = 1.0 if rng.random() < 2 / 3 else -1.0
     return style._replace(handedness=side * (0.3 + 0.7 * abs(style.handedness)))

@@ -1,4 +1,4 @@
-"""The teacher of the Talk corpus: moves a body to speech, with a known cause for every movement.
+"""The teacher of the Talk corpus: a rule-based model of gestures to speech, with a known cause for every movement.
 
 | cause | level of speech | drives |
 |---|---|---|
@@ -24,15 +24,15 @@ from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
 
-_RATE = 60  # frames a second at which movement is composed
-_JITTER = 0.008  # seconds of a performance's latency that nothing explains
+_RATE = 60  # frames per second at which movement is composed
+_JITTER = 0.008  # standard deviation of the random part of the latency, in seconds
 _FOREARM = 0.33  # metres from elbow to wrist
 _AVERAGE_BEAT = 0.10  # metres that the wrist is raised
 _AVERAGE_NOD = 5.0  # degrees
 
 
-class Performance(NamedTuple):
-    """Movement and its causes.
+class Movement(NamedTuple):
+    """Movement of a body and its causes.
 
     Attributes:
         positions: (T, 43, 3) float32 metres, y down, the spine at the origin.
@@ -45,18 +45,18 @@ class Performance(NamedTuple):
 
 def perform(
     audio: np.ndarray, words: Sequence[Word], style: Style, rng: np.random.Generator, fps: float = 15
-) -> Performance:
-    """Gestures to speech.
+) -> Movement:
+    """Make gestures to speech.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        words: the words of the speech in order of time; seconds from the start of the audio.
-        style: who moves.
-        rng: source of the little that speech and style leave open: idle sway and a few milliseconds of latency.
-        fps: frames a second of the result.
+        words: words of the speech in order of time, in seconds from the start of the audio.
+        style: style of the speaker.
+        rng: generator of the random part of the movement: idle sway and a few milliseconds of latency.
+        fps: frames per second of the result.
 
     Returns:
-        A performance of round(seconds * fps) frames.
+        A movement of round(seconds * fps) frames.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / cues.SAMPLE_RATE * fps)
@@ -65,22 +65,22 @@ def perform(
     body = anatomy.Body(*(_sample(angles, moments) for angles in body))
     directions = anatomy.body_directions(skeleton, anatomy.within_limits(body))
     positions = skeletons.directions_to_positions(skeleton, directions).astype(np.float32)
-    return Performance(positions, tuple(sorted(performed)))
+    return Movement(positions, tuple(sorted(performed)))
 
 
 def hand_gains(style: Style) -> np.ndarray:
-    """Share (2,) of the movement that the left and the right hand take; the dominant hand takes all of it."""
+    """Return the weight (2,) of the movement of the left and the right hand; that of the dominant hand is 1."""
     return np.minimum(1.0, 4.0 ** (np.array([-1.0, 1.0]) * style.handedness))
 
 
 def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Stroke]]:
-    heard = cues.hear(audio)
+    found = cues.find_cues(audio)
     times = np.arange(int(np.ceil(len(audio) / cues.SAMPLE_RATE * _RATE)) + 2) / _RATE
     latency = strokes.LATENCY * style.latency + _JITTER * rng.standard_normal()
-    beats = strokes.plan_beats(heard, latency)
+    beats = strokes.plan_beats(found, latency)
     gestures = strokes.plan_word_gestures(words, latency)
-    arms, arm_strokes = _arms(skeleton, times, heard, beats, gestures, style)
-    trunk, head, shrug, body_strokes = _trunk_and_head(times, heard, style, latency)
+    arms, arm_strokes = _arms(skeleton, times, found, beats, gestures, style)
+    trunk, head, shrug, body_strokes = _trunk_and_head(times, found, style, latency)
     fingers = _fingers(times, gestures, style)
     body = anatomy.Body(
         trunk + 0.5 * _sway(rng, trunk.shape),
@@ -92,17 +92,17 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
     return body, arm_strokes + body_strokes
 
 
-def _arms(skeleton, times, heard, beats, gestures, style) -> tuple[np.ndarray, list[Stroke]]:
-    """Angles (T, 2, 7) of the arms: rest and lift, blended with the word gestures, and beats on top."""
+def _arms(skeleton, times, found, beats, gestures, style) -> tuple[np.ndarray, list[Stroke]]:
+    """Compute the angles (T, 2, 7) of the arms: rest and lift, blended with the word gestures, plus beats."""
     gains = hand_gains(style)
     size = 2.0 ** (0.6 * style.amplitude)
     beat_size = 2.0 ** (0.4 * style.mixing) * size
-    # Low-level causes: each syllable's loudness sets the size of its beat, slow loudness lifts the arms.
+    # Low-level causes: each syllable's loudness sets the size of its beat, and smoothed loudness lifts the arms.
     heights = [
         beat_size * (0.05 + 0.11 * np.clip((beat.loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1)) for beat in beats
     ]
     height = strokes.track(times, strokes.beat_keys(beats, heights))
-    lift = _sample(ndimage.gaussian_filter1d(heard.loudness, 0.25 * cues.RATE), times * cues.RATE)
+    lift = _sample(ndimage.gaussian_filter1d(found.loudness, 0.25 * cues.RATE), times * cues.RATE)
     lift = np.minimum(1.2 * lift, 1.2)
     arms = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
     performed = []
@@ -124,7 +124,7 @@ def _arms(skeleton, times, heard, beats, gestures, style) -> tuple[np.ndarray, l
 
 
 def _rest_arm(style: Style) -> np.ndarray:
-    """Angles (7,) of a resting arm: bent in front of the trunk, higher and wider with the style's elbow."""
+    """Return the angles (7,) of a resting arm: bent in front of the trunk, higher and wider with the style's elbow."""
     rest = np.array([-3.0, 13.0, -15.0, 84.0, 10.0, -12.0, 3.0])
     return rest + style.elbow * np.array([3.0, 7.0, -5.0, 9.0, 14.0, 0.0, 0.0])
 
@@ -140,34 +140,35 @@ def _blend_gestures(skeleton, arm, times, gestures, style, side) -> np.ndarray:
     peak = [
         np.array([*anatomy.reach(skeleton, path.peak, swivel), path.pronation, path.extension, 0]) for path in paths
     ]
-    share, value = strokes.gesture_keys(mine, ready, peak)
-    weight = strokes.track(times, share)[:, None] * 0.9 * 2.0 ** (0.15 * (style.amplitude - style.mixing) - 0.3)
+    keys, value = strokes.gesture_keys(mine, ready, peak)
+    weight = strokes.track(times, keys)[:, None] * 0.9 * 2.0 ** (0.15 * (style.amplitude - style.mixing) - 0.3)
     return arm + np.minimum(weight, 1) * (strokes.track(times, value) - arm)
 
 
 def _beat_angles(height: np.ndarray) -> np.ndarray:
-    """Offsets (T, 7) in degrees that raise the wrist by `height` (T,) metres; the hand follows a moment later.
+    """Return offsets (T, 7) in degrees that raise the wrist by `height` (T,) metres; the hand lags by 3 steps.
 
-    Small beats come from the elbow, large ones take the upper arm along.
+    Small beats come from the elbow, large ones also move the upper arm.
     """
-    turn = np.rad2deg(height / _FOREARM)
+    bend = np.rad2deg(height / _FOREARM)
     large = np.abs(height) / 0.12
-    behind = np.roll(turn, 3)
-    behind[:3] = turn[0]
-    zeros = np.zeros_like(turn)
+    behind = np.roll(bend, 3)
+    behind[:3] = bend[0]
+    zeros = np.zeros_like(bend)
     return np.stack(
-        [0.25 * turn * large, 0.15 * turn, -0.5 * turn, 0.75 * turn, -0.5 * turn, 1.8 * (behind - turn), zeros],
+        [0.25 * bend * large, 0.15 * bend, -0.5 * bend, 0.75 * bend, -0.5 * bend, 1.8 * (behind - bend), zeros],
         axis=-1,
     )
 
 
-def _trunk_and_head(times, heard, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
-    """Middle-level causes: pitch raises the head and the shoulders, accents nod, pauses change the posture."""
+def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
+    """Compute the movement of middle-level causes: pitch lifts head and shoulders, accents cause nods, pauses change
+    the posture."""
     size = 2.0 ** (0.5 * style.amplitude - 0.3 * style.mixing)
-    pitch = _sample(heard.pitch, (times - latency) * cues.RATE)
+    pitch = _sample(found.pitch, (times - latency) * cues.RATE)
     nods = [(-1.0, 0.0)]
     performed = []
-    for moment, rise in heard.accents:
+    for moment, rise in found.accents:
         hit = moment + latency
         depth = size * (2.0 + 1.2 * rise)
         if hit - 0.3 < nods[-1][0]:
@@ -175,7 +176,7 @@ def _trunk_and_head(times, heard, style, latency) -> tuple[np.ndarray, np.ndarra
         nods += [(hit - 0.28, 0.0), (hit, depth), (hit + 0.4, 0.0)]
         performed.append(Stroke(hit, hit - 0.28, hit + 0.4, "nod", "", float(depth / _AVERAGE_NOD), ""))
     nod = strokes.track(times, nods)
-    keys = strokes.plan_posture(heard.pauses)
+    keys = strokes.plan_posture(found.pauses)
     side = strokes.track(times, keys)
     for start, end in zip(keys[1::2], keys[2::2], strict=True):
         performed.append(Stroke(end[0], start[0], end[0], "posture", "", float(size), ""))
@@ -187,7 +188,7 @@ def _trunk_and_head(times, heard, style, latency) -> tuple[np.ndarray, np.ndarra
 
 
 def _fingers(times, gestures, style) -> np.ndarray:
-    """Flexions (T, 2, 5): the style's rest, and the shape of each word's class."""
+    """Compute the flexions (T, 2, 5) of the fingers: the style's rest pose, and the shape of each word's class."""
     rest = np.array([0.40, 0.40, 0.44, 0.45, 0.44]) + 0.13 * style.curl
     fingers = np.tile(rest, (len(times), 2, 1))
     dominant = int(style.handedness >= 0)
@@ -195,21 +196,21 @@ def _fingers(times, gestures, style) -> np.ndarray:
         mine = [gesture for gesture in gestures if side == dominant or lexicon.ARM_PATHS[gesture.word_class].both]
         if mine:
             shapes = [lexicon.HAND_SHAPES[gesture.word_class] for gesture in mine]
-            share, value = strokes.gesture_keys(mine, shapes, shapes)
-            weight = strokes.track(times, share)[:, None]
+            keys, value = strokes.gesture_keys(mine, shapes, shapes)
+            weight = strokes.track(times, keys)[:, None]
             fingers[:, side] += weight * (strokes.track(times, value) - fingers[:, side])
     return fingers
 
 
 def _sway(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Slow noise of unit variance along the first axis."""
+    """Draw slow noise of unit variance along the first axis."""
     width = 0.7 * _RATE
     noise = ndimage.gaussian_filter1d(rng.standard_normal(shape), width, axis=0, mode="wrap")
     return noise * np.sqrt(2 * np.sqrt(np.pi) * width)
 
 
 def _sample(track: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Rows of a track at fractional positions, linearly between its rows and held at its ends."""
+    """Interpolate a track linearly at fractional positions; its ends are held."""
     positions = np.clip(positions, 0, len(track) - 1)
     before = np.minimum(positions.astype(int), max(len(track) - 2, 0))
     after = np.minimum(before + 1, len(track) - 1)

@@ -1,4 +1,4 @@
-"""The words of the Talk corpus, by what they can mean, so that sentences are plausible."""
+"""The words of the Talk corpus, grouped by meaning, so that sentences are plausible."""
 
 _PERSON = """
 artist author brother captain child citizen coach cousin customer dancer daughter doctor driver engineer farmer father

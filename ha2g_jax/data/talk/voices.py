@@ -15,9 +15,9 @@ class Voice(NamedTuple):
     Attributes:
         language: accent, espeak-ng's name of a variety of English, such as "en-us".
         variant: timbre, one of espeak-ng's voice variants.
-        pitch: base pitch, 0 to 100 with 50 the variant's own.
+        pitch: base pitch, 0 to 100; 50 is the default of the variant.
         pitch_range: liveliness of the intonation, 0 (monotone) to 100.
-        rate: words per minute, pauses apart.
+        rate: words per minute, not counting pauses.
     """
 
     language: str
@@ -28,12 +28,16 @@ class Voice(NamedTuple):
 
 
 def sample_voice(rng: np.random.Generator) -> Voice:
-    """A random voice; women's and men's are equally likely."""
+    """Draw a random voice; female and male voices are equally likely.
+
+    Args:
+        rng: generator of the random draws.
+    """
     is_male = rng.random() < 0.5
     return Voice(
         language=str(rng.choice(LANGUAGES)),
         variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
-        # The variants of women are tuned high already.
+        # The female variants are tuned high already.
         pitch=int(rng.integers(25, 76) if is_male else rng.integers(15, 51)),
         pitch_range=int(rng.integers(45, 100)),
         rate=int(rng.integers(150, 196)),

@@ -1,1 +1,1 @@
-"""The TED data sets in their original form: LMDB databases of what pyarrow 0.14 serialized."""
+"""Import of the TED data sets in their original form: LMDB databases of values serialized by pyarrow 0.14."""

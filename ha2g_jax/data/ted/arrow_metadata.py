@@ -1,9 +1,9 @@
-"""The metadata of Arrow messages, flatbuffers tables of format version 4, with every offset checked before it is used.
+"""Reader of the metadata of Arrow messages, flatbuffers of format version 4; every offset is checked before use.
 
-A message is an int32 length, that many bytes of metadata, and a body. The metadata are a flatbuffer: it begins with the
-offset of its root table; a table begins with the distance back to its vtable, which holds the size of itself and of the
-table and then, for each field in the order of Arrow's `Message.fbs`, `Schema.fbs` and `Tensor.fbs`, where in the table
-it lies (0: it has its default). Whatever else is not a number is an offset forward to it.
+A message is an int32 length, that many bytes of metadata, and a body. The metadata are a flatbuffer, which begins with
+the offset of its root table. A table begins with the distance back to its vtable. A vtable has the size of itself and
+of the table, and then the position in the table of each field in the order of Arrow's `Message.fbs`, `Schema.fbs` and
+`Tensor.fbs` (0: the field has its default). Fields that are not numbers are stored as a forward offset to their data.
 """
 
 import struct
@@ -22,16 +22,16 @@ _INTS = {(bits, signed): np.dtype(f"<{'ui'[signed]}{bits // 8}") for bits in (8,
 
 
 class DamagedError(ValueError):
-    """The bytes contradict themselves or the format."""
+    """Error for bytes that are inconsistent or violate the format."""
 
 
 class Message(NamedTuple):
-    """One message.
+    """The metadata of one message.
 
     Attributes:
         kind: SCHEMA, RECORD_BATCH or TENSOR.
-        header: the table of that kind.
-        body_length: bytes of the body.
+        header: table of that kind.
+        body_length: length of the body in bytes.
     """
 
     kind: int
@@ -43,10 +43,10 @@ class Field(NamedTuple):
     """One field of a schema.
 
     Attributes:
-        name: may be empty.
+        name: name of the field, may be empty.
         type: INT to UNION, or another number of Arrow's `Type`.
-        dtype: of INT and FLOAT.
-        children: of LIST (one), STRUCT and UNION.
+        dtype: numpy type of an INT or FLOAT, else None.
+        children: fields inside a LIST (one), STRUCT or UNION.
     """
 
     name: str
@@ -56,13 +56,13 @@ class Field(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """How an array of numbers lies in the body of a message.
+    """Layout of an array of numbers in the body of a message.
 
     Attributes:
         dtype: type of a number.
-        shape: may be ().
-        strides: in bytes; None where the numbers lie row by row.
-        offset: of the first number in the body.
+        shape: shape of the array, may be ().
+        strides: strides in bytes, None for row-major order.
+        offset: offset of the first number in the body, in bytes.
     """
 
     dtype: np.dtype
@@ -78,37 +78,41 @@ class Table(NamedTuple):
     position: int
 
     def number(self, slot: int, format: str, default: int = 0) -> int:
+        """Return the number in a field of a `struct` format."""
         position = self._find(slot)
         return default if position is None else _unpack("<" + format, self.data, position)[0]
 
     def text(self, slot: int) -> str:
+        """Return the text in a field."""
         start, length = self._vector(slot, 1)
         return self.data[start : start + length].decode()
 
     def table(self, slot: int) -> "Table":
+        """Return the table in a field."""
         position = self._find(slot)
         if position is None:
             raise DamagedError("a table is missing in the metadata")
         return Table(self.data, position + _unpack("<I", self.data, position)[0])
 
     def tables(self, slot: int) -> list["Table"]:
+        """Return the vector of tables in a field."""
         start, length = self._vector(slot, 4)
         offsets = _unpack(f"<{length}I", self.data, start)
         return [Table(self.data, start + 4 * index + offset) for index, offset in enumerate(offsets)]
 
     def pairs(self, slot: int) -> list[tuple[int, int]]:
-        """A vector of structs of two int64."""
+        """Return the vector of pairs of int64 in a field."""
         start, length = self._vector(slot, 16)
         values = _unpack(f"<{2 * length}q", self.data, start)
         return list(zip(values[::2], values[1::2]))
 
     def numbers(self, slot: int) -> tuple[int, ...]:
-        """A vector of int64."""
+        """Return the vector of int64 in a field."""
         start, length = self._vector(slot, 8)
         return _unpack(f"<{length}q", self.data, start)
 
     def _vector(self, slot: int, item_size: int) -> tuple[int, int]:
-        """Start and number of the items of a vector; none where it is missing."""
+        """Return the start and the number of the items of a vector, (0, 0) if the field is missing."""
         position = self._find(slot)
         if position is None:
             return 0, 0
@@ -127,10 +131,17 @@ class Table(NamedTuple):
 
 
 def split_message(data: bytes, position: int) -> tuple[bytes, int]:
-    """The metadata of the message at `position`, and where its body starts.
+    """Split off the metadata of a message.
+
+    Args:
+        data: bytes that contain the message.
+        position: start of the message.
+
+    Returns:
+        The metadata, and the position of the body.
 
     Raises:
-        DamagedError: the data end before.
+        DamagedError: the data end within the metadata.
     """
     length = _unpack("<i", data, position)[0]
     start = position + 4
@@ -140,10 +151,14 @@ def split_message(data: bytes, position: int) -> tuple[bytes, int]:
 
 
 def read_message(metadata: bytes, kind: int) -> Message:
-    """The message with these metadata.
+    """Read the metadata of a message.
+
+    Args:
+        metadata: bytes that `split_message` returns.
+        kind: expected kind of the message.
 
     Raises:
-        DamagedError: they are damaged, or of another version or kind of message.
+        DamagedError: the metadata are damaged, or of another version or kind.
     """
     root = Table(metadata, _unpack("<I", metadata, 0)[0])
     version, found, body_length = root.number(0, "h"), root.number(1, "B"), root.number(3, "q")
@@ -153,17 +168,20 @@ def read_message(metadata: bytes, kind: int) -> Message:
 
 
 def read_schema(header: Table) -> tuple[Field, ...]:
-    """The fields of a schema.
+    """Read the fields of a schema.
+
+    Args:
+        header: header of a message of kind SCHEMA.
 
     Raises:
-        DamagedError: they are nested too deeply, or share parts, as no writer makes them.
+        DamagedError: fields are nested too deeply, or have parts in common, which no writer does.
     """
     seen: set[int] = set()
     return tuple(_read_field(table, seen, 0) for table in header.tables(1))
 
 
 def _read_field(table: Table, seen: set[int], depth: int) -> Field:
-    # Shared parts could grow without bound when they are expanded.
+    # Fields with common parts could grow without bound when they are expanded.
     if depth > _MAX_DEPTH or table.position in seen:
         raise DamagedError("its values are nested too deeply")
     seen.add(table.position)
@@ -175,10 +193,13 @@ def _read_field(table: Table, seen: set[int], depth: int) -> Field:
 
 
 def read_layout(header: Table) -> Layout:
-    """How an array of numbers lies in the body of its message; not checked against the body.
+    """Read the layout of an array of numbers in the body of its message, without checking it against the body.
+
+    Args:
+        header: header of a message of kind TENSOR.
 
     Raises:
-        DamagedError: it does not hold numbers.
+        DamagedError: the array does not hold numbers.
     """
     dtype = _number_type(header.number(0, "B"), header, 1)
     if dtype is None:
@@ -191,7 +212,7 @@ def read_layout(header: Table) -> Layout:
 
 
 def _number_type(type: int, table: Table, slot: int) -> np.dtype | None:
-    """The numpy type of an INT or FLOAT that `slot` of the table describes; None for other types."""
+    """Return the numpy type of an INT or FLOAT that a field of the table describes, None for other types."""
     if type == FLOAT:
         return _FLOATS.get(table.table(slot).number(0, "h"))
     if type == INT:

@@ -1,16 +1,19 @@
-"""Reads what `pyarrow.serialize` of pyarrow 0.14 wrote, which no current pyarrow reads, without pyarrow or pickle.
+"""Reader of values serialized by `pyarrow.serialize` of pyarrow 0.14, which no current pyarrow reads.
+
+It uses neither pyarrow nor pickle.
 
 The layout, little-endian:
 
     int32 x 3     number of tensors, arrays (numpy) and buffers; only arrays are read here
     padding to 8 bytes
     an Arrow stream: the message of a schema, that of a record batch, int32 0
-    padding to 64 bytes, then each array: its message, whose body are the numbers, and padding to 64 bytes
+    padding to 64 bytes, then each array: its message, whose body is the numbers, and padding to 64 bytes
 
-The batch has one column, a dense union, whose one row is the value. A union has a child for each kind of Python value
-in it; the child's name is the number of the kind. A list is a row of a list array over a union, which has the items of
-all lists at that level; a dict is one over a struct of two unions, keys and values. A null row of a union is None. An
-array is an index into the arrays at the end. Objects of other types are dicts with the key "_pytype_", mostly pickled.
+The batch has one column, a dense union, whose only row is the value. A union has a child for each kind of Python value
+in it; the name of the child is the number of the kind. A list is a row of a list array over a union, which has the
+items of all lists at that level; a dict is a row of a list array over a struct of two unions, keys and values. A null
+row of a union is None. An array is an index into the arrays at the end. Objects of other types are dicts with the key
+"_pytype_", mostly pickled.
 """
 
 import math
@@ -30,25 +33,25 @@ _NUMBERS = {1: np.dtype("<i8"), 2: np.dtype("<i8"), 5: np.dtype("<f2"), 6: np.dt
 _INDEX = np.dtype("<i4")
 _PICKLED = "_pytype_"
 
-# The Python values of some rows of an Arrow array; those of a range of rows of a union.
+# Functions that return the Python values of some rows of an Arrow array, and of a range of rows of a union.
 _Rows: TypeAlias = Callable[[np.ndarray], Sequence[Any]]
 _Range: TypeAlias = Callable[[int, int], list[Any]]
 
 
 class _OtherTypeError(Exception):
-    """A value that only pyarrow or pickle could make."""
+    """Error for a value that only pyarrow or pickle can read."""
 
 
 def deserialize(data: bytes, name: str) -> Any:
-    """The value that `pyarrow.serialize(value).to_buffer()` of pyarrow 0.14 made bytes of.
+    """Deserialize a value that `pyarrow.serialize(value).to_buffer()` of pyarrow 0.14 has serialized.
 
     Args:
-        data: the bytes.
-        name: what to call them in a message.
+        data: bytes of the value.
+        name: name of the data in an error message.
 
     Returns:
         None, bool, int, float, str, bytes; lists, tuples and dicts of these; arrays, which are read-only views of
-        `data`. All together take at most some ten times the memory of `data`, whatever it declares.
+        `data`. All together take at most about ten times the memory of `data`, whatever it declares.
 
     Raises:
         UserError: the bytes are damaged, or hold an object of another type.
@@ -57,7 +60,7 @@ def deserialize(data: bytes, name: str) -> Any:
         return _read(data)
     except _OtherTypeError as error:
         raise UserError(f"{name} holds {error}, which is never unpacked; expected text, numbers and arrays") from error
-    # The last ones are numpy's and Python's about shapes, indices, texts and keys that no writer makes.
+    # numpy and Python raise the last ones for shapes, indices, texts and keys that no writer makes.
     except (DamagedError, ValueError, IndexError, TypeError, OverflowError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{name} is damaged or not of pyarrow 0.14 ({reason}); copy or download it again") from error
@@ -97,12 +100,12 @@ def _read_arrays(data: bytes, position: int, count: int) -> list[np.ndarray]:
 
 
 def _read_layout(metadata: bytes) -> tuple[arrow.Layout, int]:
-    """How an array lies in the body of its message, checked to lie inside, and the length of the body."""
+    """Return the layout of an array, checked to lie inside the body of its message, and the length of the body."""
     message = arrow.read_message(metadata, arrow.TENSOR)
     layout = arrow.read_layout(message.header)
     size, itemsize = math.prod(layout.shape), layout.dtype.itemsize
     last = sum((count - 1) * stride for count, stride in zip(layout.shape, layout.strides or ()))
-    # The first: an array whose rows overlap could be larger than its bytes; none is written so.
+    # The first term refuses overlapping rows, with which an array could be larger than its bytes; none is written so.
     needed = layout.offset + (max(size * itemsize, last + itemsize) if size else 0)
     if min(0, *layout.shape, *(layout.strides or ()), layout.offset) < 0 or needed > message.body_length:
         raise DamagedError(f"an array of shape {layout.shape} in {message.body_length} bytes")
@@ -110,12 +113,12 @@ def _read_layout(metadata: bytes) -> tuple[arrow.Layout, int]:
 
 
 class _Batch:
-    """Readers of the arrays of a record batch; they are made in the order in which the arrays are stored."""
+    """Reader of the arrays of a record batch, which must be read in the order in which they are stored."""
 
     def __init__(self, body: memoryview, header: Table, arrays: list[np.ndarray], budget: int):
         self._body, self._arrays = body, arrays
         self._nodes, self._buffers = iter(header.pairs(1)), iter(header.pairs(2))
-        # Bytes of values that may still be made: rows that are used more than once could make more than there are.
+        # Bytes of values that may still be made, because rows that are used repeatedly could exceed the memory.
         self._budget = budget
 
     def union(self, field: Field) -> _Range:

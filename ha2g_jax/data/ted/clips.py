@@ -1,4 +1,4 @@
-"""One video of the TED data as clips, by the published rule: resampling, windows, filters."""
+"""Clips of one video of the TED data, by the published rule: resampling, windows, filters."""
 
 import math
 import numbers
@@ -19,16 +19,16 @@ TOO_SHORT, DAMAGED, NO_WINDOW = "too short", "damaged", "no window left"
 
 _FILTERS = window_filters.TED
 _FIELDS = ("words", "skeletons_3d", "audio_raw", "start_time", "end_time")
-_FRAME_RATES = (1.0, 1000.0)  # of a video; they bound what a clip may declare
-_AUDIO_SLACK = 1.0  # seconds that the audio of a clip may be longer or shorter than its motion
+_FRAME_RATES = (1.0, 1000.0)  # plausible frame rates of a video, which limit the length that a clip may declare
+_AUDIO_SLACK = 1.0  # seconds by which the audio of a clip may be longer or shorter than its motion
 
 
 class VideoClips(NamedTuple):
-    """What a video gave.
+    """The clips of one video.
 
     Attributes:
         records: encoded clips that have a window.
-        report: what was kept.
+        report: counts of what was kept and left out.
         damaged: one line for each clip that could not be used.
     """
 
@@ -38,11 +38,11 @@ class VideoClips(NamedTuple):
 
 
 class _DamagedClipError(ValueError):
-    """A clip whose fields are missing or make no sense."""
+    """Error for a clip with missing or invalid fields."""
 
 
 class _RawClip(NamedTuple):
-    """The fields of a clip, checked: poses (n, joints, 3), audio (16000 seconds,) float32; times in the whole video."""
+    """Checked fields of a clip: poses (n, joints, 3), audio (16000 * seconds,) float32; times in the whole video."""
 
     poses: np.ndarray
     audio: np.ndarray
@@ -52,10 +52,14 @@ class _RawClip(NamedTuple):
 
 
 def num_joints(video: Any, name: str) -> int | None:
-    """Joints of the first clip that has poses; None where none has.
+    """Return the number of joints of the first clip that has poses, None if no clip has.
+
+    Args:
+        video: value that `arrow_values.deserialize` returns.
+        name: name of the video in an error message.
 
     Raises:
-        UserError: the value is no video of the TED data.
+        UserError: the value is not a video of the TED data.
     """
     for clip in _clips(video, name):
         poses = clip.get("skeletons_3d") if isinstance(clip, dict) else None
@@ -66,15 +70,18 @@ def num_joints(video: Any, name: str) -> int | None:
 
 
 def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
-    """The clips of a video, with the windows that pass the filters.
+    """Read the clips of a video, with the windows that pass the filters.
 
     Args:
-        video: what `arrow_values.deserialize` gave.
-        skeleton: of the data set.
-        name: of the record, for messages.
+        video: value that `arrow_values.deserialize` returns.
+        skeleton: skeleton of the data set.
+        name: name of the video in an error message.
+
+    Returns:
+        The encoded clips, the counts, and the damaged clips.
 
     Raises:
-        UserError: the value is no video of the TED data, or has other joints than the skeleton.
+        UserError: the value is not a video of the TED data, or has other joints than the skeleton.
     """
     report = SplitReport(videos=1)
     made, damaged = [], []
@@ -101,23 +108,23 @@ def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
 
 
 def resample(poses: np.ndarray, seconds: float) -> np.ndarray:
-    """Poses of a clip at 15 frames a second, by linear interpolation.
+    """Resample the poses of a clip to 15 frames per second by linear interpolation.
 
     Args:
-        poses: (n, joints, 3), spread evenly over the clip.
-        seconds: length of the clip.
+        poses: (n, joints, 3), evenly spaced over the clip.
+        seconds: length of the clip in seconds.
 
     Returns:
-        (about 15 seconds, joints, 3) float64 at 0, s, 2s, ... below n frames with s = n / (15 seconds); past the last
-        frame the last segment goes on. Nothing where there are not two poses.
+        (about 15 * seconds, joints, 3) float64 at the fractional frames 0, s, 2 s, ... below n, s = n / (15 * seconds);
+        extrapolated past the last frame. Empty if there are fewer than two poses.
     """
     if len(poses) < 2:
         return np.zeros((0, *poses.shape[1:]))
     times = np.arange(0, len(poses), len(poses) / (FPS * seconds))
     before = np.minimum(times.astype(int), len(poses) - 2)
-    share = (times - before)[:, None, None]
+    weight = (times - before)[:, None, None]
     first = poses[before].astype(np.float64)
-    return first + share * (poses[before + 1] - first)
+    return first + weight * (poses[before + 1] - first)
 
 
 def _clips(video: Any, name: str) -> list[Any]:
@@ -138,7 +145,7 @@ def _check(fields: Any, skeleton: Skeleton, name: str) -> _RawClip:
 
 
 def _poses(frames: Any, skeleton: Skeleton, name: str) -> np.ndarray:
-    """(n, joints, 3); one array, or one a frame."""
+    """Check and return the poses (n, joints, 3), given as one array or as one per frame."""
     if isinstance(frames, list) and all(isinstance(frame, np.ndarray) for frame in frames):
         if len({frame.shape for frame in frames}) > 1:
             raise _DamagedClipError("frames with different numbers of joints")
@@ -156,7 +163,7 @@ def _poses(frames: Any, skeleton: Skeleton, name: str) -> np.ndarray:
 
 
 def _audio(samples: Any, seconds: float) -> np.ndarray:
-    """(16000 seconds,) float32 in [-1, 1], cut or filled up with silence."""
+    """Check and return the audio (16000 * seconds,) float32 in [-1, 1], cut or padded with silence."""
     if not isinstance(samples, np.ndarray) or samples.ndim != 1 or samples.dtype.kind != "f":
         raise _DamagedClipError("audio that is not a row of numbers")
     if abs(len(samples) / SAMPLE_RATE - seconds) > _AUDIO_SLACK:
@@ -192,14 +199,14 @@ def _make_clip(vid: str, raw: _RawClip, positions: np.ndarray, starts: tuple[int
         if word.start < raw.end and word.end > raw.start and word.text.strip()
     )
     return Clip(
-        # Not a number: a video has clips in several splits, which number theirs by themselves.
+        # Named by time, because a video has clips in several splits, each of which numbers its clips from 0.
         id=f"{vid}-{raw.start:.2f}",
         speaker=vid,
         audio=raw.audio,
         words=tuple(word for word in words if word.start <= word.end),
         positions=positions,
         reference_frames=None,
-        source_time=raw.start,
+        recording_start=raw.start,
         window_starts=starts,
-        talk=vid,
+        recording=vid,
     )

@@ -1,4 +1,4 @@
-"""Imports TED-Expressive and TED-Gesture as they were published: LMDB databases, one for each split."""
+"""Import of TED-Expressive and TED-Gesture as they were published: LMDB databases, one for each split."""
 
 import collections
 import os
@@ -23,7 +23,7 @@ _LICENCE = "TED talks: CC BY-NC-ND 4.0"
 
 
 class _Database(NamedTuple):
-    """What a worker finds in a database: its keys, and the joints of its first pose (None: there is none)."""
+    """A database: its folder, its keys, and the number of joints of its first pose (None if there is no pose)."""
 
     folder: pathlib.Path
     keys: list[bytes]
@@ -37,23 +37,24 @@ class _Database(NamedTuple):
 def import_ted(
     src: str | os.PathLike, dst: str | os.PathLike, *, split: str = TRAIN, workers: int | None = None
 ) -> Report:
-    """Makes a corpus of a TED data set; the same files give the same bytes whatever the workers.
+    """Make a corpus of a TED data set; equal files give equal bytes, whatever the number of workers.
 
-    Poses are resampled to 15 frames a second. Of the windows of 42 frames that start every 10, those are kept that pass
-    `window_filters.TED`; clips without any are not written. Clips that cannot be used are named on standard error.
+    Poses are resampled to 15 frames per second. Windows of 42 frames start every 10 frames; those that pass
+    `window_filters.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
+    error.
 
     Args:
-        src: folder of `train`, `val` and `test`, or of `lmdb_train`, ...; or the folder of one database.
+        src: folder that contains `train`, `val` and `test`, or `lmdb_train` etc., or the folder of one database.
         dst: folder to make; nothing is left of it after an error.
-        split: name of the split where `src` is one database.
-        workers: processes; one a core by default.
+        split: name of the split if `src` is one database.
+        workers: number of processes; one per core by default.
 
     Returns:
-        What was kept and what was left out, for each split.
+        The counts of what was kept and left out, by split.
 
     Raises:
-        UserError: there is no database or a damaged one, its joints are of neither data set, no window is left, or
-            `dst` exists.
+        UserError: there is no database or a damaged one, its joints are those of neither data set, no window is left,
+            or `dst` exists.
     """
     folders = _find_folders(pathlib.Path(src), split)
     for folder in folders.values():
@@ -76,13 +77,13 @@ def import_ted(
         with CorpusWriter(dst, splits=list(databases), skeleton=skeleton, fps=clips.FPS, metadata=metadata) as writer:
             report = _write(writer, databases, skeleton, executor, count)
             if not any(counts.kept for counts in report.values()):
-                raise UserError(f"{src} has no window that can be used: {_losses(report)}")
+                raise UserError(f"{src} has no usable window ({_losses(report)}); give more data")
             writer.metadata["import"] = import_report.as_json(report)
     return report
 
 
 def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
-    """Split -> folder of its database."""
+    """Return the folder of the database of each split."""
     if (src / lmdb_videos.FILE).exists():
         return {split: src}
     folders: dict[str, pathlib.Path] = {}
@@ -114,7 +115,7 @@ def _find_skeleton(databases: list[_Database]) -> str:
         raise UserError(f"different skeletons: {places}; import each data set by itself")
     [(num_joints, path)] = found.items()
     if num_joints not in skeletons:
-        raise UserError(f"{path} has poses of {num_joints} joints, expected {known}")
+        raise UserError(f"{path} has poses of {num_joints} joints; expected {known}")
     return skeletons[num_joints]
 
 
@@ -152,14 +153,14 @@ def _losses(report: Report) -> str:
 
 
 def _survey(folder: pathlib.Path) -> _Database:
-    """In a worker: the keys and the first pose."""
+    """Return the keys of a database and the joints of its first pose; runs in a worker."""
     keys = lmdb_videos.read_keys(folder)
     counts = (clips.num_joints(*_video(folder, key)) for key in keys)
     return _Database(folder, keys, next((count for count in counts if count is not None), None))
 
 
 def _read_clips(folder: pathlib.Path, key: bytes, skeleton: str) -> clips.VideoClips:
-    """In a worker: the clips of one video."""
+    """Return the clips of one video; runs in a worker."""
     video, name = _video(folder, key)
     return clips.read_clips(video, load_skeleton(skeleton), name)
 

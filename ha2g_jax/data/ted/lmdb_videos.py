@@ -1,4 +1,4 @@
-"""Reads LMDB databases; in processes of their own, because the C library may crash on a damaged file."""
+"""Reader of LMDB databases, to be used in worker processes, because the C library may crash on a damaged file."""
 
 import contextlib
 import pathlib
@@ -15,7 +15,7 @@ FILE = "data.mdb"
 _PAGE_HEADER = struct.Struct("<QHHHH")  # number, padding, flags, bounds of the free space
 _META_FLAG = 0x08
 _MAGIC, _VERSION = 0xBEEFC0DE, 1
-_TREE = "IHHQQQQQ"  # padding (page size), flags, depth, pages of three kinds, entries, root
+_TREE = "IHHQQQQQ"  # padding (page size), flags, depth, numbers of pages of three kinds, entries, root
 _META = struct.Struct(f"<IIQQ{_TREE}{_TREE}QQ")  # magic, version, address, map size, two trees, last page, transaction
 
 
@@ -27,13 +27,16 @@ class _Meta(NamedTuple):
 
 
 def check(folder: pathlib.Path) -> int:
-    """Checks that the file of a database is whole, without LMDB, which would read past its end.
+    """Check that the file of a database is complete, without LMDB, which would read past its end.
+
+    Args:
+        folder: folder of the database.
 
     Returns:
         The number of records.
 
     Raises:
-        UserError: there is no such file, it is no LMDB database, or it is shorter than it says.
+        UserError: there is no such file, it is not an LMDB database, or it is shorter than it declares.
     """
     path = folder / FILE
     try:
@@ -48,7 +51,7 @@ def check(folder: pathlib.Path) -> int:
     except OSError as error:
         raise UserError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
     if first is None or second is None:
-        raise UserError(f"{path} ({size} bytes) is no LMDB database or damaged; copy or download it again")
+        raise UserError(f"{path} ({size} bytes) is not an LMDB database or damaged; copy or download it again")
     newest = max(first, second, key=lambda meta: meta.transaction)
     expected = (newest.last_page + 1) * newest.page_size
     if size < expected:
@@ -57,21 +60,24 @@ def check(folder: pathlib.Path) -> int:
 
 
 def _read_meta(data: bytes) -> _Meta | None:
-    """What a meta page says; None if it is none."""
+    """Read a meta page, None if the data are not a meta page."""
     if len(data) < _PAGE_HEADER.size + _META.size:
         return None
     _, _, flags, _, _ = _PAGE_HEADER.unpack_from(data)
     fields = _META.unpack_from(data, _PAGE_HEADER.size)
     page_size, num_entries = fields[4], fields[18]
     is_meta = flags & _META_FLAG and fields[0] == _MAGIC and fields[1] == _VERSION
-    # LMDB's own limits of the page size.
+    # LMDB allows these page sizes.
     if not is_meta or page_size not in (2**power for power in range(8, 17)):
         return None
     return _Meta(page_size, num_entries, last_page=fields[20], transaction=fields[21])
 
 
 def read_keys(folder: pathlib.Path) -> list[bytes]:
-    """All keys in their order. Only for a worker: a damaged file may end the process.
+    """Read all keys in order. Call it in a worker only, because a damaged file may end the process.
+
+    Args:
+        folder: folder of the database.
 
     Raises:
         UserError: LMDB finds the file damaged.
@@ -79,7 +85,7 @@ def read_keys(folder: pathlib.Path) -> list[bytes]:
     keys: list[bytes] = []
     with _transaction(folder) as transaction:
         for key in transaction.cursor().iternext(keys=True, values=False):
-            # Pages that lead back to each other would never end; their keys do not ascend.
+            # Keys that do not ascend reveal damaged pages that refer to each other and would never end.
             if keys and bytes(key) <= keys[-1]:
                 raise UserError(f"{folder / FILE} is damaged (keys out of order); copy or download it again")
             keys.append(bytes(key))
@@ -89,7 +95,11 @@ def read_keys(folder: pathlib.Path) -> list[bytes]:
 
 
 def read_value(folder: pathlib.Path, key: bytes) -> bytes:
-    """The value of a key. Only for a worker: a damaged file may end the process.
+    """Read the value of a key. Call it in a worker only, because a damaged file may end the process.
+
+    Args:
+        folder: folder of the database.
+        key: key of the value.
 
     Raises:
         UserError: LMDB finds the file damaged.
@@ -104,10 +114,10 @@ def read_value(folder: pathlib.Path, key: bytes) -> bytes:
 @contextlib.contextmanager
 def _transaction(folder: pathlib.Path) -> Iterator[lmdb.Transaction]:
     try:
-        # A map of the file's size: without it LMDB would map as much as the file declares.
+        # The map has the size of the file; otherwise LMDB would map as much as the file declares.
         size = (folder / FILE).stat().st_size
         with (
-            # Read ahead by the system: values are large and come one after the other, 30 times as fast from a disk.
+            # With read-ahead of the system, because values are large and sequential: 30 times as fast from a disk.
             lmdb.open(str(folder), map_size=size, readonly=True, lock=False, create=False) as database,
             database.begin(buffers=True) as transaction,
         ):

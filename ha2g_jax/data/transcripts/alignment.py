@@ -1,11 +1,11 @@
-"""A text laid on the sound of its reading by pocketsphinx, in pieces of at most 30 s.
+"""Alignment of a text with its audio by pocketsphinx, in pieces of at most 30 s.
 
-1. The sound is cut at quiet moments and recognised with a language model made of the text alone (after Moreno et al.,
+1. The audio is cut at quiet moments and recognised with a language model made of the text alone (after Moreno et al.,
    "A recursive algorithm for the forced alignment of very long audio segments", 1998). Runs of three words or more
    that recognition and text have in common are anchors.
-2. Words between anchors are laid provisionally into the gap by letters, on a clock that stops in silence. Where they
-   do not fit in the gap they were not spoken, and are left out.
-3. Pieces of at most 30 s, cut at the longest pauses between neighbouring anchored words, are aligned by force.
+2. Words between anchors get provisional times: the gap is divided by letters, on a clock that stops in silence. Words
+   that do not fit in the gap were not spoken, and are left out.
+3. Pieces of at most 30 s, cut at the longest pauses between neighbouring anchors, are aligned by forced alignment.
 """
 
 import difflib
@@ -31,39 +31,39 @@ if TYPE_CHECKING:
 MAX_PIECE_SECONDS = 30.0
 
 _MIN_ANCHOR = 3
-# So much of its neighbours' time may belong to a word that was not heard.
+# Time of the neighbours that may belong to a word that was not recognised.
 _SLACK_SECONDS = 0.3
-# Below this share of anchored words the text is hardly that of the recording.
-_MIN_HEARD = 0.3
+# Minimum fraction of recognised words; below it the text is probably not that of the recording.
+_MIN_RECOGNISED = 0.3
 
 _logger = logging.getLogger(__name__)
 
 
 class _Placed(NamedTuple):
-    """A word with its provisional time, and whether it was heard there."""
+    """A word with its provisional time, and whether it was recognised there."""
 
     word: Word
     is_anchor: bool
 
 
 def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
-    """When each word of an English text is spoken.
+    """Find the times at which the words of an English text are spoken.
 
-    A piece that pocketsphinx cannot align keeps the provisional times of its words, with a warning in the log.
+    The words of a piece that pocketsphinx cannot align keep their provisional times, with a warning in the log.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        text: what is said in it, in order; numbers may be figures.
+        text: spoken text in order; numbers may be written in digits.
 
     Returns:
-        The words in order of time; those that fit nowhere are left out.
+        The words in order of time, without those that do not fit anywhere.
 
     Raises:
         UserError: pocketsphinx is not installed, or the text has no words.
     """
     texts = split_words(text)
     if not texts:
-        raise UserError("the transcript holds no words; expected the text of the recording")
+        raise UserError("the transcript has no words; expected the text of the recording")
     decoder = _load(texts)
     placed = _place(audio, texts, _recognise(decoder, audio, texts))
     words: list[Word] = []
@@ -76,7 +76,7 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
 
 
 def _load(texts: Sequence[str]) -> "Decoder":
-    """A decoder that knows the words of the text and no others, which makes it start 40 times sooner."""
+    """Load a decoder with only the words of the text, which makes it start 40 times as fast."""
     try:
         from pocketsphinx import Decoder, get_model_path
     except ImportError as error:
@@ -94,7 +94,7 @@ def _load(texts: Sequence[str]) -> "Decoder":
 
 
 def _recognise(decoder: "Decoder", audio: np.ndarray, texts: Sequence[str]) -> list[Word]:
-    """What a recogniser hears that knows nothing but the text: words in order of time."""
+    """Recognise words with a language model of the text alone, in order of time."""
     from pocketsphinx.lm import ArpaBoLM
 
     model = ArpaBoLM(text=" ".join(texts), add_start=True)
@@ -110,14 +110,14 @@ def _recognise(decoder: "Decoder", audio: np.ndarray, texts: Sequence[str]) -> l
 
 
 def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> list[Word]:
-    """The words that the decoder's active search finds between two times."""
+    """Return the words that the decoder's active search finds between two times."""
     samples = np.clip(audio[round(start * SAMPLE_RATE) : round(end * SAMPLE_RATE)], -1, 1)
     if not len(samples):
         return []
     decoder.start_utt()
     decoder.process_raw((samples * 32767).astype("<i2").tobytes(), full_utt=True)
     decoder.end_utt()
-    # Silences and noises stand in brackets, a further pronunciation of a word has its number after it.
+    # Silences and noises are in brackets; another pronunciation of a word is followed by its number.
     spoken = (segment for segment in decoder.seg() or () if segment.word[0] not in "<[")
     return [
         Word(
@@ -129,18 +129,20 @@ def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> 
     ]
 
 
-def _place(audio: np.ndarray, texts: Sequence[str], heard: Sequence[Word]) -> list[_Placed]:
-    """Provisional times: those that were heard for anchors, a share of the gap for the words between."""
+def _place(audio: np.ndarray, texts: Sequence[str], recognised: Sequence[Word]) -> list[_Placed]:
+    """Return provisional times: the recognised ones for anchors, and a part of the gap for the words between."""
     clock = voicing.voiced_clock(audio)
-    matcher = difflib.SequenceMatcher(None, texts, [word.text for word in heard])
+    matcher = difflib.SequenceMatcher(None, texts, [word.text for word in recognised])
     times = {
-        block.a + offset: heard[block.b + offset]
+        block.a + offset: recognised[block.b + offset]
         for block in matcher.get_matching_blocks()
         if block.size >= min(_MIN_ANCHOR, len(texts))
         for offset in range(block.size)
     }
-    if len(times) < _MIN_HEARD * len(texts):
-        _logger.warning("%d of %d words were heard; is it the text of this recording?", len(times), len(texts))
+    if len(times) < _MIN_RECOGNISED * len(texts):
+        _logger.warning(
+            "%d of %d words were recognised; check that it is the text of this recording", len(times), len(texts)
+        )
     stretches = [
         Stretch(text, clock.to_voiced(times[index].start), clock.to_voiced(times[index].end))
         if index in times
@@ -158,10 +160,10 @@ def _place(audio: np.ndarray, texts: Sequence[str], heard: Sequence[Word]) -> li
 
 
 def _pieces(placed: Sequence[_Placed], duration: float) -> list[tuple[float, float, list[_Placed]]]:
-    """The recording cut into pieces of at most 30 s: (start, end, words) of each.
+    """Cut the recording into pieces of at most 30 s and return (start, end, words) of each.
 
-    Only a pause between two anchors that are neighbours in the text is sure to lie between the same words in the
-    sound; among those within reach the longest is taken. Where none is within reach the piece is longer.
+    Only a pause between two anchors that are neighbours in the text surely lies between the same words in the audio.
+    The longest such pause within 30 s is taken; if there is none, the piece is longer.
     """
     cuts = [
         (after.word.start - before.word.end, (before.word.end + after.word.start) / 2, index)
@@ -181,12 +183,12 @@ def _pieces(placed: Sequence[_Placed], duration: float) -> list[tuple[float, flo
 
 
 def _force(decoder: "Decoder", audio: np.ndarray, start: float, end: float, texts: Sequence[str]) -> list[Word] | None:
-    """The texts aligned by force between two times; None where that fails."""
+    """Align words between two times by forced alignment; None if that fails."""
     if not texts or end - start > MAX_PIECE_SECONDS:
         return None
     try:
         decoder.set_align_text(" ".join(texts))
         words = _decode(decoder, audio, start, end)
-    except RuntimeError:  # the library's word for all that goes wrong
+    except RuntimeError:  # pocketsphinx raises this for every failure
         return None
     return words if [word.text for word in words] == list(texts) else None

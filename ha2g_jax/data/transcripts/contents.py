@@ -1,4 +1,4 @@
-"""The text of a file of unknown origin: size bounded, encoding found, binary data refused."""
+"""Reader of text files of unknown origin, with a limit of the size and detection of the encoding."""
 
 import codecs
 import logging
@@ -6,7 +6,7 @@ import pathlib
 
 from ha2g_jax.errors import UserError
 
-# A TextGrid of an hour with every phone in it, in UTF-16, is smaller.
+# A TextGrid of an hour with every phone, in UTF-16, is smaller.
 MAX_BYTES = 16 << 20
 
 _BYTE_ORDER_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -16,20 +16,20 @@ _logger = logging.getLogger(__name__)
 
 
 def read_text(path: pathlib.Path) -> str:
-    """The text of a file in UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
+    """Read a text file in UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
 
     Args:
-        path: the file.
+        path: path of the file.
 
     Returns:
         The text with line ends as \\n.
 
     Raises:
-        UserError: no such file, empty, larger than 16 MiB, or not text.
+        UserError: the file does not exist, is empty, larger than 16 MiB, or not text.
     """
     try:
-        if path.exists() and not path.is_file():  # a pipe would wait for ever
-            raise UserError(f"{path} is no file; give the path of a transcript")
+        if path.exists() and not path.is_file():  # reading a pipe would wait for ever
+            raise UserError(f"{path} is not a file; give the path of a transcript")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
@@ -40,9 +40,9 @@ def read_text(path: pathlib.Path) -> str:
         raise UserError(f"{path} is larger than {MAX_BYTES >> 20} MiB; expected the transcript of one recording")
     text = _decode(data, path).replace("\r\n", "\n").replace("\r", "\n")
     if not _CONTROLS.isdisjoint(text):
-        raise UserError(f"{path} holds binary data; expected a transcript")
+        raise UserError(f"{path} has binary data; expected a transcript")
     if not text.strip():
-        raise UserError(f"{path} holds nothing but white space; expected a transcript")
+        raise UserError(f"{path} has nothing but white space; expected a transcript")
     return text
 
 
@@ -52,7 +52,7 @@ def _decode(data: bytes, path: pathlib.Path) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         if encoding != "utf-8":
-            raise UserError(f"{path} is not whole {encoding} text ({error.reason}); save it as UTF-8") from error
+            raise UserError(f"{path} is not valid {encoding} text ({error.reason}); save it as UTF-8") from error
     try:
         text = data.decode("cp1252")
     except UnicodeDecodeError as error:

@@ -1,4 +1,4 @@
-"""Words from the JSON of speech recognisers and aligners: Whisper, whisperX, faster-whisper, Gentle."""
+"""Parser of the JSON of speech recognisers and aligners: Whisper, whisperX, faster-whisper, Gentle."""
 
 import json
 import math
@@ -9,27 +9,27 @@ from typing import Any
 from ha2g_jax.data.transcripts.timing import Stretch, fill_gaps
 from ha2g_jax.errors import UserError
 
-# Sounds that are no words, as Whisper and captions write them.
+# Sounds that are not words, as Whisper and captions write them.
 _NO_SPEECH = re.compile(r"\[[^\]]{0,200}\]|\([^)]{0,200}\)|♪")
 
 
 def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
-    """The words of a Gentle, Whisper or whisperX file.
+    """Parse the words of a Gentle, Whisper or whisperX file.
 
     Args:
-        text: of the file.
-        path: the file, to name it in a message.
+        text: contents of the file.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        A stretch a word, or a stretch a segment where a segment has no words.
+        One stretch per word, or one per segment for segments without words.
 
     Raises:
-        UserError: it is not JSON, or not of these tools.
+        UserError: the text is not JSON, or not the output of one of these tools.
     """
     try:
         content = json.loads(text)
         segments, words = content.get("segments"), content.get("words", content.get("word_segments"))
-        # OpenAI's service gives segments without words, and the words beside them.
+        # OpenAI's service returns segments without words, and a separate list of words.
         if segments and (not words or any(segment.get("words") for segment in segments)):
             return [stretch for segment in segments for stretch in _segment(segment)]
         if words and any("case" in word for word in words):
@@ -42,16 +42,14 @@ def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
         raise UserError(f"{path} is damaged JSON ({error}); export the transcript again, whole") from error
     except (ValueError, TypeError, AttributeError, KeyError, OverflowError) as error:
         reason = f"{type(error).__name__}: {str(error)[:80]}"
-        raise UserError(f"{path} is no JSON of Gentle, Whisper or whisperX ({reason}); export it again") from error
-    raise UserError(
-        f"{path} is JSON without `segments` or `words` in it; expected the output of Gentle, Whisper or whisperX"
-    )
+        raise UserError(f"{path} is not JSON of Gentle, Whisper or whisperX ({reason}); export it again") from error
+    raise UserError(f"{path} is JSON without `segments` or `words`; expected the output of Gentle, Whisper or whisperX")
 
 
 def _segment(segment: dict[str, Any]) -> list[Stretch]:
-    """The words of a Whisper segment; its text as one stretch where it has none.
+    """Return the words of a Whisper segment, or its text as one stretch if it has none.
 
-    whisperX gives no times to words that its aligner cannot spell, such as numbers: they were spoken all the same, so
+    whisperX gives no times for words that its aligner cannot spell, such as numbers. They were spoken nevertheless, so
     they get the gap between their neighbours.
     """
     start, end = _seconds(segment.get("start")), _seconds(segment.get("end"))
@@ -62,16 +60,16 @@ def _segment(segment: dict[str, Any]) -> list[Stretch]:
 
 
 def _word(word: dict[str, Any]) -> Stretch:
-    # openai-whisper, faster-whisper and whisperX say "word", older whisperX and some exports "text".
+    # openai-whisper, faster-whisper and whisperX have "word", older whisperX and some exports "text".
     text = word["word"] if "word" in word else word["text"]
     return Stretch(_NO_SPEECH.sub(" ", str(text)), _seconds(word.get("start")), _seconds(word.get("end")))
 
 
 def _gentle_word(word: dict[str, Any]) -> Stretch:
-    """A word of Gentle.
+    """Return a word of Gentle.
 
-    One of the case `not-found-in-audio` has no times. If it was spoken, there is a gap between its neighbours that it
-    fits in; if the transcript has a word too many, there is none. So `fill_gaps` tells the two apart.
+    A word of the case `not-found-in-audio` has no times. If it was spoken, it fits in the gap between its neighbours;
+    if it is superfluous in the transcript, it does not. `fill_gaps` distinguishes the two cases.
     """
     if word.get("case", "success") == "not-found-in-audio":
         return Stretch(str(word["word"]), None, None)

@@ -1,4 +1,4 @@
-"""How words are spoken, in the phones of pocketsphinx' English model: its dictionary first, espeak-ng for the rest."""
+"""Pronunciations in the phones of pocketsphinx' English model, from its dictionary or else from espeak-ng."""
 
 import ctypes
 import pathlib
@@ -24,14 +24,14 @@ _STRESS = "',%=|"
 
 
 def known_pronunciations(words: Iterable[str], dictionary: pathlib.Path) -> dict[str, list[str]]:
-    """The lines of a CMU dictionary that pronounce words; a word may have several.
+    """Look up words in a CMU dictionary; a word may have several pronunciations.
 
     Args:
-        words: in lower case.
-        dictionary: file of lines `word PHONE PHONE ...`, further pronunciations as `word(2) ...`.
+        words: words in lower case.
+        dictionary: file of lines `word PHONE PHONE ...`, with further pronunciations as `word(2) ...`.
 
     Returns:
-        Lines of each word that the dictionary has.
+        The lines of each word that the dictionary has, by word.
     """
     wanted, found = set(words), {}
     with dictionary.open(encoding="utf-8") as file:
@@ -43,13 +43,13 @@ def known_pronunciations(words: Iterable[str], dictionary: pathlib.Path) -> dict
 
 
 def guess_pronunciations(words: Iterable[str]) -> dict[str, str]:
-    """Words as espeak-ng reads them in American English, numbers and names of letters among them.
+    """Guess the American English pronunciation of words, numbers and letters with espeak-ng.
 
     Args:
-        words: of any spelling.
+        words: words of any spelling.
 
     Returns:
-        Phones of the CMU set, separated by spaces; a single vowel for what espeak-ng says nothing to.
+        Phones of the CMU set, separated by spaces, by word; a single vowel if espeak-ng gives no phoneme.
 
     Raises:
         UserError: espeak-ng cannot be loaded.
@@ -63,7 +63,7 @@ def guess_pronunciations(words: Iterable[str]) -> dict[str, str]:
 
 
 def _phonemes(word: str, translate) -> str:  # type: ignore[no-untyped-def]
-    # The function moves the pointer on, a clause a call, and sets it to zero at the end.
+    # Each call advances the pointer by a clause, and sets it to zero at the end.
     buffer = ctypes.create_string_buffer(word.encode())
     rest = ctypes.c_char_p(ctypes.addressof(buffer))
     clauses = []

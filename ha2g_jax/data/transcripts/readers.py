@@ -1,4 +1,4 @@
-"""Any transcript with times as words: the format goes by the file's suffix and, between relatives, by its contents."""
+"""Reader of transcripts with times; the format is determined by the suffix, and that of subtitles by the contents."""
 
 import pathlib
 
@@ -17,32 +17,34 @@ FORMATS = {
 
 
 def read_words(path: pathlib.Path) -> tuple[Word, ...]:
-    """The words of a transcript with times: TextGrid, Gentle, Whisper or whisperX JSON, SRT, VTT, TSV or CSV.
+    """Read a transcript with times: TextGrid, Gentle, Whisper or whisperX JSON, SRT, VTT, TSV or CSV.
 
-    Where a file gives times only to lines or segments, their words share them by letters.
+    If a file has times only for lines or segments, these are divided among their words by letters.
 
     Args:
-        path: the file.
+        path: path of the transcript.
 
     Returns:
         Words in lower case without punctuation, in order of time, not overlapping, 0 <= start < end in seconds.
 
     Raises:
-        UserError: the file cannot be read, holds no words or impossible times, or gives no times at all.
+        UserError: the file cannot be read, or has no words, impossible times, or no times.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
     if suffix == ".txt":
-        raise UserError(f"{path} is a text without times; its words must be aligned with the sound of the recording")
+        raise UserError(
+            f"{path} is a text without times; expected a transcript with times, or a text together with its audio"
+        )
     if suffix not in FORMATS:
         raise UserError(
-            f"{path} is no transcript that can be read; expected one of .TextGrid .json .tsv .csv .vtt .srt"
+            f"{path} is not a transcript of a known format; expected one of .TextGrid .json .tsv .csv .vtt .srt"
         )
     text = contents.read_text(path)
     parse = FORMATS[suffix]
-    if suffix in (".vtt", ".srt"):  # often named like one another
+    if suffix in (".vtt", ".srt"):  # often one has the suffix of the other
         parse = subtitles.parse_vtt if text.lstrip().startswith("WEBVTT") else subtitles.parse_srt
     words = timing.to_words(parse(text, path), path)
     if not words:
-        raise UserError(f"{path} holds no words with times; expected a transcript of the recording")
+        raise UserError(f"{path} has no words with times; expected a transcript of the recording")
     return words

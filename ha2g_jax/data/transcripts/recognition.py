@@ -1,4 +1,4 @@
-"""Words recognised by Whisper (faster-whisper, on the processor) and aligned anew by pocketsphinx."""
+"""Speech recognition by Whisper (faster-whisper, on the CPU), with English words aligned again by pocketsphinx."""
 
 import pathlib
 from typing import TYPE_CHECKING
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 
 
 def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None = None) -> tuple[Word, ...]:
-    """The words of a recording as Whisper hears them.
+    """Recognise the words of a recording by Whisper.
 
-    Whisper's own times are off by up to half a second. English is aligned anew by `alignment.align`; for other
-    languages pocketsphinx brings no model, and Whisper's times stay.
+    Whisper's own times are wrong by up to half a second. English words are aligned again by `alignment.align`; for
+    other languages pocketsphinx has no model, and Whisper's times are kept.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        model: name of a Whisper model, downloaded once, or a folder with one in CTranslate2's form.
-        language: code such as "en"; recognised from the first 30 s by default.
+        model: name of a Whisper model, which is downloaded once, or a folder of one in CTranslate2's format.
+        language: language code such as "en"; recognised from the first 30 s by default.
 
     Returns:
-        The words in order of time, none where nobody speaks.
+        The words in order of time, empty if nobody speaks.
 
     Raises:
         UserError: faster-whisper or pocketsphinx is not installed, or the model cannot be loaded.
     """
     whisper = _load(model)
-    # So the same sound gives the same words in any process: at temperature 0 nothing is drawn at random, and the number
-    # of threads, which changes the last bits of the spectrogram and with them a word now and then, is always one.
-    # Without the text before as a condition, a repetition ends with its half minute.
+    # For reproducible words in any process: at temperature 0 nothing is drawn at random, and the number of threads,
+    # which changes the last bits of the spectrogram and sometimes a word, is always one. Without conditioning on the
+    # previous text, a repetition cannot go on after its half minute.
     with threadpoolctl.threadpool_limits(1, "blas"):
         segments, info = whisper.transcribe(
             audio,
@@ -69,15 +69,15 @@ def _load(model: str) -> "WhisperModel":
     missing = [name for name in ("model.bin", "tokenizer.json") if not (folder / name).is_file()]
     if folder.is_dir() and missing:
         raise UserError(
-            f"{folder} holds no Whisper model in CTranslate2's form ({', '.join(missing)} missing); "
-            "name the folder that ct2-transformers-converter made, with the tokenizer"
+            f"{folder} has no Whisper model in CTranslate2's format ({', '.join(missing)} missing); "
+            "give the folder that ct2-transformers-converter made, with the tokenizer"
         )
     try:
         return WhisperModel(model, device="cpu", compute_type="int8", cpu_threads=1)
-    except Exception as error:  # the libraries below raise plain Exception among others
+    except Exception as error:  # the libraries raise plain Exception, among others
         reason = " ".join(str(error).split())[:100]
         where = "in that folder" if folder.is_dir() else "on the Hugging Face Hub and in its cache (HF_HOME)"
         raise UserError(
-            f"Whisper model {model!r} cannot be loaded ({reason}); looked {where}: "
-            "connect once to download it, or name a folder with model.bin, config.json, tokenizer.json and vocabulary"
+            f"Whisper model {model!r} cannot be loaded ({reason}); searched {where}: "
+            "connect once to download it, or give a folder with model.bin, config.json, tokenizer.json and vocabulary"
         ) from error

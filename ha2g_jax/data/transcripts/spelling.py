@@ -1,4 +1,4 @@
-"""Running text as words: lower case letters, digits and apostrophes of any language."""
+"""Division of text into words: lower case letters, digits and apostrophes of any language."""
 
 import re
 import unicodedata
@@ -6,18 +6,18 @@ import unicodedata
 _APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
 _THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
 _NOT_OF_WORDS = re.compile(r"[^a-z0-9']")
-# They join letters of Persian and Indian scripts within a word.
+# Characters that join letters of Persian and Indian scripts within a word.
 _JOINERS = "\u200c\u200d"
 
 
 def split_words(text: str) -> list[str]:
-    """The words of a text as the corpus spells them.
+    """Split a text into words as the corpus spells them.
 
-    Rule: letters (with their marks), digits and apostrophes within a word stay, in lower case; everything else divides
-    words, so that "twenty-one" is two. A comma in a number is dropped: "1,000" is "1000".
+    Letters (with their marks), digits and apostrophes within a word are kept, in lower case; everything else separates
+    words, so that "twenty-one" is two words. A comma in a number is dropped: "1,000" is "1000".
 
     Args:
-        text: anything; brackets and tags must be gone already.
+        text: any text, without brackets and tags.
 
     Returns:
         The words, none empty.
@@ -37,5 +37,5 @@ def _belongs(character: str) -> bool:
 
 
 def num_letters(word: str) -> int:
-    """Letters and digits of a word, which its share of a stretch of time goes by; at least 1."""
+    """Count the letters and digits of a word, by which time is divided among words; at least 1."""
     return max(1, sum(character.isalnum() for character in word))

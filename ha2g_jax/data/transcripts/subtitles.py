@@ -1,4 +1,4 @@
-"""Words from subtitles: SubRip and WebVTT, among them those of YouTube and Whisper that time every word."""
+"""Parser of subtitles: SubRip and WebVTT, including those of YouTube and Whisper with a time for every word."""
 
 import html
 import logging
@@ -15,7 +15,7 @@ from ha2g_jax.data.transcripts.spelling import num_letters, split_words
 from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
 
-# What is shown and not said: {\an8}, [music], (laughs), notes.
+# Text that is shown but not spoken: {\an8}, [music], (laughs), notes.
 _UNSPOKEN = re.compile(r"\{[^}\n]{0,200}\}|\[[^\]\n]{0,200}\]|\([^)\n]{0,200}\)|[♪♫]")
 _TAG = re.compile(r"<[^>\n]{0,200}>")
 _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})>")
@@ -28,7 +28,7 @@ _SPEAKER = re.compile(
 _BLANKS = re.compile(r"[^\S\n]+")
 _LONG_NUMBER = re.compile(r"[0-9]{30}")
 
-# WebVTT gives only the start of a word: one before a pause would else last as long as the pause.
+# WebVTT has only the start of a word; without this limit, a word before a pause would last until its end.
 _WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
 
 _logger = logging.getLogger(__name__)
@@ -41,42 +41,42 @@ class _Cue(NamedTuple):
 
 
 def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """The subtitles of a SubRip file.
+    """Parse the subtitles of a SubRip file.
 
     Args:
-        text: of the file.
-        path: the file, to name it in a message.
+        text: contents of the file.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        A stretch a subtitle, or a word where the file times words.
+        One stretch per subtitle, or one per word if the file has times of words.
 
     Raises:
-        UserError: it is not SubRip.
+        UserError: the text is not SubRip.
     """
     if _LONG_NUMBER.search(text):
-        raise UserError(f"{path} holds a number of more than 30 digits; expected subtitles")
+        raise UserError(f"{path} has a number of more than 30 digits; expected subtitles")
     # The library takes quadratic time for runs of blanks.
     lines = [_BLANKS.sub(" ", line).strip() for line in text.strip().split("\n")]
     kept = [line for line, before in zip(lines, ["", *lines[:-1]], strict=True) if line or before]
     try:
         cues = list(srt.parse("\n".join(kept) + "\n"))
     except (srt.SRTParseError, srt.TimestampParseError, ValueError, OverflowError) as error:
-        raise UserError(f"{path} is not whole SubRip ({_short(error)}); export the subtitles again") from error
+        raise UserError(f"{path} is not valid SubRip ({_short(error)}); export the subtitles again") from error
     return _stretches([_Cue(cue.content, cue.start.total_seconds(), cue.end.total_seconds()) for cue in cues])
 
 
 def parse_vtt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """The cues of a WebVTT file; one whose times cannot be read is left out, with a warning in the log.
+    """Parse the cues of a WebVTT file; a cue with unreadable times is left out, with a warning in the log.
 
     Args:
-        text: of the file.
-        path: the file, to name it in a message.
+        text: contents of the file.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        A stretch a cue, or a word where the file times words.
+        One stretch per cue, or one per word if the file has times of words.
 
     Raises:
-        UserError: it is not WebVTT.
+        UserError: the text is not WebVTT.
     """
     try:
         captions = webvtt.from_string(text.lstrip()).captions
@@ -112,16 +112,16 @@ def _stretches(cues: Sequence[_Cue]) -> list[Stretch]:
 
 
 def _spoken(raw: str) -> str:
-    """A cue without tags, sounds in brackets and labels of speakers."""
+    """Remove tags, sounds in brackets and labels of speakers from a cue."""
     text = html.unescape(_TAG.sub("", raw))
     return _SPEAKER.sub("", _UNSPOKEN.sub(" ", text))
 
 
 def _timed_words(cues: Sequence[_Cue]) -> list[Stretch]:
-    """Words of cues such as `so<00:00:00.320><c> today</c>`.
+    """Return the words of cues such as `so<00:00:00.320><c> today</c>`.
 
-    YouTube shows every line twice, first while it is spoken and then above the next one: lines with which the cue
-    before ended are not read again.
+    YouTube shows every line twice, first while it is spoken and then above the next one, so the last lines of the
+    previous cue are not read again.
     """
     stretches: list[Stretch] = []
     shown: list[str] = []

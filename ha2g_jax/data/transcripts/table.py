@@ -1,4 +1,4 @@
-"""Words from a table: `start end word` in any order, tabs or commas; seconds, or milliseconds as Whisper writes."""
+"""Parser of tables with the columns start, end and word, separated by tabs or commas."""
 
 import csv
 import pathlib
@@ -16,21 +16,21 @@ _MAX_LINE = 1 << 16
 
 
 def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
-    """One stretch a row.
+    """Parse a table of words.
 
-    Rule: the first line names the columns start, end and word (or text); without such a line the columns are start,
-    end, word. Where the third is called `text` and all times are whole numbers, as Whisper writes them, they are
-    milliseconds.
+    The first line names the columns start, end and word (or text); without such a line the columns are start, end,
+    word. Times are seconds. If the third column is called `text` and all times are integers, as in Whisper's tables,
+    they are milliseconds.
 
     Args:
-        text: of the file.
-        path: the file, to name it in a message.
+        text: contents of the file.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        A stretch for each row.
+        One stretch per row.
 
     Raises:
-        UserError: a row lacks a column, or a time is no number.
+        UserError: a row lacks a column, or a time is not a number.
     """
     rows = _rows(text, path)
     number, header = next(rows)
@@ -52,11 +52,11 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
 
 
 def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
-    """The line number and the fields of each row."""
+    """Yield the line number and the fields of each row."""
     lines = text.lstrip("\n").split("\n")
     if max(map(len, lines)) > _MAX_LINE:
         raise UserError(f"{path} has a line of more than {_MAX_LINE} characters; expected start, end and word in each")
-    # Tools that write tabs do not quote, and a transcript may hold a single quotation mark.
+    # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
     style = {"delimiter": "\t", "quoting": csv.QUOTE_NONE} if "\t" in lines[0] else {"delimiter": ",", "strict": True}
     reader = csv.reader(lines, **style)
     try:
@@ -82,4 +82,4 @@ def _stretch(row: list[str], columns: dict[str, int], name: str) -> Stretch:
     except IndexError as error:
         raise UserError(f"{name} has {len(row)} columns instead of {1 + max(columns.values())}; correct it") from error
     except ValueError as error:
-        raise UserError(f"{name} has a time that is no number ({str(error)[:80]}); correct it") from error
+        raise UserError(f"{name} has a time that is not a number ({str(error)[:80]}); correct it") from error

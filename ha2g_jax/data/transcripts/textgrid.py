@@ -1,4 +1,4 @@
-"""The word tier of a Praat TextGrid, long or short form."""
+"""Parser of the word tier of a Praat TextGrid in the long or the short format."""
 
 import pathlib
 import re
@@ -9,14 +9,14 @@ from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
 
 _WORD_NAMES = ("words", "word", "ort", "ort-mau", "orthography", "transcript", "transcription", "text")
-# As whole parts of a name, such as "S1 - words" of the Montreal aligner.
+# Words within a tier's name, such as "S1 - words" of the Montreal aligner.
 _IS_WORDS = re.compile(r"\b(words?|ort)\b")
 _IS_PHONES = re.compile(r"\b(phones?|phon|phonemes?|phonetic|segments?|mau|kan|syllables?|states?)\b")
 _SILENCES = {"sil", "sp", "spn", "spl", "_"}
 _BRACKETED = re.compile(r"<.*>|\[.*\]|\{.*\}", re.DOTALL)
 
 _ENTRY = re.compile(r"(?:item|intervals|points) ?\[")
-# praatio's expressions take the square of an entry's length.
+# The time of praatio's regular expressions is quadratic in the length of an entry.
 _MAX_ENTRY = 1 << 16
 _NUM_TIERS = re.compile(r"<exists>\s{1,9}(?:size ?= ?)?([0-9]{1,20})\b")
 _NUM_INTERVALS = re.compile(
@@ -26,20 +26,21 @@ _NUM_INTERVALS = re.compile(
 
 
 def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
-    """The labels of the word tier.
+    """Parse the labels of the word tier.
 
-    Rule: the tier named words, word, ORT, ...; else one whose name holds such a word; else, phones aside, the interval
-    tier with the most labels. Empty labels, `sil`, `sp`, `<...>`, `[...]` and `{...}` are silence.
+    The word tier is the one named words, word, ORT etc.; else one whose name contains such a word; else the interval
+    tier with the most labels, except tiers of phones. Empty labels, `sil`, `sp`, `<...>`, `[...]` and `{...}` are
+    silence.
 
     Args:
-        text: of the file.
-        path: the file, to name it in a message.
+        text: contents of the file.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        One stretch a label.
+        One stretch per label.
 
     Raises:
-        UserError: it is no whole TextGrid, or has no tier of words.
+        UserError: the text is not a complete TextGrid, or has no tier of words.
     """
     if not text.lstrip().startswith("File type"):
         raise UserError(f"{path} is not a TextGrid in text form; open it in Praat and save it as text file")
@@ -63,15 +64,15 @@ def _reason(error: Exception) -> str:
 
 
 def _check_counts(text: str, num_tiers: int, num_intervals: list[int], path: pathlib.Path) -> None:
-    """praatio goes by what is there, so that a file that was cut off would pass for a short one."""
+    """Compare the declared counts with those found, because praatio accepts a file that was cut off."""
     declared_tiers = [int(match[1]) for match in _NUM_TIERS.finditer(text)][:1]
     declared = [int(match[1] or match[2]) for match in _NUM_INTERVALS.finditer(text)]
     missing = [(count, found) for count, found in zip(declared, num_intervals) if found < count]
     if missing:
-        raise UserError(f"{path} declares {missing[0][0]} intervals and holds {missing[0][1]}; export it again, whole")
+        raise UserError(f"{path} declares {missing[0][0]} intervals but has {missing[0][1]}; export it again, whole")
     if declared_tiers != [num_tiers] or len(declared) != len(num_intervals):
         count = declared_tiers[0] if declared_tiers else "no"
-        raise UserError(f"{path} declares {count} tiers and holds {num_tiers} whole ones; export it again")
+        raise UserError(f"{path} declares {count} tiers but has {num_tiers} whole ones; export it again")
 
 
 def _is_speech(stretch: Stretch) -> bool:
@@ -87,5 +88,5 @@ def _word_tier(tiers: list[tuple[str, list[Stretch]]], path: pathlib.Path) -> li
     others = [entries for name, entries in by_name.items() if not _IS_PHONES.search(name)]
     if not (alike or others):
         names = ", ".join(repr(name[:40]) for name, _ in tiers[:8]) or "none"
-        raise UserError(f"{path} has no interval tier with words in it (tiers: {names}); name the tier `words`")
+        raise UserError(f"{path} has no interval tier with words (tiers: {names}); name the tier `words`")
     return max(alike or others, key=len)

@@ -1,4 +1,4 @@
-"""Times of words: stretches shared out by letters, gaps filled, overlaps cut, impossible times refused."""
+"""Times of words: division of stretches by letters, filling of gaps, removal of overlaps, checks of times."""
 
 import itertools
 import pathlib
@@ -11,13 +11,19 @@ from ha2g_jax.features.text import Word
 
 MAX_SECONDS = 360_000.0  # a hundred hours
 
-# Nobody speaks faster than this.
+# Minimum time of a letter; nobody speaks faster.
 _MIN_LETTER_SECONDS = 0.03
 _MIN_WORD_SECONDS = 1e-3
 
 
 class Stretch(NamedTuple):
-    """A text and when it is spoken; seconds, None where the file gives no times."""
+    """A text and the time at which it is spoken.
+
+    Attributes:
+        text: one or more words.
+        start: start in seconds, None if the file has no time.
+        end: end in seconds, None if the file has no time.
+    """
 
     text: str
     start: float | None
@@ -25,7 +31,13 @@ class Stretch(NamedTuple):
 
 
 def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
-    """Words one after the other over a stretch of time, each as long as its share of the letters."""
+    """Divide a stretch of time among words in proportion to their letters.
+
+    Args:
+        texts: words in order.
+        start: start of the stretch in seconds.
+        end: end of the stretch in seconds.
+    """
     if not texts:
         return []
     letters = list(itertools.accumulate(map(num_letters, texts), initial=0))
@@ -36,18 +48,19 @@ def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
 def fill_gaps(
     stretches: Sequence[Stretch], start: float | None, end: float | None, *, slack: float = 0.0
 ) -> list[Stretch]:
-    """Texts without times laid into the gaps between their neighbours.
+    """Give times to texts without times, in the gaps between their neighbours.
 
-    Rule: a run of them shares the gap by letters. Where the gap, with the slack, has less than 30 ms a letter, or where
-    it has no end, the text was hardly spoken there and is left out.
+    The gap is divided among a run of such texts by letters. If the gap plus the slack has less than 30 ms per letter,
+    or if the gap has no known end, the text was probably not spoken and is left out.
 
     Args:
-        stretches: in the order of the text.
-        start, end: seconds that the texts lie between, None where that is not known.
+        stretches: stretches in the order of the text.
+        start: start of the whole text in seconds, None if unknown.
+        end: end of the whole text in seconds, None if unknown.
         slack: seconds by which the neighbours' times may be wrong; infinite for words that surely were spoken.
 
     Returns:
-        Those that have times now.
+        The stretches that have times, in order.
     """
     result: list[Stretch] = []
     runs = [list(run) for _, run in itertools.groupby(stretches, _is_timed)]
@@ -70,17 +83,17 @@ def _is_timed(stretch: Stretch) -> bool:
 
 
 def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ...]:
-    """Stretches of a file as words in order of time that do not overlap.
+    """Convert the stretches of a file to words in order of time that do not overlap.
 
-    Rules: the words of a stretch share it by letters; what lies before 0 is cut off; a word ends where the next one
-    starts at the latest; words that start together, as those of no length do, share the time up to the next one.
+    A stretch is divided among its words by letters. Times before 0 are cut off. A word ends at the latest where the
+    next one starts. Words that start at the same time, such as words of no length, divide the time up to the next one.
 
     Args:
-        stretches: in any order; those without times are left out.
-        path: the file, to name it in a message.
+        stretches: stretches in any order; those without times are left out.
+        path: path of the file, to name it in an error message.
 
     Returns:
-        Words with 0 <= start < end, each at least 1 ms long.
+        Words with 0 <= start < end in seconds, each at least 1 ms long.
 
     Raises:
         UserError: a time is not finite or beyond 100 hours, or a stretch ends before it starts.
@@ -100,10 +113,10 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
 
 
 def without_overlap(words: Iterable[Word]) -> tuple[Word, ...]:
-    """Words in order of time, by the rules of `to_words`.
+    """Sort words by time and remove overlaps, by the rules of `to_words`.
 
     Args:
-        words: finite times, start <= end.
+        words: words with finite times in seconds, start <= end.
     """
     positive = [word._replace(start=max(0.0, word.start)) for word in words if word.end > 0 or word.start >= 0]
     together: list[list[Word]] = []
@@ -122,21 +135,21 @@ def without_overlap(words: Iterable[Word]) -> tuple[Word, ...]:
         if index + 1 < len(together):
             end = min(end, together[index + 1][0].start)
         spaced = spread(texts, start, end)
-        # More words than the time has milliseconds: the first one stands for all.
+        # If there are more words than milliseconds, only the first word is kept.
         long_enough = [word for word in spaced if word.end - word.start >= _MIN_WORD_SECONDS]
         result += long_enough or [Word(texts[0], start, end)]
     return tuple(result)
 
 
 def inside(words: Iterable[Word], duration: float) -> tuple[Word, ...]:
-    """Words cut to the recording.
+    """Cut words to the duration of a recording.
 
     Args:
-        words: in any clock that starts with the recording.
-        duration: of the recording, in seconds.
+        words: words in seconds from the start of the recording.
+        duration: length of the recording in seconds.
 
     Returns:
-        The words that lie at least 1 ms in [0, duration], cut to it.
+        The words of which at least 1 ms lies in [0, duration], cut to this range.
     """
     cut = (word._replace(start=max(0.0, word.start), end=min(duration, word.end)) for word in words)
     return tuple(word for word in cut if word.end - word.start >= _MIN_WORD_SECONDS)

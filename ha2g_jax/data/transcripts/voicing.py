@@ -1,4 +1,4 @@
-"""Where a recording is loud: a clock that runs while somebody speaks, and quiet moments to cut at."""
+"""Loudness of a recording: a clock that runs only during speech, and cuts at quiet moments."""
 
 from typing import NamedTuple
 
@@ -10,36 +10,38 @@ FRAME_SECONDS = 0.01
 _FRAME = round(FRAME_SECONDS * SAMPLE_RATE)
 # Speech lies within this many decibels of the loudest hundredth.
 _SPEECH_DB = 35.0
-# Silence counts a little, so that the clock can be read backwards.
+# The clock moves slowly in silence, so that it is invertible.
 _SILENCE_SPEED = 0.02
 
 
 class VoicedClock(NamedTuple):
-    """A clock that all but stops in silence.
+    """A clock that almost stops in silence.
 
     Attributes:
-        times: (frames + 1,) seconds of the recording.
-        readings: (frames + 1,) seconds of speech up to there, strictly increasing.
+        times: (frames + 1,) times in the recording, in seconds.
+        readings: (frames + 1,) duration of speech up to each time, in seconds, strictly increasing.
     """
 
     times: np.ndarray
     readings: np.ndarray
 
     def to_voiced(self, time: float) -> float:
+        """Convert a time in the recording to a reading of the clock."""
         return float(np.interp(time, self.times, self.readings))
 
     def to_time(self, reading: float) -> float:
+        """Convert a reading of the clock to a time in the recording."""
         return float(np.interp(reading, self.readings, self.times))
 
 
 def loudness(audio: np.ndarray) -> np.ndarray:
-    """Level of each 10 ms in decibels, smoothed over 50 ms.
+    """Compute the level of each 10 ms in decibels, smoothed over 50 ms.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
 
     Returns:
-        (frames,) float64, frames = samples // 160, at least 1.
+        (frames,) float64 with frames = samples // 160, at least 1.
     """
     frames = max(1, len(audio) // _FRAME)
     padded = np.zeros(frames * _FRAME)
@@ -50,7 +52,7 @@ def loudness(audio: np.ndarray) -> np.ndarray:
 
 
 def voiced_clock(audio: np.ndarray) -> VoicedClock:
-    """The clock of a recording.
+    """Compute the speech clock of a recording.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
@@ -62,14 +64,14 @@ def voiced_clock(audio: np.ndarray) -> VoicedClock:
 
 
 def cut_at_quiet(audio: np.ndarray, max_seconds: float) -> list[tuple[float, float]]:
-    """A recording in pieces, each ending at the quietest moment of its second half.
+    """Cut a recording into pieces, each of which ends at the quietest moment of its second half.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        max_seconds: no piece is longer.
+        max_seconds: maximum length of a piece in seconds.
 
     Returns:
-        (start, end) of each piece in seconds; together the whole recording.
+        (start, end) of each piece in seconds; together they cover the whole recording.
     """
     level = loudness(audio)
     longest = round(max_seconds / FRAME_SECONDS)

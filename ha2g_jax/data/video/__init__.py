@@ -1,1 +1,1 @@
-"""Videos of speakers become clips: shots, poses, smoothing, words (HA2G, Appendix A)."""
+"""Import of videos of speakers as clips: shots, poses, smoothing, words (HA2G, Appendix A)."""

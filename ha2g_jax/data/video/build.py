@@ -1,4 +1,4 @@
-"""Many videos become one corpus, in parallel; a build that was stopped goes on where it was."""
+"""Parallel import of videos into one corpus; an interrupted build can be continued."""
 
 import contextlib
 import os
@@ -16,27 +16,27 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.video import extraction, runners, work_folder
 from ha2g_jax.data.video.extraction import Extraction
+from ha2g_jax.data.video.recordings import VideoRecording, find_recordings
 from ha2g_jax.data.video.settings import VideoSettings
-from ha2g_jax.data.video.talks import Talk, find_talks
 from ha2g_jax.errors import UserError
 
 RUNNERS = ("local", "ray")
 
 _COUNTS = ("frames", "frames_with_both_hands", "seconds", "shots")
-_NAMED = 5  # failed videos, at most, that the last message names
+_NAMED = 5  # maximum number of failed videos that the last message names
 
 
 class _Job(NamedTuple):
-    """What a worker is told; `done` are the keys of what need not be made again."""
+    """Task of a worker; `done` are the keys of videos that need not be read again."""
 
-    talk: Talk
+    recording: VideoRecording
     settings: VideoSettings
     overlay: pathlib.Path | None
     done: frozenset[str]
 
 
 class _Outcome(NamedTuple):
-    """Keys of what the videos gave, and reasons of those that failed, by name of the talk."""
+    """Keys of the videos that succeeded, and reasons of those that failed, by name of the recording."""
 
     keys: dict[str, str]
     failures: dict[str, str]
@@ -54,27 +54,29 @@ def build_video(
     overlay: str | os.PathLike | None = None,
     licence: str = "",
 ) -> Report:
-    """Makes a corpus from videos of speakers; equal videos and settings give equal bytes, whatever the runner.
+    """Make a corpus from videos of speakers; equal videos and settings give equal bytes, whatever the runner.
 
-    A video that fails is named on stderr and in `dataset.json`, and the rest goes on. What the videos gave is kept in
-    the folder `.NAME-work` beside the corpus until all have succeeded, so that another call does only what is missing.
+    A video that fails is reported on standard error and in `dataset.json`, and the others are still read. Results are
+    kept in the folder `.NAME-work` beside the corpus until all videos have succeeded, so that another call reads only
+    the missing ones.
 
     Args:
-        videos: files, and folders to search; sub-folders are taken for speakers (see `talks.Talk`).
+        videos: paths of files, and of folders to search; subfolders name speakers (see `recordings.VideoRecording`).
         dst: folder to make.
-        settings: every threshold and choice; the defaults where None.
-        runner: "local" for processes here, "ray" for a Ray cluster, whose nodes find the videos under the same paths.
-        workers: videos at the same time; one a core by default.
-        address: of the Ray cluster.
-        split: the split that all clips go to.
-        overlay: folder for copies of the videos with the skeleton drawn on the speaker; none where None.
-        licence: of the videos.
+        settings: all thresholds and choices; None for the defaults.
+        runner: "local" for processes on this machine, "ray" for a Ray cluster, whose nodes must find the videos under
+            the same paths.
+        workers: number of videos that are read at the same time; one per core by default.
+        address: address of the Ray cluster.
+        split: name of the split of all clips.
+        overlay: folder for copies of the videos with the skeleton drawn on the speaker; None for no copies.
+        licence: licence of the videos, stored in the corpus.
 
     Returns:
         The counts of the split.
 
     Raises:
-        UserError: `dst` exists, no video is found, all fail, or no clip is left.
+        UserError: `dst` exists, no video is found, all videos fail, or no clip is left.
     """
     dst, settings = pathlib.Path(dst).absolute(), settings or VideoSettings()
     overlay = pathlib.Path(overlay).absolute() if overlay is not None else None
@@ -82,73 +84,72 @@ def build_video(
         raise UserError(f"{dst} exists already; choose another folder or remove it")
     if runner not in RUNNERS:
         raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
-    root, talks = find_talks(videos, without=overlay)
+    root, recordings = find_recordings(videos, without=overlay)
     work = dst.with_name(f".{dst.name}-work")
-    jobs = [_Job(talk, settings, overlay, work_folder.keys_in(work)) for talk in talks]
+    jobs = [_Job(recording, settings, overlay, work_folder.keys_in(work)) for recording in recordings]
     results = runners.local(_do, jobs, workers) if runner == "local" else runners.ray(_do, jobs, workers, address)
     with contextlib.closing(results):
         outcome = _collect(results, len(jobs), work)
     if not outcome.keys:
         name, reason = min(outcome.failures.items())
         only = _named(name, reason)
-        raise UserError(only if len(talks) == 1 else f"all {len(talks)} videos failed; the first: {only}")
+        raise UserError(only if len(recordings) == 1 else f"all {len(recordings)} videos failed; the first: {only}")
 
-    keys = [outcome.keys[talk.name] for talk in talks if talk.name in outcome.keys]
+    names = [recording.name for recording in recordings]
+    keys = [outcome.keys[name] for name in names if name in outcome.keys]
     metadata = {"name": root.name, "source": "ha2g data build-video", "licence": licence}
     with CorpusWriter(dst, splits=[split], skeleton=extraction.SKELETON, fps=settings.fps, metadata=metadata) as writer:
         report, counts = _write(writer, split, keys, work)
         if not report.kept:
-            if not outcome.failures:  # nothing that another call could use
+            if not outcome.failures:  # another call could not use the results
                 shutil.rmtree(work)
             raise _no_clip(report, len(keys))
         writer.metadata["import"] = import_report.as_json({split: report})
         writer.metadata["video"] = {**counts, "settings": _published(settings)}
         writer.metadata["failed"] = [
-            {"video": talk.name, "reason": outcome.failures[talk.name]}
-            for talk in talks
-            if talk.name in outcome.failures
+            {"video": name, "reason": outcome.failures[name]} for name in names if name in outcome.failures
         ]
     if outcome.failures:
-        _say(_summary(sorted(outcome.failures), len(talks), dst, work))
+        _say(_summary(sorted(outcome.failures), len(recordings), dst, work))
     else:
         shutil.rmtree(work)
     return {split: report}
 
 
 def _do(job: _Job) -> tuple[str, Extraction | None]:
-    """One video, in a worker: its key, and what it gives unless that is there already."""
-    talk, key = job.talk, work_folder.key_of(job.talk, job.settings)
-    path = job.overlay / f"{talk.name}.mp4" if job.overlay else None
+    """Return the key of a video, and its clips unless they exist already; runs in a worker."""
+    recording, key = job.recording, work_folder.key_of(job.recording, job.settings)
+    path = job.overlay / f"{recording.name}.mp4" if job.overlay else None
     if key in job.done and (path is None or path.exists()):
         return key, None
-    return key, extraction.extract(talk.video, job.settings, talk=talk.name, speaker=talk.speaker, overlay_path=path)
+    return key, extraction.extract(recording, job.settings, overlay_path=path)
 
 
 def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
-    """Keeps what the videos give, as they finish."""
+    """Save the result of each video as it finishes."""
     outcome, clips = _Outcome({}, {}), 0
     with tqdm.tqdm(desc="Videos", total=num_videos, unit="video", disable=None, leave=False) as bar:
         for job, result in results:
             if isinstance(result, Exception):
-                reason = _reason(result, job.talk)
-                outcome.failures[job.talk.name] = reason
+                reason = _reason(result, job.recording)
+                outcome.failures[job.recording.name] = reason
                 if num_videos > 1:
-                    _say(f"failed: {_named(job.talk.name, reason)}")
+                    _say(f"failed: {_named(job.recording.name, reason)}")
             else:
                 key, extracted = result
                 if extracted is not None:
                     work_folder.save(work, key, extracted)
                     clips += len(extracted.records)
-                outcome.keys[job.talk.name] = key
+                outcome.keys[job.recording.name] = key
             bar.update()
-            bar.set_postfix_str(f"{clips} clips, {len(outcome.failures)} failed, last {job.talk.name}")
+            bar.set_postfix_str(f"{clips} clips, {len(outcome.failures)} failed, last {job.recording.name}")
     return outcome
 
 
 def _write(
     writer: CorpusWriter, split: str, keys: Sequence[str], work: pathlib.Path
 ) -> tuple[SplitReport, dict[str, float]]:
-    """Writes the clips in the order of the keys, and adds up what was counted."""
+    """Write the clips in the order of the keys, and return the sums of the counts."""
     report = SplitReport()
     counts: dict[str, float] = dict.fromkeys(_COUNTS, 0)
     for key in keys:
@@ -164,20 +165,21 @@ def _no_clip(report: SplitReport, num_videos: int) -> UserError:
     reasons = [f"{count} shots or clips: {reason}" for reason, count in report.rejected.items()]
     reasons += [f"{count} windows: {reason}" for reason, count in report.filtered.items()]
     return UserError(
-        f"no clip is left of {num_videos} videos ({', '.join(reasons)}); watch the overlay, or change the settings"
+        f"no clip is left of {num_videos} videos ({', '.join(reasons)}); look at the --overlay, or change the settings"
     )
 
 
 def _published(settings: VideoSettings) -> dict[str, Any]:
-    """The settings as the corpus names them; a command is of one machine."""
+    """Return the settings to store in the corpus, without the pose command, which depends on the machine."""
     return settings.as_json() | {"pose_command": "one of the user's own" if settings.pose_command else None}
 
 
-def _reason(error: Exception, talk: Talk) -> str:
-    """Why a video failed, in one line that is the same on every machine."""
-    file = talk.name.removesuffix(talk.video.suffix) + talk.video.suffix
+def _reason(error: Exception, recording: VideoRecording) -> str:
+    """Return the reason why a video failed in one line without paths of this machine."""
+    video = recording.video
+    file = recording.name.removesuffix(video.suffix) + video.suffix
     text = " ".join(str(error).split())
-    return text.replace(str(talk.video), file).replace(f"{talk.video.parent}{os.sep}", "")
+    return text.replace(str(video), file).replace(f"{video.parent}{os.sep}", "")
 
 
 def _named(name: str, reason: str) -> str:
@@ -187,8 +189,8 @@ def _named(name: str, reason: str) -> str:
 def _summary(failed: Sequence[str], num_videos: int, dst: pathlib.Path, work: pathlib.Path) -> str:
     names = ", ".join(failed[:_NAMED]) + (" ..." if len(failed) > _NAMED else "")
     return (
-        f"{len(failed)} of {num_videos} videos failed ({names}) and are not in {dst}; to add them, mend them, remove "
-        f"{dst} and run again: {work} keeps what the others gave"
+        f"{len(failed)} of {num_videos} videos failed ({names}) and are not in {dst}; to add them, correct them, "
+        f"remove {dst} and run again: {work} keeps the results of the others"
     )
 
 

@@ -1,4 +1,4 @@
-"""One video becomes clips (HA2G, Appendix A): shots, poses, the three conditions, words and reference frames."""
+"""Extraction of the clips of one video (HA2G, Appendix A): shots, poses, three conditions, words and images."""
 
 import dataclasses
 import pathlib
@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data import recording, transcripts
+from ha2g_jax.data import transcripts
 from ha2g_jax.data.import_report import SplitReport
-from ha2g_jax.data.recording import Recording
+from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.data.video import frames, overlay, pose, selection, shots, smoothing
+from ha2g_jax.data.video import images, overlay, pose, selection, shots, smoothing
 from ha2g_jax.data.video.pose import Poses
+from ha2g_jax.data.video.recordings import VideoRecording
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
@@ -19,19 +20,19 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import load_skeleton
 
 SKELETON = "ted_expressive"
-# Of what `extract` makes; a new number makes a build that is resumed do its videos anew.
+# Version of the results of `extract`; a new number makes a continued build read its videos again.
 VERSION = 1
 
 
 class Extraction(NamedTuple):
-    """What one video gives.
+    """The clips of one video.
 
     Attributes:
-        records: its clips, encoded, in order of time.
+        records: encoded clips in order of time.
         report: counts of one video.
-        frames: pictures of the video.
-        frames_with_both_hands: those in which wrists and fingers of both hands are seen.
-        seconds: length of the pictures.
+        frames: number of images of the video.
+        frames_with_both_hands: number of images in which wrists and fingers of both hands are seen.
+        seconds: length of the video in seconds.
         shots: number of shots.
     """
 
@@ -43,12 +44,10 @@ class Extraction(NamedTuple):
     shots: int
 
 
-class _Source(NamedTuple):
-    """A video taken apart; times in seconds of its sound."""
+class _Video(NamedTuple):
+    """Contents of a video; times in seconds from the start of its audio."""
 
-    video: pathlib.Path
-    talk: str
-    speaker: str
+    recording: VideoRecording
     audio: np.ndarray
     words: tuple[Word, ...]
     times: np.ndarray
@@ -56,48 +55,48 @@ class _Source(NamedTuple):
 
 
 def extract(
-    video: pathlib.Path,
+    recording: VideoRecording,
     settings: VideoSettings,
     *,
-    talk: str,
-    speaker: str,
     overlay_path: pathlib.Path | None = None,
 ) -> Extraction:
-    """The clips of one video; the same video and settings give the same bytes anywhere.
+    """Extract the clips of one video; equal videos and settings give equal bytes on any machine.
 
     Args:
-        video: a file with pictures and sound, and the transcript beside it unless `settings.recognise` is set.
-        settings: every threshold and choice.
-        talk: name of the recording, unique in the corpus.
-        speaker: name of who speaks.
-        overlay_path: where to write the video with the skeleton drawn on the speaker; nowhere if None.
+        recording: the video, which must have a transcript beside it unless `settings.recognise` is set.
+        settings: all thresholds and choices.
+        overlay_path: path for a copy of the video with the skeleton drawn on the speaker; None for no copy.
+
+    Returns:
+        The clips and counts.
 
     Raises:
-        UserError: no sound, no pictures, no words, or no poses can be had.
+        UserError: the audio, the images, the words or the poses cannot be obtained.
     """
-    # First what is quick and may fail.
+    # First the steps that are fast and may fail.
+    video = recording.video
     audio = read_audio(video)
-    times = frames.frame_times(video)
+    times = images.image_times(video)
     words = transcripts.words_of(audio, transcripts.find(video), recognise=settings.recognise)
     spans = shots.find_shots(video, threshold=settings.shot_threshold)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):
         raise UserError(
-            f"{video} has {len(times)} pictures, but poses of {len(poses.positions)} came back; "
-            "expected one of each picture, in order"
+            f"{video} has {len(times)} images, but the pose estimator returned {len(poses.positions)} poses; "
+            "expected one for each image, in order"
         )
     if overlay_path is not None:
         overlay.write_overlay(overlay_path, video, poses.image_points, poses.confidence)
 
-    source = _Source(video, talk, speaker, audio, words, times, poses)
+    content = _Video(recording, audio, words, times, poses)
     clips: list[Clip] = []
     report = SplitReport()
     for start, end in spans:
-        shot, reason = _read_shot(source, start, end, settings)
+        shot, reason = _read_shot(content, start, end, settings)
         if shot is None:
             report.rejected[reason] += 1
             continue
-        of_shot, counts = recording.to_clips(
+        of_shot, counts = to_clips(
             shot,
             load_skeleton(SKELETON),
             fps=settings.fps,
@@ -109,31 +108,31 @@ def extract(
         report += counts
     hands = poses.confidence[:, selection.hand_joints(load_skeleton(SKELETON))]
     return Extraction(
-        records=[encode_clip(clip) for clip in _with_reference_frames(clips, source, settings)],
+        records=[encode_clip(clip) for clip in _with_images(clips, content, settings)],
         report=dataclasses.replace(report, videos=1),
         frames=len(times),
         frames_with_both_hands=int(selection.seen(hands, settings.min_confidence).sum()),
-        seconds=round(float(times[-1] - times[0]) + _frame_seconds(times), 3),
+        seconds=round(float(times[-1] - times[0]) + _image_seconds(times), 3),
         shots=len(spans),
     )
 
 
-def _read_shot(source: _Source, start: int, end: int, settings: VideoSettings) -> tuple[Recording | None, str]:
-    """The recording of frames [start, end), or None and the condition that it does not fulfil."""
-    # Pictures before and after the sound have no speech; nor may a time that a damaged file states become many frames.
-    with_sound = np.searchsorted(source.times, [0, len(source.audio) / SAMPLE_RATE])
+def _read_shot(video: _Video, start: int, end: int, settings: VideoSettings) -> tuple[Recording | None, str]:
+    """Return the recording of images [start, end), or None and the condition that the shot does not fulfil."""
+    # Images before and after the audio have no speech, and a wrong time in a damaged file must not give many frames.
+    with_sound = np.searchsorted(video.times, [0, len(video.audio) / SAMPLE_RATE])
     start, end = max(start, int(with_sound[0])), min(end, int(with_sound[1]))
-    times, confidence = source.times[start:end], source.poses.confidence[start:end]
+    times, confidence = video.times[start:end], video.poses.confidence[start:end]
     if len(times) < 2:
         return None, selection.TOO_SHORT
-    fps = 1 / _frame_seconds(times)
+    fps = 1 / _image_seconds(times)
     reason = selection.too_short(len(times), fps, settings.min_seconds) or selection.unseen(
         confidence, settings.min_confidence, settings.min_visible
     )
     if reason:
         return None, reason
     positions = smoothing.clean(
-        source.poses.positions[start:end], confidence, fps, max_gap=settings.max_gap, cutoff=settings.cutoff
+        video.poses.positions[start:end], confidence, fps, max_gap=settings.max_gap, cutoff=settings.cutoff
     )
     at = times[0] + np.arange(int((times[-1] - times[0]) * settings.fps + 1e-6) + 1) / settings.fps
     positions, confidence = resample(positions, times, at), resample(confidence, times, at)
@@ -142,44 +141,53 @@ def _read_shot(source: _Source, start: int, end: int, settings: VideoSettings) -
         return None, reason
     first, last = (round(time * SAMPLE_RATE) for time in (times[0], at[-1] + 1 / settings.fps))
     return Recording(
-        talk=source.talk,
-        speaker=source.speaker,
-        audio=source.audio[first:last],
-        words=tuple(Word(word.text, word.start - times[0], word.end - times[0]) for word in source.words),
+        name=video.recording.name,
+        speaker=video.recording.speaker,
+        audio=video.audio[first:last],
+        words=tuple(Word(word.text, word.start - times[0], word.end - times[0]) for word in video.words),
         positions=positions,
         confidence=confidence,
-        source_time=float(times[0]),
+        start=float(times[0]),
     ), ""
 
 
 def resample(values: np.ndarray, times: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values (T, ...) of rising `times` (T,), linearly interpolated at times (N,) within them: (N, ...) float32."""
+    """Interpolate values linearly at other times.
+
+    Args:
+        values: (T, ...) values.
+        times: (T,) times of the values in seconds, ascending.
+        at: (N,) times of the result in seconds.
+
+    Returns:
+        (N, ...) float32.
+    """
     after = np.clip(np.searchsorted(times, at, side="right"), 1, len(times) - 1)
     weight = np.clip((at - times[after - 1]) / (times[after] - times[after - 1]), 0, 1)
     weight = weight.reshape(-1, *[1] * (values.ndim - 1))
     return ((1 - weight) * values[after - 1] + weight * values[after]).astype(np.float32)
 
 
-def _frame_seconds(times: np.ndarray) -> float:
-    """Mean time that a picture is shown; an assumed one for a single picture."""
+def _image_seconds(times: np.ndarray) -> float:
+    """Return the mean time for which an image is shown, an assumed one for a single image."""
     return float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / 25
 
 
-def _with_reference_frames(clips: list[Clip], source: _Source, settings: VideoSettings) -> list[Clip]:
-    """The clips with images of the speaker: "the first M reference frame images of a clip" (HA2G, Appendix B)."""
+def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> list[Clip]:
+    """Add images of the speaker to the clips: "the first M reference frame images of a clip" (HA2G, Appendix B)."""
     if not settings.num_reference_frames:
         return clips
     skeleton = load_skeleton(SKELETON)
-    width, height = frames.picture_size(source.video)
-    wanted: list[tuple[int, frames.Box]] = []
+    width, height = images.image_size(video.recording.video)
+    wanted: list[tuple[int, images.Box]] = []
     for clip in clips:
-        at = clip.source_time + np.arange(settings.num_reference_frames) / settings.fps
-        nearest = np.abs(source.times[:, None] - at).argmin(axis=0)
-        box = frames.speaker_box(source.poses.image_points[nearest], skeleton, width, height)
-        wanted += [(int(frame), box) for frame in nearest]
-    images = frames.crops(source.video, wanted, settings.image_size)
+        at = clip.recording_start + np.arange(settings.num_reference_frames) / settings.fps
+        nearest = np.abs(video.times[:, None] - at).argmin(axis=0)
+        box = images.speaker_box(video.poses.image_points[nearest], skeleton, width, height)
+        wanted += [(int(number), box) for number in nearest]
+    cropped = images.crops(video.recording.video, wanted, settings.image_size)
     of_clips = [
-        images[i : i + settings.num_reference_frames] for i in range(0, len(images), settings.num_reference_frames)
+        cropped[i : i + settings.num_reference_frames] for i in range(0, len(cropped), settings.num_reference_frames)
     ]
     return [
         dataclasses.replace(clip, reference_frames=np.stack(of_clip))

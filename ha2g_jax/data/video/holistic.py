@@ -1,10 +1,12 @@
-"""Sees body and hands in the pictures that come in, with MediaPipe Holistic: a program of its own environment.
+"""Program that estimates the landmarks of body and hands in images with MediaPipe Holistic.
 
-`python holistic.py OUT.npz < pictures`: each picture is its width and height (two little-endian uint32), then its
-RGB bytes. MediaPipe needs numpy < 2, so nothing of this package is imported, nor imports this file; `pose` runs it.
+`python holistic.py OUT.npz < images`: each image is its width and height (two little-endian uint32), then its RGB
+bytes. `pose` runs this program in another environment, because MediaPipe needs numpy < 2; therefore it imports nothing
+of this package, and no module imports it.
 
-Writes `world` (T, 33, 4): metres and visibility, `image` (T, 33, 2): pixels, `left_hand` and `right_hand` (T, 21, 3):
-pixels, depth relative to the wrist in the same unit, `sizes` (T, 2): of the pictures; NaN where nothing was found.
+It writes `world` (T, 33, 4): metres and visibility, `image` (T, 33, 2): pixels, `left_hand` and `right_hand`
+(T, 21, 3): pixels, depth relative to the wrist in the same unit, `sizes` (T, 2): width and height of the images in
+pixels; NaN where nothing was found.
 """
 
 import os
@@ -17,47 +19,59 @@ import numpy as np
 
 _HEADER = struct.Struct("<2I")
 _NUM_BODY, _NUM_HAND = 33, 21
-_WRISTS = [15, 16]  # among the body's landmarks
-_KNUCKLES = [5, 9, 13, 17]  # among a hand's
+_WRISTS = [15, 16]  # indices of landmarks of the body
+_KNUCKLES = [5, 9, 13, 17]  # indices of landmarks of a hand
 _VISIBLE = 0.5
-# In palms, from wrist to knuckles: how far a hand may be from the body's wrist, and how near the other hand.
+# Maximum distance of a hand from the body's wrist, and minimum distance of both hands, in palms (wrist to knuckles).
 _NEAR, _APART = 1.2, 0.45
 
 
 def main() -> None:
-    """Reads pictures from the standard input until its end, then writes the file; whole or not there."""
+    """Read images from standard input until its end, then write the file atomically."""
     (out,) = sys.argv[1:]
-    found = estimate(pictures(sys.stdin.buffer))
+    found = estimate(read_images(sys.stdin.buffer))
     temporary = f"{out}.part"
     with open(temporary, "wb") as file:  # noqa: PTH123
         np.savez(file, **found)
     os.replace(temporary, out)  # noqa: PTH105
 
 
-def pictures(stream: BinaryIO) -> Iterator[np.ndarray]:
-    """The (height, width, 3) uint8 pictures of a stream.
+def read_images(stream: BinaryIO) -> Iterator[np.ndarray]:
+    """Yield the images of a stream.
+
+    Args:
+        stream: binary stream in the format of this program.
+
+    Yields:
+        (height, width, 3) uint8 images.
 
     Raises:
-        EOFError: the stream ends within a picture.
+        EOFError: the stream ends within an image.
     """
     while header := stream.read(_HEADER.size):
         width, height = _HEADER.unpack(header)
         data = stream.read(width * height * 3)
         if len(data) < width * height * 3:
-            raise EOFError("the pictures end early")
+            raise EOFError("the stream ends within an image")
         yield np.frombuffer(data, np.uint8).reshape(height, width, 3)
 
 
 def estimate(images: Iterator[np.ndarray]) -> dict[str, Any]:
-    """Landmarks of each picture, by name; see the module.
+    """Estimate the landmarks of each image.
 
-    Tracking from picture to picture keeps the body steady (a third of the jitter of looking anew), but where hands
-    cross it may take one for the other and stay there. Such pictures are looked at anew for the hands alone.
+    Tracking from image to image keeps the body steady (a third of the jitter of independent images), but it may
+    exchange hands that cross and not recover. In such images the hands are estimated independently.
+
+    Args:
+        images: (height, width, 3) uint8 images.
+
+    Returns:
+        The arrays of the module's docstring by name.
     """
     from mediapipe.python.solutions.holistic import Holistic
 
     found: dict[str, list[np.ndarray]] = {name: [] for name in ("world", "image", "left_hand", "right_hand", "sizes")}
-    # Complexity 2 is not bundled. MediaPipe's own smoothing lags behind the motion; ours does not (see `smoothing`).
+    # Complexity 2 is not bundled. MediaPipe's smoothing lags behind the motion, that of `smoothing` does not.
     with (
         Holistic(model_complexity=1, smooth_landmarks=False) as tracking,
         Holistic(model_complexity=1, static_image_mode=True) as anew,
@@ -81,27 +95,27 @@ def estimate(images: Iterator[np.ndarray]) -> dict[str, Any]:
 
 
 def _hands(result, body: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The (2, 21, 3) left and right hand in pixels, and which of them belong to the body's wrists."""
+    """Return the left and right hand (2, 21, 3) in pixels, and whether each belongs to the body's wrist."""
     landmarks = (result.left_hand_landmarks, result.right_hand_landmarks)
     hands = np.stack([_landmarks(hand, _NUM_HAND)[:, :3] * pixels for hand in landmarks])
     return hands, which_fit(hands, body[_WRISTS, :2] * pixels[:2])
 
 
 def which_fit(hands: np.ndarray, wrists: np.ndarray) -> np.ndarray:
-    """Which hands lie at the wrists of the body, and not on one another.
+    """Determine which hands lie at the wrists of the body and do not coincide.
 
     Args:
-        hands: (2, 21, 3) left and right, pixels, NaN where not found.
-        wrists: (2, 2) of the body, pixels.
+        hands: (2, 21, 3) left and right hand in pixels, NaN where not found.
+        wrists: (2, 2) left and right wrist of the body in pixels.
 
     Returns:
         (2,) bool.
     """
     palms = np.linalg.norm(hands[:, _KNUCKLES] - hands[:, :1], axis=-1).mean(axis=1)
     distances = np.linalg.norm(hands[:, 0, :2] - wrists, axis=-1)
-    fits = distances < _NEAR * palms  # NaN is less than nothing
+    fits = distances < _NEAR * palms  # False for NaN
     between = np.linalg.norm(hands[0, :, :2] - hands[1, :, :2], axis=-1).mean()
-    if between < _APART * palms.max():  # the same hand twice
+    if between < _APART * palms.max():  # the same hand was found twice
         fits[np.argmax(distances)] = False
     return fits
 

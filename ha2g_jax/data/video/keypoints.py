@@ -1,8 +1,8 @@
-"""MediaPipe's landmarks become the 43 keypoints of TED-Expressive (HA2G, Appendix A).
+"""Conversion of MediaPipe's landmarks to the 43 keypoints of TED-Expressive (HA2G, Appendix A).
 
-MediaPipe's world landmarks are in metres around the middle of the hips, x to the right of the picture, y down, z away
-from the camera: for a person who faces the camera the axes of TED-Expressive. Hands come in pixels, with a depth in
-the same unit; their size tells how many pixels a metre is.
+MediaPipe's world landmarks are in metres around the middle of the hips, x to the right of the image, y down, z away
+from the camera, which are the axes of TED-Expressive for a person who faces the camera. Hands are in pixels, with a
+depth in the same unit; the size of the palm gives the number of pixels in a metre.
 """
 
 from typing import NamedTuple
@@ -26,21 +26,21 @@ _BODY = {
     "right_ear": 8,
 }
 _SHOULDERS, _HIPS = (11, 12), (23, 24)
-# Of MediaPipe's 21 hand landmarks the first three of each finger; the fourth is its tip. 0 is the wrist.
+# The first three of the four landmarks of each finger among MediaPipe's 21 hand landmarks; 0 is the wrist.
 _FINGERS = {"thumb": (1, 2, 3), "index": (5, 6, 7), "middle": (9, 10, 11), "ring": (13, 14, 15), "pinky": (17, 18, 19)}
 _KNUCKLES = (5, 9, 13, 17)
 _PALM = 0.088  # metres from the wrist to a knuckle, mean of the four knuckles of an adult
 
-# The neck lies above and behind the middle of the shoulders, as shares of half their distance: the mean directions of
-# TED-Expressive from neck to shoulder are (0.9, 0.27, -0.1) to either side.
+# Position of the neck above and behind the middle of the shoulders, as fractions of half their distance: the mean
+# directions of TED-Expressive from neck to shoulder are (0.9, 0.27, -0.1) to either side.
 _NECK_RISE, _NECK_BACK = 0.3, 0.1
-# The spine keypoint lies between shoulders (0) and hips (1): with a torso of 0.5 m this puts it 0.25 m below the neck,
-# in TED-Expressive the mean bone is 0.26 m long.
+# Position of the spine keypoint between shoulders (0) and hips (1). With a torso of 0.5 m it lies 0.25 m below the
+# neck; the mean bone of TED-Expressive is 0.26 m long.
 _SPINE = 0.4
 
 
 class Keypoints(NamedTuple):
-    """What was seen in each picture.
+    """Keypoints of the speaker in each image.
 
     Attributes:
         positions: (T, 43, 3) float32 metres in the axes of TED-Expressive, NaN where unseen.
@@ -56,17 +56,18 @@ class Keypoints(NamedTuple):
 def from_holistic(
     world: np.ndarray, image: np.ndarray, left_hand: np.ndarray, right_hand: np.ndarray, sizes: np.ndarray
 ) -> Keypoints:
-    """The keypoints of MediaPipe Holistic's landmarks.
+    """Convert the landmarks of MediaPipe Holistic to keypoints.
 
-    A hand that was found is attached to the wrist of the body, which may lie a little elsewhere in the picture.
-    The spine keypoint is inside the chest: it is seen if the shoulders are and its place is in the picture, so that a
-    speaker behind a desk counts as visible; otherwise it is as uncertain as the hips.
+    A hand that was found is attached to the wrist of the body, whose position in the image may differ slightly. The
+    spine keypoint is inside the chest. It has the confidence of the shoulders if it lies in the image, so that a
+    speaker behind a desk counts as visible; otherwise it has that of the hips.
 
     Args:
-        world: (T, 33, 4) metres and visibility.
-        image: (T, 33, 2) pixels.
-        left_hand, right_hand: (T, 21, 3) pixels, depth in the same unit.
-        sizes: (T, 2) width and height of the pictures, pixels.
+        world: (T, 33, 4) position in metres, and visibility, of the landmarks of the body.
+        image: (T, 33, 2) landmarks of the body in pixels.
+        left_hand: (T, 21, 3) landmarks of the left hand in pixels, with depth in the same unit.
+        right_hand: (T, 21, 3) landmarks of the right hand in pixels, with depth in the same unit.
+        sizes: (T, 2) width and height of the images in pixels.
     """
     skeleton = load_skeleton("ted_expressive")
     visibility = np.nan_to_num(world[..., 3])
@@ -90,7 +91,7 @@ def from_holistic(
 
 
 def _add_torso(skeleton: Skeleton, out: np.ndarray, landmarks: np.ndarray) -> None:
-    """Neck and spine, in metres or in pixels."""
+    """Set neck and spine, in metres or in pixels."""
     left, right = (landmarks[:, index] for index in _SHOULDERS)
     shoulders, hips = (left + right) / 2, landmarks[:, _HIPS].mean(axis=1)
     up = _unit(shoulders - hips)
@@ -110,7 +111,7 @@ def _add_hand(
     confidence: np.ndarray,
     points: np.ndarray,
 ) -> None:
-    """The fingers of one hand, in metres from the wrist of the body."""
+    """Set the fingers of one hand, relative to the wrist of the body."""
     wrist = skeleton.joint(f"{side}_wrist")
     from_wrist = hand - hand[:, :1]
     palm = np.linalg.norm(from_wrist[:, _KNUCKLES], axis=-1).mean(axis=1)
@@ -122,7 +123,7 @@ def _add_hand(
             positions[is_found, joint] = positions[is_found, wrist] + metres[:, landmark]
             points[is_found, joint] = hand[is_found, landmark, :2]
             confidence[is_found, joint] = 1
-    confidence[is_found, wrist] = 1  # who sees the hand sees where it begins
+    confidence[is_found, wrist] = 1  # the wrist is part of the hand that was found
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The video with the skeleton drawn on the speaker, to see whether the poses are right."""
+"""Copies of videos with the skeleton drawn on the speaker, to check the poses."""
 
 import fractions
 import itertools
@@ -11,52 +11,53 @@ from av.container import OutputContainer
 from av.error import FFmpegError
 from PIL import Image, ImageDraw
 
-from ha2g_jax.data.video import frames
+from ha2g_jax.data.video import images
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-# One thread: videos are worked on side by side, one on each core.
+# One thread, because videos are processed in parallel, one on each core.
 _ENCODER = {"preset": "veryfast", "crf": "23", "threads": "1"}
-_LONGEST_SIDE = 1280  # larger pictures are shrunk
+_LONGEST_SIDE = 1280  # pixels; larger images are reduced
 _TIME_BASE = fractions.Fraction(1, 90000)
-_SOUND_RATES = (96000, 88200, 64000, 48000, 44100, 32000, 24000, 22050, 16000, 12000, 11025, 8000)  # that AAC knows
+# Sample rates of AAC.
+_SOUND_RATES = (96000, 88200, 64000, 48000, 44100, 32000, 24000, 22050, 16000, 12000, 11025, 8000)
 
 _COLOURS = {"left": (255, 140, 0), "right": (0, 170, 255), "": (90, 230, 90)}
 _EDGE, _GREY = (20, 20, 20), np.array([128, 128, 128])
-# As shares of the picture's longer side.
+# Fractions of the longer side of the image.
 _BODY_WIDTH, _FINGER_WIDTH = 1 / 250, 1 / 600
 
 
 def write_overlay(
     path: str | pathlib.Path, video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray
 ) -> None:
-    """Writes an mp4 (H.264 and AAC) of the video's pictures with the bones on them, and its sound.
+    """Write a copy of a video as mp4 (H.264 and AAC) with the bones drawn on its images, and its audio.
 
-    The left of the person is orange, the right blue, the middle green. A bone is drawn where both its ends are seen,
-    the greyer the less certain. The file is whole or not there.
+    The person's left is orange, the right blue, the middle green. A bone is drawn if both its ends are seen; less
+    certain bones are greyer. The file is written atomically.
 
     Args:
-        path: the `.mp4` to write.
-        video: the source.
+        path: path of the `.mp4` to write.
+        video: path of the video.
         image_points: (T, 43, 2) pixels, NaN where unseen.
         confidence: (T, 43) in [0, 1], 0 where unseen.
 
     Raises:
-        UserError: the video cannot be read, or the place cannot be written.
+        UserError: the video cannot be read, or the file cannot be written.
     """
     video = pathlib.Path(video)
-    times = frames.frame_times(video)
-    start = max(0.0, -float(times[0]))  # of the sound, where pictures come before it
+    times = images.image_times(video)
+    start = max(0.0, -float(times[0]))  # start of the audio in seconds, if there are images before it
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     with whole_file(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
-        pictures = _pictures(video, image_points, confidence)
-        first = next(pictures)
+        drawn = _drawn_images(video, image_points, confidence)
+        first = next(drawn)
         stream = container.add_stream("libx264", options=_ENCODER)
         stream.width, stream.height, stream.pix_fmt = first.width, first.height, "yuv420p"
         stream.time_base = stream.codec_context.time_base = _TIME_BASE
         sound = _Sound(container, video, start)
-        for time, image in zip(times + start, itertools.chain([first], pictures), strict=True):
+        for time, image in zip(times + start, itertools.chain([first], drawn), strict=True):
             frame = av.VideoFrame.from_image(image.resize((stream.width, stream.height)))
             frame.pts, frame.time_base = round(time / _TIME_BASE), _TIME_BASE
             sound.write_until(time)
@@ -65,12 +66,12 @@ def write_overlay(
         container.mux(stream.encode(None))
 
 
-def _pictures(video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray) -> Iterator[Image.Image]:
-    """The video's pictures with the skeleton, no larger than is good to look at; sides are even, as H.264 wants."""
+def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray) -> Iterator[Image.Image]:
+    """Yield the images of the video with the skeleton, at most 1280 pixels long and with even sides for H.264."""
     skeleton = load_skeleton("ted_expressive")
-    with frames.open_video(video) as source:
-        for frame, points, certainty in zip(frames.decode(video, source), image_points, confidence, strict=True):
-            image = frames.upright(frame)
+    with images.open_video(video) as container:
+        for frame, points, certainty in zip(images.decode(video, container), image_points, confidence, strict=True):
+            image = images.upright(frame)
             scale = min(1.0, _LONGEST_SIDE / max(image.size))
             width, height = (max(2, 2 * round(side * scale / 2)) for side in image.size)
             scaled = points * (np.array([width, height]) / image.size)
@@ -80,24 +81,24 @@ def _pictures(video: pathlib.Path, image_points: np.ndarray, confidence: np.ndar
 
 
 def draw_skeleton(image: Image.Image, skeleton: Skeleton, points: np.ndarray, confidence: np.ndarray) -> None:
-    """Draws the bones whose ends are both seen.
+    """Draw the bones whose ends are both seen.
 
     Args:
-        image: is drawn upon.
-        skeleton: of the points.
+        image: image to draw on.
+        skeleton: skeleton of the points.
         points: (joints, 2) pixels, NaN where unseen.
         confidence: (joints,) in [0, 1], 0 where unseen.
     """
     draw = ImageDraw.Draw(image)
     is_seen = np.isfinite(points).all(axis=-1) & (confidence > 0)
-    # Far outside there is nothing to see, and drawing takes time with the distance.
+    # Points far outside are moved closer, because the time of drawing grows with the distance.
     points = np.clip(np.nan_to_num(points), -max(image.size), 2 * max(image.size))
     for parent, child in skeleton.bones:
         if not (is_seen[parent] and is_seen[child]):
             continue
         name = skeleton.joints[child]
-        share = _FINGER_WIDTH if name.endswith(("_1", "_2", "_3")) else _BODY_WIDTH
-        width = max(1, round(share * max(image.size)))
+        fraction = _FINGER_WIDTH if name.endswith(("_1", "_2", "_3")) else _BODY_WIDTH
+        width = max(1, round(fraction * max(image.size)))
         certainty = min(confidence[parent], confidence[child])
         side = name.split("_")[0]
         colour = _GREY + certainty * (np.array(_COLOURS.get(side, _COLOURS[""])) - _GREY)
@@ -107,7 +108,7 @@ def draw_skeleton(image: Image.Image, skeleton: Skeleton, points: np.ndarray, co
 
 
 class _Sound:
-    """The sound of a video on its way into another file; nothing where it has none."""
+    """Copies the audio of a video, if it has any, into another file."""
 
     def __init__(self, container: OutputContainer, video: pathlib.Path, start: float):
         self._container, self._blocks, self._stream = container, _sound(video), None
@@ -120,7 +121,7 @@ class _Sound:
         self._written = round(start * self._rate)
 
     def write_until(self, time: float) -> None:
-        """Writes what is heard before `time`, in seconds; at infinity the end, too."""
+        """Write the audio before `time` in seconds; infinity writes all of it."""
         if self._stream is None:
             return
         while self._written < time * self._rate:
@@ -135,19 +136,19 @@ class _Sound:
 
 
 def _sound(video: pathlib.Path) -> Iterator[av.AudioFrame]:
-    """The sound in blocks that AAC takes: mono or stereo."""
+    """Yield the audio in blocks that AAC accepts: mono or stereo."""
     try:
-        with av.open(str(video)) as source:
-            if not source.streams.audio:
+        with av.open(str(video)) as container:
+            if not container.streams.audio:
                 return
-            stream = source.streams.audio[0]
+            stream = container.streams.audio[0]
             rate = next((known for known in _SOUND_RATES if known <= stream.rate), _SOUND_RATES[-1])
             layout = "mono" if stream.channels == 1 else "stereo"
             to_aac = av.AudioResampler(format="fltp", layout=layout, rate=rate)
-            for frame in itertools.chain(source.decode(stream), [None]):
+            for frame in itertools.chain(container.decode(stream), [None]):
                 if frame is not None:
                     frame.pts = None
                 yield from to_aac.resample(frame)
     except (FFmpegError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise UserError(f"{video} has sound that cannot be read ({reason}); expected a whole file") from error
+        raise UserError(f"{video} has audio that cannot be read ({reason}); expected a complete file") from error

@@ -1,4 +1,4 @@
-"""The speaker's 43 keypoints in each picture of a video, by an estimator that runs in a process of its own."""
+"""Estimation of the speaker's 43 keypoints in each image of a video, by an estimator in a separate process."""
 
 import contextlib
 import os
@@ -12,23 +12,23 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data.video import frames, keypoints, pose_environment
+from ha2g_jax.data.video import images, keypoints, pose_environment
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 
 _JOINTS = 43
 _DEFAULT_RATE = 25
-_TAIL = 300  # characters of an estimator's last words
+_TAIL = 300  # characters of the last line of an estimator's output
 
 
 class Poses(NamedTuple):
-    """The keypoints of a video, one pose a picture.
+    """The keypoints of a video, one pose per image.
 
     Attributes:
         positions: (T, 43, 3) float32 metres in the axes of TED-Expressive, NaN where unseen.
         confidence: (T, 43) float32 in [0, 1], 0 where unseen.
         image_points: (T, 43, 2) float32 pixels, NaN where unseen.
-        fps: pictures per second.
+        fps: images per second.
     """
 
     positions: np.ndarray
@@ -38,16 +38,16 @@ class Poses(NamedTuple):
 
 
 def estimate(video: pathlib.Path, *, command: str | None = None) -> Poses:
-    """The poses in a video.
+    """Estimate the poses in a video.
 
     Args:
-        video: a file with pictures.
-        command: an estimator to use instead of MediaPipe Holistic. "{video}" and "{out}" in it are replaced by paths;
-            no shell reads it. It writes to "{out}" a .npz of `positions`, `confidence`, `image_points` and `fps`, as
-            in `Poses`, with one pose for each picture in order.
+        video: path of a video.
+        command: command line of an estimator to use instead of MediaPipe Holistic. "{video}" and "{out}" in it are
+            replaced by paths; it is not run by a shell. It must write a .npz with the arrays `positions`,
+            `confidence`, `image_points` and `fps` of `Poses` to "{out}", with one pose for each image in order.
 
     Raises:
-        UserError: the estimator is not installed, fails, or writes something else.
+        UserError: the estimator is not installed, fails, or writes invalid arrays.
     """
     video = pathlib.Path(video)
     with tempfile.TemporaryDirectory(prefix="ha2g-pose-") as folder:
@@ -64,8 +64,8 @@ def _run_command(command: str, video: pathlib.Path, out: pathlib.Path) -> None:
     try:
         parts = shlex.split(command)
     except ValueError as error:
-        raise UserError(f"pose command {command!r} cannot be split into words ({error}); mend its quotes") from error
-    # Once, so that a video's name may hold "{out}".
+        raise UserError(f"pose command {command!r} cannot be split into words ({error}); check its quotes") from error
+    # Each part is replaced only once, so that the name of a video may contain "{out}".
     places = {"{video}": str(video.absolute()), "{out}": str(out)}
     arguments = [_replaced(part, places) for part in parts]
     with tempfile.TemporaryFile() as log:
@@ -87,21 +87,21 @@ def _replaced(part: str, places: dict[str, str]) -> str:
 
 
 def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
-    """Decodes the pictures here, so that they are those that every other step sees, and hands them to `holistic`."""
+    """Decode the images here, as for every other step, and send them to `holistic`."""
     arguments = [*pose_environment.command(), str(out)]
-    with frames.open_video(video) as container, tempfile.TemporaryFile() as log:
+    with images.open_video(video) as container, tempfile.TemporaryFile() as log:
         stream = container.streams.video[0]
         fps = float(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
         is_empty = True
         process = _start(arguments, log, subprocess.PIPE)
         assert process.stdin is not None
         try:
-            with contextlib.suppress(BrokenPipeError):  # it died; why, it has said
-                for frame in frames.decode(video, container):
-                    picture = frames.upright(frame)
+            with contextlib.suppress(BrokenPipeError):  # the estimator died; `_check` reports the reason
+                for frame in images.decode(video, container):
+                    image = images.upright(frame)
                     is_empty = False
-                    process.stdin.write(struct.pack("<2I", *picture.size))
-                    process.stdin.write(picture.tobytes())
+                    process.stdin.write(struct.pack("<2I", *image.size))
+                    process.stdin.write(image.tobytes())
                 process.stdin.close()
             process.wait()
         finally:
@@ -110,7 +110,7 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
             with contextlib.suppress(BrokenPipeError):
                 process.stdin.close()
         if is_empty:
-            raise UserError(f"{video} has no pictures; expected a video of a speaker")
+            raise UserError(f"{video} has no images; expected a video of a speaker")
         _check(process, out, log, video)
     landmarks = read_npz(out)
     found = keypoints.from_holistic(**landmarks)
@@ -118,45 +118,39 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
 
 
 def _start(arguments: list[str], log: IO[bytes], stdin: int) -> subprocess.Popen[bytes]:
-    # An estimator has libraries of its own; those that this process was told to use are not for it.
+    # An estimator has its own libraries, so paths to the libraries of this process are removed.
     environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     try:
         return subprocess.Popen(arguments, stdin=stdin, stdout=log, stderr=log, env=environment)
     except (OSError, ValueError) as error:
         raise UserError(
-            f"pose estimator {arguments[0]!r} cannot be started ({error}); give a program's path"
+            f"pose estimator {arguments[0]!r} cannot be started ({error}); give the path of a program"
         ) from error
 
 
 def _check(process: subprocess.Popen[bytes], out: pathlib.Path, log: IO[bytes], video: pathlib.Path) -> None:
-    """UserError unless the process ended well and wrote its file."""
+    """Raise a `UserError` unless the process succeeded and wrote its file."""
     if process.returncode < 0:
         number = -process.returncode
         name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
-        raise UserError(f"the pose estimator was killed by {name} at {video}; see whether there is memory enough")
+        raise UserError(f"the pose estimator was killed by {name} at {video}; check whether memory is sufficient")
     if process.returncode:
         raise UserError(
-            f"the pose estimator failed at {video} with exit code {process.returncode} ({_last_words(log)}); "
-            "mend what it says, or try another --pose-command"
+            f"the pose estimator failed at {video} with exit code {process.returncode} ({_last_line(log)}); "
+            "correct the cause, or try another --pose-command"
         )
     if not out.is_file():
-        raise UserError(
-            f"the pose estimator wrote no file for {video} ({_last_words(log)}); expected a .npz at {{out}}"
-        )
+        raise UserError(f"the pose estimator wrote no file for {video} ({_last_line(log)}); expected a .npz at {{out}}")
 
 
-def _last_words(log: IO[bytes]) -> str:
+def _last_line(log: IO[bytes]) -> str:
     log.seek(max(0, log.seek(0, os.SEEK_END) - 10 * _TAIL))
     lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1][-_TAIL:] if lines else "it said nothing"
+    return lines[-1][-_TAIL:] if lines else "no output"
 
 
 def _read_poses(out: pathlib.Path, name: str) -> Poses:
-    """The poses of a file that a stranger's estimator wrote.
-
-    Raises:
-        UserError: it lacks an array, or has one of another shape or with impossible values.
-    """
+    """Read the poses of a file that a user's own estimator wrote, and check them."""
     try:
         arrays = read_npz(out, names=("positions", "confidence", "image_points", "fps"))
     except UserError as error:
@@ -171,10 +165,10 @@ def _read_poses(out: pathlib.Path, name: str) -> Poses:
             found = f"{arrays[key].dtype} of shape {arrays[key].shape}"
             raise UserError(f"{name}: {key} is {found}; expected numbers of shape {('T', *shape[1:])}")
     if not count:
-        raise UserError(f"{name} holds no pose; expected one for each picture")
+        raise UserError(f"{name} has no pose; expected one for each image")
     fps = arrays["fps"]
     if fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < float(fps.reshape(())) < 1000:
-        raise UserError(f"{name}: fps is {fps.tolist()!r:.60}; expected pictures per second")
+        raise UserError(f"{name}: fps is {fps.tolist()!r:.60}; expected images per second")
     positions, confidence, points = (arrays[key].astype(np.float32) for key in shapes)
     return Poses(*_checked(positions, confidence, points, name), float(fps.reshape(())))
 
@@ -182,7 +176,7 @@ def _read_poses(out: pathlib.Path, name: str) -> Poses:
 def _checked(
     positions: np.ndarray, confidence: np.ndarray, points: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same with unseen keypoints NaN throughout."""
+    """Check the arrays, and set unseen keypoints to NaN."""
     confidence = np.nan_to_num(confidence)
     if confidence.min() < 0 or confidence.max() > 1:
         low, high = confidence.min(), confidence.max()

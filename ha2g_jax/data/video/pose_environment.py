@@ -1,4 +1,4 @@
-"""An environment of its own for MediaPipe, which needs numpy < 2 and so cannot live beside this package's libraries."""
+"""Virtual environment of MediaPipe, which needs numpy < 2 and so cannot be installed beside this package."""
 
 import importlib.resources
 import os
@@ -14,33 +14,33 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder
 
 _NAME = "pose-0.10.21"  # MediaPipe's version
-_PYTHONS = ("3.12", "3.11")  # that it has wheels for, and that this package runs on
+_PYTHONS = ("3.12", "3.11")  # versions of Python that MediaPipe has wheels for and this package supports
 _VARIABLE = "HA2G_POSE_PYTHON"
 _PINS = "requirements.txt"
-_TAIL = 300  # characters of what a program that failed said last
+_TAIL = 300  # characters of the last line of a failed program's output
 
 
 def install(folder: str | os.PathLike | None = None, python: str | os.PathLike | None = None) -> pathlib.Path:
-    """Makes the environment, 400 MB from PyPI; does nothing where it is there already.
+    """Install the environment (400 MB from PyPI), unless it exists already.
 
-    It is made under another name and renamed when it has looked at a picture, so it is whole or not there.
+    It is made in a temporary folder and renamed after MediaPipe has processed an image, so it is complete or absent.
 
     Args:
-        folder: where; "pose-0.10.21" in $HA2G_CACHE, by default in ~/.cache/ha2g-jax.
-        python: the interpreter it is made with, Python 3.11 or 3.12; by default this one or else one on PATH.
+        folder: folder of the environment; by default "pose-0.10.21" in $HA2G_CACHE, by default ~/.cache/ha2g-jax.
+        python: interpreter of the environment, Python 3.11 or 3.12; by default the running one, or else one on PATH.
 
     Returns:
-        The folder.
+        The folder of the environment.
 
     Raises:
-        UserError: no such Python, no connection, no room, or MediaPipe does not run here.
+        UserError: there is no such Python, no connection or no disk space, or MediaPipe does not run here.
     """
     folder = pathlib.Path(folder) if folder is not None else _folder()
     pins = (importlib.resources.files("ha2g_jax") / "assets" / "pose_requirements.txt").read_text()
     if _is_whole(folder, pins):
         return folder
     if folder.exists() and not (folder / "pyvenv.cfg").exists():
-        raise UserError(f"{folder} is there and is no environment; choose another folder, or remove it")
+        raise UserError(f"{folder} exists and is not an environment; choose another folder, or remove it")
     try:
         interpreter = _find_python(python)
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -48,7 +48,7 @@ def install(folder: str | os.PathLike | None = None, python: str | os.PathLike |
             made = pathlib.Path(temporary) / folder.name
             _make(made, interpreter, pins)
             (made / _PINS).write_text(pins)
-            if _is_whole(folder, pins):  # by another process, meanwhile
+            if _is_whole(folder, pins):  # another process has made it in the meantime
                 return folder
             if folder.exists():
                 shutil.rmtree(folder)
@@ -59,7 +59,7 @@ def install(folder: str | os.PathLike | None = None, python: str | os.PathLike |
 
 
 def command() -> list[str]:
-    """The command line of `holistic`, without the name of the file that it is to write.
+    """Return the command line of `holistic`, without the path of its output.
 
     $HA2G_POSE_PYTHON may name the interpreter of another environment that has MediaPipe.
 
@@ -71,10 +71,10 @@ def command() -> list[str]:
     if not interpreter.is_file():
         if named:
             raise UserError(
-                f"{_VARIABLE} is {named!r}, where no file is; give the Python of an environment with MediaPipe"
+                f"{_VARIABLE} is {named!r}, which does not exist; give the Python of an environment with MediaPipe"
             )
         raise UserError("the pose estimator is not installed; run `ha2g data install-pose`, or give a --pose-command")
-    # Isolated (-I): neither the user's modules nor this folder's may be taken for MediaPipe's.
+    # Isolated (-I), so that modules of the user or of this folder cannot replace those of MediaPipe.
     return [str(interpreter), "-I", str(pathlib.Path(__file__).with_name("holistic.py"))]
 
 
@@ -92,19 +92,21 @@ def _is_whole(folder: pathlib.Path, pins: str) -> bool:
 
 
 def _find_python(python: str | os.PathLike | None) -> str:
-    """The path of an interpreter that MediaPipe has wheels for."""
+    """Find an interpreter that MediaPipe has wheels for."""
     names = [f"python{version}" for version in _PYTHONS]
     candidates = [os.fspath(python)] if python is not None else [sys.executable, *names]
     for candidate in candidates:
         path = shutil.which(candidate)
-        # Asked, because a name on PATH may be a script that chooses among several.
+        # The interpreter is asked for its path, because a name on PATH may be a script that selects one.
         code = "import sys; print(*sys.version_info[:2], sys.executable)"
         answer = subprocess.run([path, "-I", "-c", code], capture_output=True, text=True, check=False) if path else None
         words = answer.stdout.strip().split(" ", 2) if answer else []
         if len(words) == 3 and ".".join(words[:2]) in _PYTHONS:
             return words[2]
     tried = ", ".join(candidates)
-    raise UserError(f"MediaPipe needs Python 3.11 or 3.12, and none of {tried} is; install one, or give its path")
+    raise UserError(
+        f"MediaPipe needs Python 3.11 or 3.12, and none of {tried} is; install one, or give its path (--python)"
+    )
 
 
 def _make(folder: pathlib.Path, interpreter: str, pins: str) -> None:
@@ -116,11 +118,11 @@ def _make(folder: pathlib.Path, interpreter: str, pins: str) -> None:
         requirements = folder / "pins.txt"
         requirements.write_text(pins)
         python = str(_interpreter(folder))
-        # Without dependencies: the pins are all that is needed, MediaPipe asks for JAX and SciPy besides.
+        # Without dependencies, because the pins are sufficient; MediaPipe also requires JAX and SciPy.
         pip = [python, "-I", "-m", "pip", "install", "--no-deps", "--only-binary=:all:", "--no-input", "--retries=1"]
         pip += ["--disable-pip-version-check", "-r", str(requirements)]
-        _run(pip, environment, bar, "see whether PyPI can be reached, then run it again", step="Collecting ")
-        bar.set_postfix_str("first picture")
+        _run(pip, environment, bar, "check whether PyPI can be reached, then run it again", step="Collecting ")
+        bar.set_postfix_str("first image")
         _run(
             [python, "-I", "-c", _CHECK], environment, bar, "MediaPipe 0.10.21 does not run here; use a --pose-command"
         )
@@ -129,7 +131,7 @@ def _make(folder: pathlib.Path, interpreter: str, pins: str) -> None:
 
 
 def _run(arguments: list[str], environment: dict[str, str], bar: tqdm, advice: str, step: str | None = None) -> None:
-    """Runs a program to its end; each line of its output that starts with `step` moves the bar."""
+    """Run a program to its end; each line of its output that starts with `step` advances the bar."""
     lines: list[str] = []
     with subprocess.Popen(
         arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
@@ -145,7 +147,7 @@ def _run(arguments: list[str], environment: dict[str, str], bar: tqdm, advice: s
             process.kill()
             raise
     if process.returncode:
-        said = [line for line in lines if line and not line.startswith("WARNING")] or ["it said nothing"]
+        said = [line for line in lines if line and not line.startswith("WARNING")] or ["no output"]
         last = next((line for line in said if line.startswith("ERROR")), said[-1])[-_TAIL:]
         raise UserError(f"cannot make the pose environment ({last}); {advice}")
 

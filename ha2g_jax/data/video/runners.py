@@ -1,4 +1,4 @@
-"""Work on many items in parallel, on this machine or on a Ray cluster, where the death of a worker loses nothing."""
+"""Parallel calls on this machine or on a Ray cluster, which are repeated when a worker dies."""
 
 import collections
 import contextlib
@@ -20,12 +20,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _TRIES = 2
-_RAY_RETRIES = 3  # a cluster also loses whole nodes, which is no fault of an item
+_RAY_RETRIES = 3  # more than on one machine, because a cluster also loses whole nodes
 _EXIT_SECONDS = 10
 
 
 class WorkerDied(Exception):
-    """The process that worked on an item died, and so did the one that tried again; the message says of what."""
+    """Error for an item whose process died, and died again when it was repeated; the message has the cause."""
 
 
 class _Worker(NamedTuple):
@@ -37,20 +37,20 @@ class _Worker(NamedTuple):
 def local(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int | None = None
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Calls a function on each item, each time in a process of its own.
+    """Call a function on each item, each time in a new process.
 
-    When a process dies (a crash in a library, no memory left), its item is tried once more. What a worker has started
-    dies with it, and all workers die with this process, even if it is killed.
+    When a process dies (a crash in a library, no memory left), its item is tried once more. Processes that a worker
+    has started end with it, and all workers end with this process, even if it is killed.
 
     Args:
-        function: importable by name; runs with one thread of OpenMP, as on a cluster.
-        items: can be pickled.
-        workers: processes at the same time; one a core by default.
+        function: function that is importable by name; runs with one thread of OpenMP, as on a cluster.
+        items: items that can be pickled.
+        workers: number of simultaneous processes; one per core by default.
 
     Yields:
-        (item, result) as they finish; the function's exception, or `WorkerDied`, in place of a result.
+        (item, result) in the order in which they finish; the result may be the function's exception or `WorkerDied`.
     """
-    # spawn: no state of this process, nor of an accelerator library, may reach the workers.
+    # spawn: the workers must not inherit state of this process or of an accelerator library.
     context = multiprocessing.get_context("spawn")
     workers = workers or os.cpu_count() or 1
     waiting = collections.deque((item, 1) for item in range(len(items)))
@@ -85,18 +85,19 @@ def ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Calls a function on each item as tasks of one CPU on a Ray cluster; a task whose node or worker dies is retried.
+    """Call a function on each item as a task of one CPU on a Ray cluster; tasks are repeated if a node or worker dies.
 
-    Every node must have this package, and find the items' files under the same paths.
+    Every node must have this package, and find the files of the items under the same paths.
 
     Args:
-        function: importable by name.
-        items: can be pickled.
-        workers: tasks at the same time; as many as the cluster has CPUs by default.
-        address: of the cluster; None for the one that $RAY_ADDRESS names or that runs here, else one for this call.
+        function: function that is importable by name.
+        items: items that can be pickled.
+        workers: number of simultaneous tasks; the number of CPUs of the cluster by default.
+        address: address of the cluster; None for the one that $RAY_ADDRESS names or that runs on this machine, else a
+            new one for this call.
 
     Yields:
-        As `local`.
+        (item, result) as `local` does.
 
     Raises:
         UserError: Ray is not installed, or there is no cluster at the address.
@@ -128,7 +129,7 @@ def ray(
                     outcome = library.get(reference)
                 except RayError as error:
                     outcome = WorkerDied(f"its worker on the cluster died {_RAY_RETRIES + 1} times ({_line(error)})")
-                del reference  # the cluster keeps a result in memory while this is held
+                del reference  # the cluster keeps a result in memory while its reference exists
                 yield item, outcome
     finally:
         for reference in running:
@@ -138,7 +139,7 @@ def ray(
 
 
 def _call_apart(function: Callable[[Any], Any], item: Any) -> Any:
-    """One call in a process of its own: a crash costs a try, not a Ray worker, and a killed worker leaves no orphan."""
+    """Call in a new process, so that a crash does not end the Ray worker, and a killed worker leaves no process."""
     [(_, outcome)] = local(function, [item], 1)
     return outcome
 
@@ -154,7 +155,7 @@ def _start(
 
 
 def _work(pipe: connection.Connection, call: bytes) -> None:
-    """What a worker does. It leads a process group, so that Ctrl-C reaches only the parent, which then ends it all."""
+    """Run one call in a worker, which leads a process group so that Ctrl-C reaches only the parent."""
     os.setsid()
     _guard()
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before the function's libraries are imported
@@ -163,30 +164,31 @@ def _work(pipe: connection.Connection, call: bytes) -> None:
         pipe.send(function(item))
     except UserError as error:
         pipe.send(error)
-    except (Exception, SystemExit) as error:  # another video must not suffer from it; the parent reports it
+    except (Exception, SystemExit) as error:  # the parent reports it and goes on with other items
         pipe.send(RuntimeError(_line(error)))
 
 
 def _guard() -> None:
-    """Forks a process that ends the group, what the worker has started included, when the worker or its parent is gone.
+    """Fork a process that kills the group, including all that the worker has started, when the worker or its parent
+    ends.
 
-    The worker could not: a Ray worker that ends, for one, kills its children without a word.
+    The worker cannot do this itself, because it may be killed: a Ray worker that ends kills its children.
     """
     parent = multiprocessing.parent_process()
     assert parent is not None
-    ours, _ = os.pipe()  # the other end closes with the worker, however that ends
+    ours, _ = os.pipe()  # the other end is closed when the worker ends, for any reason
     if os.fork():
         os.close(ours)
         return
     for number in {int(path.name) for path in pathlib.Path("/dev/fd").iterdir()} - {0, 1, 2, ours, parent.sentinel}:
-        with contextlib.suppress(OSError):  # the one that listed the folder
+        with contextlib.suppress(OSError):  # the descriptor that listed the folder is closed already
             os.close(number)
     connection.wait([ours, parent.sentinel])
     os.killpg(0, signal.SIGKILL)
 
 
 def _receive(pipe: connection.Connection, process: SpawnProcess) -> tuple[Any] | None:
-    """What a worker has sent, None if it died before."""
+    """Return the result that a worker has sent, None if it died before."""
     try:
         outcome = (pipe.recv(),)
     except (EOFError, OSError):
@@ -196,8 +198,8 @@ def _receive(pipe: connection.Connection, process: SpawnProcess) -> tuple[Any] |
 
 
 def _end(pipe: connection.Connection, process: SpawnProcess) -> None:
-    """Ends a worker and whatever it has started, unless it has ended well."""
-    if process.pid and process.exitcode != 0:  # a group outlives its leader, until all its members are gone
+    """End a worker and all that it has started, unless it has succeeded."""
+    if process.pid and process.exitcode != 0:  # a group exists until all its members have ended
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.kill()
@@ -213,7 +215,7 @@ def _cause(exit_code: int | None) -> str:
 
 
 def _line(error: BaseException) -> str:
-    """An exception as one line: kind, message, and where it was raised."""
+    """Format an exception as one line: type, message, and where it was raised."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" [{pathlib.Path(frames[-1].filename).name}:{frames[-1].lineno}]" if frames else ""
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"

@@ -1,4 +1,4 @@
-"""Every threshold and choice of the way from a video to clips (HA2G, Appendix A), as one value."""
+"""All thresholds and choices of the import of videos (HA2G, Appendix A), as one value."""
 
 import dataclasses
 import json
@@ -18,25 +18,25 @@ _FILTERS = "filters"
 
 @dataclasses.dataclass(frozen=True)
 class VideoSettings:
-    """How videos become clips; the defaults are the paper's where it names a number.
+    """Settings of the import of videos; the defaults are those of the paper where it gives a number.
 
     Attributes:
         fps: frames per second of the clips.
-        shot_threshold: change of picture that starts a new shot, in units of PySceneDetect's content detector.
-        min_seconds: a shot must be longer than this (condition 3 of the paper).
-        min_visible: all keypoints must be seen in more than this share of a shot's frames (condition 1).
-        min_confidence: from which a keypoint counts as seen.
-        min_motion: variance of a wrist's position over the shot, in square metres; if both wrists are below it, the
-            speaker is almost still (condition 2; the paper gives no number, this is the one of the TED filters).
-        max_gap: longest time for which an unseen keypoint is interpolated as if it had been seen, in seconds.
-        cutoff: frequency above which motion counts as jitter, in hertz.
-        max_seconds: of a clip; longer shots are cut at their longest pauses.
-        num_reference_frames: images of the speaker kept of each clip, its first ones; 0 for none.
-        image_size: width and height of these images, in pixels.
-        recognise: Whisper model for the words of videos without a transcript, None to demand one.
-        pose_command: an estimator of one's own, with {video} and {out} in it; None for the one that
+        shot_threshold: change between images that starts a new shot, in units of PySceneDetect's content detector.
+        min_seconds: length in seconds that a shot must exceed (condition 3 of the paper).
+        min_visible: fraction of a shot's images in which all keypoints are seen that must be exceeded (condition 1).
+        min_confidence: minimum confidence of a keypoint that counts as seen.
+        min_motion: minimum variance of a wrist's position over the shot, in square metres; if both wrists are below
+            it, the speaker is almost still (condition 2; the paper gives no number, this is that of the TED filters).
+        max_gap: longest time for which an unseen keypoint is interpolated, in seconds.
+        cutoff: frequency above which motion is filtered out as jitter, in hertz.
+        max_seconds: maximum length of a clip in seconds; longer shots are cut at their longest pauses.
+        num_reference_frames: number of images of the speaker kept for each clip, from its start; 0 for none.
+        image_size: width and height of these images in pixels.
+        recognise: Whisper model for the words of videos without a transcript, None to require a transcript.
+        pose_command: command line of another pose estimator, with {video} and {out} in it; None for the one that
             `ha2g data install-pose` installs.
-        filters: which windows of a clip a model may learn from.
+        filters: conditions that a window of a clip must fulfil.
 
     Raises:
         UserError: a value is of the wrong type or out of range.
@@ -70,20 +70,20 @@ class VideoSettings:
             raise UserError("settings filters.num_frames and filters.stride must be at least 1")
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values by name, `filters` a mapping of its own."""
+        """Return the values by name, ready for JSON; `filters` is a nested mapping."""
         return {**dataclasses.asdict(self), _FILTERS: self.filters._asdict()}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "VideoSettings":
-        """The settings of a mapping such as `as_json` gives; what is left out keeps its default.
+        """Make settings of a mapping such as `as_json` returns; missing values keep their defaults.
 
         Raises:
-            UserError: an unknown name, or a value of the wrong type or out of range.
+            UserError: a name is unknown, or a value is of the wrong type or out of range.
         """
         return _with(cls(), values)
 
 
-# Inclusive bounds; wide enough for any recording, narrow enough to catch a slip of units.
+# Inclusive bounds, wide enough for any recording and narrow enough to catch a wrong unit.
 _RANGES = {
     "fps": (1, 120),
     "shot_threshold": (0.1, 255),
@@ -100,7 +100,10 @@ _RANGES = {
 
 
 def read_settings(path: str | pathlib.Path) -> VideoSettings:
-    """The settings of a JSON file.
+    """Read settings from a JSON file.
+
+    Args:
+        path: path of the file.
 
     Raises:
         UserError: the file is missing, is not JSON, or has an unknown name or a wrong value.
@@ -113,7 +116,7 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
             f'{path} cannot be read as settings ({error}); expected JSON such as {{"min_seconds": 3}}'
         ) from error
     if not isinstance(values, dict):
-        raise UserError(f'{path} holds a {type(values).__name__}; expected JSON such as {{"min_seconds": 3}}')
+        raise UserError(f'{path} has a {type(values).__name__}; expected JSON such as {{"min_seconds": 3}}')
     try:
         return VideoSettings.from_json(values)
     except UserError as error:
@@ -121,14 +124,14 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
 
 
 def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
-    """Settings with some values replaced, as the command line gives them.
+    """Replace some values of settings by those of the command line.
 
     Args:
-        pairs: such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
-        base: what the rest is taken from; the defaults where None.
+        pairs: NAME=VALUE pairs such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
+        base: settings of the other values; None for the defaults.
 
     Raises:
-        UserError: a pair without "=", an unknown name, or a value of the wrong type or out of range.
+        UserError: a pair has no "=", a name is unknown, or a value is of the wrong type or out of range.
     """
     values: dict[str, Any] = {}
     for pair in pairs:
@@ -157,7 +160,7 @@ def _with(base: VideoSettings, values: Mapping[str, Any]) -> VideoSettings:
 
 
 def _types(of: type) -> dict[str, tuple[type, ...]]:
-    """Which types each field may have."""
+    """Return the types that each field may have."""
     hints = typing.get_type_hints(of)
     return {
         name: typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,) for name, hint in hints.items()
@@ -174,7 +177,7 @@ def _checked(name: str, value: Any, allowed: tuple[type, ...]) -> Any:
 
 
 def _parsed(name: str, text: str, allowed: tuple[type, ...] | None) -> Any:
-    """The value that a text means; an unknown name keeps its text, and is refused later."""
+    """Parse the text of a value; that of an unknown name is kept, and the name is refused later."""
     if allowed is None:
         return text
     if types.NoneType in allowed and text.lower() == "none":

@@ -1,36 +1,35 @@
-"""Where a video cuts from one camera to another."""
+"""Detection of the shots of a video."""
 
 import itertools
 import pathlib
 from fractions import Fraction
 
-from ha2g_jax.data.video import frames
+from ha2g_jax.data.video import images
 from ha2g_jax.errors import UserError
 
 _DEFAULT_RATE = 25
-_WIDTH = 256  # pixels, for speed; PySceneDetect shrinks its pictures about as much, and its thresholds mean such
-_FLASH_SECONDS = 0.5  # cuts that follow one another faster are one
+_WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
+_FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
 
 
 def find_shots(
     video: pathlib.Path, *, threshold: float = 27.0, min_seconds: float = 0.0
 ) -> tuple[tuple[int, int], ...]:
-    """The shots of a video, by PySceneDetect's content detector.
+    """Find the shots of a video by PySceneDetect's content detector.
 
-    The pictures are counted here as they are decoded, and handed to the detector by number, so that frame k is the k-th
-    picture even where the frame rate varies; PySceneDetect alone would count time.
+    Images are counted as they are decoded and passed to the detector by number, so that shots are in numbers of images
+    even if the frame rate varies; PySceneDetect alone would count time.
 
     Args:
-        video: a file with pictures.
-        threshold: mean change of hue, saturation and brightness (each of 255) from one picture to the next that makes
-            a cut.
-        min_seconds: shorter shots are left out.
+        video: path of a video.
+        threshold: mean change of hue, saturation and brightness (each of 255) between two images that makes a cut.
+        min_seconds: minimum length of a shot in seconds.
 
     Returns:
-        [first frame, end frame) of each shot, in order of time; the whole video if it has no cut.
+        [first image, end image) of each shot, in order of time; the whole video if it has no cut.
 
     Raises:
-        UserError: the file has no pictures that can be read, or PySceneDetect is not installed.
+        UserError: the file has no readable images, or PySceneDetect is not installed.
     """
     try:
         from scenedetect import ContentDetector, FrameTimecode
@@ -41,17 +40,17 @@ def find_shots(
     video = pathlib.Path(video)
     detector = ContentDetector(threshold=threshold, min_scene_len=_FLASH_SECONDS)
     borders, num_frames = [0], 0
-    with frames.open_video(video) as container:
+    with images.open_video(video) as container:
         stream = container.streams.video[0]
         rate = Fraction(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
-        for frame in frames.decode(video, container):
+        for frame in images.decode(video, container):
             width = min(_WIDTH, frame.width)
             height = max(1, round(frame.height * width / frame.width))
-            picture = frame.to_ndarray(format="bgr24", width=width, height=height)
-            cuts = detector.process_frame(FrameTimecode(num_frames, rate), picture)
+            image = frame.to_ndarray(format="bgr24", width=width, height=height)
+            cuts = detector.process_frame(FrameTimecode(num_frames, rate), image)
             borders += [cut.frame_num for cut in cuts]
             num_frames += 1
     if not num_frames:
-        raise UserError(f"{video} has no pictures; expected a video of a speaker")
+        raise UserError(f"{video} has no images; expected a video of a speaker")
     borders = sorted({*borders, num_frames})
     return tuple((start, end) for start, end in itertools.pairwise(borders) if end - start >= min_seconds * rate)

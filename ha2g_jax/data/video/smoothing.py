@@ -1,4 +1,4 @@
-"""Poses without gaps, jumps and jitter, of one shot."""
+"""Removal of gaps, jumps and jitter from the poses of one shot."""
 
 import numpy as np
 from scipy import ndimage, signal
@@ -6,35 +6,35 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize, positions_to_directions
 
-_ORDER = 2  # of the low-pass, which runs forwards and backwards
+_ORDER = 2  # order of the low-pass filter, which runs forwards and backwards
 _GLIMPSE_FRAMES = 3
 _MEDIAN_FRAMES = 5
-# A jump lies further from the median of its neighbours than this, in metres, and than so many times their spread.
+# A jump exceeds both this distance from the median of its neighbours, in metres, and this multiple of their spread.
 _MIN_JUMP, _SPREADS = 0.03, 4.5
 
 
 def clean(
     positions: np.ndarray, confidence: np.ndarray, fps: float, *, max_gap: float = 0.5, cutoff: float = 5.0
 ) -> np.ndarray:
-    """Poses that are whole, steady and of constant bone lengths.
+    """Make poses complete, steady and of constant bone lengths.
 
-    1. A keypoint that jumps away for a frame or two and returns (Hampel), or is seen for no longer between two gaps,
-       was mistaken there, and counts as unseen.
-    2. Each keypoint is taken relative to the joint above it, and fingers to the direction of the forearm as well:
-       what a hand does while it is unseen is that it keeps its shape and goes with the arm.
-    3. A gap of at most `max_gap` is interpolated linearly. In a longer one the last value is held, and left `max_gap`
-       before the next is seen: nobody knows what happened, and slow drift is what people do not do. At the ends of
-       the shot the nearest value holds; what is never seen rests as in the skeleton's mean pose.
-    4. Butterworth low-pass, forwards and backwards, so that strokes stay where they are in time.
-    5. Bones get their median length over the shot, the mean of left and right: an estimator lengthens and shortens
-       them with depth. Directions, which are what the model learns, stay.
+    1. A keypoint that jumps away for one or two frames and returns (Hampel filter), or that is seen for only one or two
+       frames between two gaps, is an error of the estimator and counts as unseen.
+    2. Each keypoint is taken relative to its parent joint, and fingers also relative to the direction of the forearm,
+       so that an unseen hand keeps its shape and moves with the arm.
+    3. A gap of at most `max_gap` is interpolated linearly. In a longer gap the last value is held, and interpolated
+       only in the last `max_gap`, because people do not drift slowly. At the ends of the shot the nearest value is
+       held. A keypoint that is never seen has its place in the skeleton's mean pose.
+    4. A Butterworth low-pass filter runs forwards and backwards, so that it does not delay strokes.
+    5. Bones get their median length over the shot, averaged over left and right, because the estimated length varies
+       with depth. The directions, which the model learns, stay.
 
     Args:
         positions: (T, 43, 3) metres, NaN where unseen.
         confidence: (T, 43), 0 where unseen.
         fps: frames per second.
-        max_gap: seconds.
-        cutoff: hertz, the frequency that is halved; none is filtered from half the frame rate on.
+        max_gap: longest gap that is interpolated, in seconds.
+        cutoff: frequency at which the amplitude is halved, in hertz; no filter from half the frame rate on.
 
     Returns:
         (T, 43, 3) float32, finite.
@@ -54,7 +54,7 @@ def clean(
 
 
 def _fill(skeleton: Skeleton, positions: np.ndarray, lengths: np.ndarray, max_gap: int) -> np.ndarray:
-    """Steps 1 to 3: finite positions."""
+    """Apply steps 1 to 3, which give finite positions."""
     rest = directions_to_positions(skeleton, skeleton.mean_directions.astype(np.float64))
     rest_offsets = positions_to_directions(skeleton, rest) * lengths[:, None]
     filled = np.empty_like(positions)
@@ -68,40 +68,40 @@ def _fill(skeleton: Skeleton, positions: np.ndarray, lengths: np.ndarray, max_ga
             continue
         forearm = skeleton.bone(f"{name.split('_')[0]}_wrist")
         elbow, wrist = skeleton.bones[forearm]
-        turns = _turns(np.concatenate([filled[:, wrist] - filled[:, elbow], rest_offsets[None, forearm]]))
-        turns, rest_turn = turns[:-1], turns[-1]
-        shapes = _interpolate(_without_jumps(turns.inv().apply(offsets)), rest_turn.inv().apply(resting), max_gap)
-        filled[:, child] = filled[:, parent] + turns.apply(shapes)
+        rotations = _rotations(np.concatenate([filled[:, wrist] - filled[:, elbow], rest_offsets[None, forearm]]))
+        rotations, at_rest = rotations[:-1], rotations[-1]
+        shapes = _interpolate(_without_jumps(rotations.inv().apply(offsets)), at_rest.inv().apply(resting), max_gap)
+        filled[:, child] = filled[:, parent] + rotations.apply(shapes)
     return filled
 
 
 def _without_glimpses(is_seen: np.ndarray) -> np.ndarray:
-    """Seen keypoints (T, joints) without those that come and go within a frame or two, as an estimator in doubt has."""
+    """Remove seen keypoints (T, joints) that last only one or two frames, which are errors of the estimator."""
     frames = np.ones((_GLIMPSE_FRAMES, 1))
     lasting = ndimage.binary_dilation(ndimage.binary_erosion(is_seen, frames, border_value=1), frames)
     return np.where(lasting.any(axis=0), lasting & is_seen, is_seen)
 
 
 def _without_jumps(values: np.ndarray) -> np.ndarray:
-    """Values (T, 3) with NaN where one lies away from its neighbours in time."""
+    """Set values (T, 3) to NaN that lie away from their neighbours in time."""
     if len(values) < _MEDIAN_FRAMES:
         return values
     reach = _MEDIAN_FRAMES // 2
     padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, _MEDIAN_FRAMES, axis=0)  # (T, 3, frames)
     with np.errstate(invalid="ignore"):
-        median = np.median(windows, axis=-1)  # NaN where a neighbour is unseen: then nothing is said
+        median = np.median(windows, axis=-1)  # NaN if a neighbour is unseen, so that the value is kept
         spread = np.median(np.linalg.norm(windows - median[..., None], axis=1), axis=-1)
         jumps = np.linalg.norm(values - median, axis=-1) > np.maximum(_MIN_JUMP, _SPREADS * spread)
     return np.where(jumps[:, None], np.nan, values)
 
 
 def _interpolate(values: np.ndarray, resting: np.ndarray, max_gap: int) -> np.ndarray:
-    """Values (T, 3) with NaN filled in: see step 3 of `clean`; gaps in frames."""
+    """Fill NaN in values (T, 3) as in step 3 of `clean`; gaps in frames."""
     seen = np.flatnonzero(np.isfinite(values).all(axis=-1))
     if not len(seen):
         return np.tile(resting, (len(values), 1))
-    # A long gap is held by stating its first value once more, shortly before its end.
+    # In a long gap, the first value is repeated shortly before its end.
     long = np.flatnonzero(np.diff(seen) - 1 > max_gap)
     stated = np.insert(seen, long + 1, seen[long + 1] - max_gap - 1)
     held = np.insert(values[seen], long + 1, values[seen[long]], axis=0)
@@ -110,16 +110,16 @@ def _interpolate(values: np.ndarray, resting: np.ndarray, max_gap: int) -> np.nd
 
 
 def _low_pass(values: np.ndarray, fps: float, cutoff: float) -> np.ndarray:
-    """Along the first axis, without delay; -6 dB at the cutoff for the two passes together."""
+    """Filter along the first axis, without delay; -6 dB at the cutoff for the two passes together."""
     if len(values) < 2:
         return values
     sections = signal.butter(_ORDER, cutoff, fs=fps, output="sos")
-    longest = round(3 * fps / cutoff)  # until what is beyond an end has died away
+    longest = round(3 * fps / cutoff)  # time in which the response to the padding decays
     return signal.sosfiltfilt(sections, values, axis=0, padlen=min(longest, len(values) - 1))
 
 
 def _bone_lengths(skeleton: Skeleton, positions: np.ndarray) -> np.ndarray:
-    """(bones,) medians over the shot, of both sides; the skeleton's own where neither was seen."""
+    """Return the median lengths (bones,) over the shot and both sides; the skeleton's length if neither was seen."""
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
     medians = np.array([np.median(seen) if len(seen := bone[np.isfinite(bone)]) else np.nan for bone in lengths.T])
@@ -128,8 +128,8 @@ def _bone_lengths(skeleton: Skeleton, positions: np.ndarray) -> np.ndarray:
     return np.where(count > 0, np.nansum(both, axis=0) / np.maximum(count, 1), skeleton.lengths)
 
 
-def _turns(directions: np.ndarray) -> Rotation:
-    """The shortest rotation from the mean of some directions (N, 3) to each of them."""
+def _rotations(directions: np.ndarray) -> Rotation:
+    """Return the shortest rotation from the mean of directions (N, 3) to each of them."""
     directions = normalize(directions)
     mean = normalize(directions.mean(axis=0))
     axes = np.cross(mean, directions)
@@ -139,5 +139,5 @@ def _turns(directions: np.ndarray) -> Rotation:
 
 
 def _from_root(skeleton: Skeleton) -> list[int]:
-    """The bones, each after the one above it."""
+    """Return the bones, each after its parent bone."""
     return sorted(range(skeleton.num_bones), key=lambda bone: skeleton.paths[skeleton.bones[bone][1]].sum())

@@ -1,4 +1,4 @@
-"""What each video has given, kept on disk until the corpus is written, so that a build can go on after a stop."""
+"""Storage of the clips of each video until the corpus is written, so that an interrupted build can be continued."""
 
 import hashlib
 import json
@@ -10,39 +10,48 @@ from ha2g_jax.data import transcripts
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.video import extraction
 from ha2g_jax.data.video.extraction import Extraction
+from ha2g_jax.data.video.recordings import VideoRecording
 from ha2g_jax.data.video.settings import VideoSettings
-from ha2g_jax.data.video.talks import Talk
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.whole_file import whole_file
 
 _SUFFIX = ".clips"
 
 
-def key_of(talk: Talk, settings: VideoSettings) -> str:
-    """Names what a video gives: a hash of all that it depends on, which are contents, names, settings and version.
+def key_of(recording: VideoRecording, settings: VideoSettings) -> str:
+    """Return the key of the clips of a video: a hash of contents, names, settings and version.
+
+    Args:
+        recording: the video.
+        settings: settings of the import.
 
     Raises:
         UserError: the video or its transcript cannot be read.
     """
-    transcript = transcripts.find(talk.video)
+    transcript = transcripts.find(recording.video)
     facts = {
         "version": extraction.VERSION,
-        "talk": talk.name,
-        "speaker": talk.speaker,
+        "talk": recording.name,
+        "speaker": recording.speaker,
         "settings": settings.as_json(),
-        "video": _digest(talk.video),
+        "video": _digest(recording.video),
         "transcript": [transcript.name, _digest(transcript)] if transcript else None,
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
 def keys_in(folder: pathlib.Path) -> frozenset[str]:
-    """What a folder holds already."""
+    """Return the keys of the videos whose clips a folder has."""
     return frozenset(path.stem for path in folder.glob(f"[0-9a-f]*{_SUFFIX}"))
 
 
 def save(folder: pathlib.Path, key: str, extracted: Extraction) -> None:
-    """Keeps what a video has given; the file is whole or not there.
+    """Save the clips of a video atomically.
+
+    Args:
+        folder: work folder.
+        key: key of the video.
+        extracted: clips of the video.
 
     Raises:
         UserError: the folder cannot be written.
@@ -53,10 +62,14 @@ def save(folder: pathlib.Path, key: str, extracted: Extraction) -> None:
 
 
 def load(folder: pathlib.Path, key: str) -> Extraction:
-    """What `save` has kept.
+    """Load the clips of a video that `save` has saved.
+
+    Args:
+        folder: work folder.
+        key: key of the video.
 
     Raises:
-        UserError: it is missing or damaged.
+        UserError: the file is missing or damaged.
     """
     path = folder / f"{key}{_SUFFIX}"
     try:

@@ -1,1 +1,1 @@
-"""Pages about a corpus: how much there is of it, how people speak and move in it."""
+"""Statistics and HTML reports of a corpus."""

@@ -1,6 +1,6 @@
-"""Charts as inline SVG and HTML: no library, no file beside the page. Colours are classes of the page's style.
+"""Charts as inline SVG and HTML, without a library or separate files. Colours are classes of the page's style sheet.
 
-Every text is escaped here, since names of clips, speakers and reasons come from files.
+Every text is escaped here, because names of clips, speakers and reasons come from files.
 """
 
 import html
@@ -23,15 +23,18 @@ def histogram(
     curves: Mapping[str, tuple[float, float]] | None = None,
     ticks: Sequence[float],
 ) -> str:
-    """Bars of counts, with normal densities over them.
+    """Draw a histogram of counts, with normal densities over it.
 
     Args:
-        counts: of each bin.
-        edges: one more than there are counts, evenly spaced.
-        unit: of the edges, written under the axis.
-        label: what the chart shows, for those who do not see it.
-        curves: class of a curve -> its mean and standard deviation.
+        counts: count of each bin.
+        edges: (bins + 1,) edges of the bins, evenly spaced.
+        unit: unit of the edges, written under the axis.
+        label: description of the chart for screen readers.
+        curves: mean and standard deviation of each curve by its style class.
         ticks: values to mark on the axis.
+
+    Returns:
+        An SVG element.
     """
     low, high = float(edges[0]), float(edges[-1])
     width, height = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
@@ -67,13 +70,16 @@ def histogram(
 
 
 def ranges(rows: Mapping[str, Mapping[str, tuple[float, float]]], *, unit: str, label: str, high: float) -> str:
-    """A row for each name: for each class of mark a point at its mean, in a line of one standard deviation each way.
+    """Draw a row of means for each name, each with a line of one standard deviation to both sides.
 
     Args:
-        rows: name -> class of a mark -> mean and standard deviation.
-        unit: of the values.
-        label: what the chart shows, for those who do not see it.
-        high: end of the axis, which begins at 0.
+        rows: mean and standard deviation by name and style class.
+        unit: unit of the values.
+        label: description of the chart for screen readers.
+        high: end of the axis, which starts at 0.
+
+    Returns:
+        An SVG element.
     """
     width = 2 * _WIDTH
     scale = (width - _NAME_WIDTH - _RIGHT) / high
@@ -96,8 +102,16 @@ def ranges(rows: Mapping[str, Mapping[str, tuple[float, float]]], *, unit: str, 
     return _svg(width, base + _BOTTOM, label, parts)
 
 
-def shares(counts: Mapping[str, int], *, good: str | None = None) -> str:
-    """A table of counts with their shares of the sum as bars; `good` names the row that is no loss."""
+def fractions(counts: Mapping[str, int], *, good: str | None = None) -> str:
+    """Make a table of counts with bars of their fractions of the sum.
+
+    Args:
+        counts: count of each row by name.
+        good: name of the row that is not a loss, which has another colour.
+
+    Returns:
+        An HTML table.
+    """
     whole = max(sum(counts.values()), 1)
     rows = []
     for name, count in counts.items():
@@ -106,13 +120,17 @@ def shares(counts: Mapping[str, int], *, good: str | None = None) -> str:
         kind = "good" if name == good else "bad"
         rows.append(
             f'<tr><th scope="row">{html.escape(name)}</th><td>{count:,}</td><td>{count / whole:.1%}</td>'
-            f'<td class="share"><span class="{kind}" style="width:{100 * count / whole:.2f}%"></span></td></tr>'
+            f'<td class="fraction"><span class="{kind}" style="width:{100 * count / whole:.2f}%"></span></td></tr>'
         )
-    return f'<table class="shares"><tbody>{"".join(rows)}</tbody></table>'
+    return f'<table class="fractions"><tbody>{"".join(rows)}</tbody></table>'
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
-    """A table whose first row and first column are headings, and which scrolls where it is too wide."""
+    """Make an HTML table whose first row and first column are headings, and which scrolls if it is too wide.
+
+    Args:
+        rows: cells of each row.
+    """
     head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in rows[0])
     body = "".join(
         f'<tr><th scope="row">{html.escape(title)}</th>'

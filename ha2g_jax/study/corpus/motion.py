@@ -1,4 +1,4 @@
-"""How the people of a training split move, gathered clip by clip: bones, angles of the arms, speed of the wrists."""
+"""Statistics of the motion of a training split: bones, angles of the arms, speed of the wrists."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,8 +8,8 @@ import numpy as np
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
 
-# Inner angles in degrees with what the paper calls their variance, of TED-Expressive (HA2G, Table 10). The numbers are
-# no variances of the published data (49, 355, 44, 343), nor their roots; they are taken for standard deviations here.
+# Inner angles of TED-Expressive in degrees, with the values that the paper calls variances (HA2G, Table 10). They are
+# neither the variances of the published data (49, 355, 44, 343) nor their roots, and are used as standard deviations.
 TABLE_10 = {
     "left_shoulder": (116.6, 9.01),
     "right_shoulder": (127.1, 7.53),
@@ -17,11 +17,16 @@ TABLE_10 = {
     "right_elbow": (85.3, 7.22),
 }
 ANGLE_EDGES = np.linspace(0, 180, 91)
-SPEED_EDGES = np.linspace(0, 4, 161)  # m/s; the last bin takes what is faster
+SPEED_EDGES = np.linspace(0, 4, 161)  # m/s; the last bin includes higher speeds
 
 
 class TrainingMotion:
-    """Sums over the frames of a training split that lie in a window; nothing of a clip is kept."""
+    """Sums over the frames of a training split that lie in a window.
+
+    Args:
+        skeleton: skeleton of the corpus.
+        fps: frames per second.
+    """
 
     def __init__(self, skeleton: Skeleton, fps: float):
         self._skeleton, self._fps = skeleton, fps
@@ -34,7 +39,12 @@ class TrainingMotion:
         self._frames = 0
 
     def update(self, positions: np.ndarray, window_starts: Sequence[int]) -> None:
-        """Adds a clip: positions (T, joints, 3) in metres and the first frame of each window."""
+        """Add a clip.
+
+        Args:
+            positions: (T, joints, 3) in metres.
+            window_starts: first frame of each window.
+        """
         is_seen = np.zeros(len(positions), bool)
         for start in window_starts:
             is_seen[start : start + WINDOW_FRAMES] = True
@@ -53,7 +63,7 @@ class TrainingMotion:
         self._frames += len(lengths)
 
     def result(self) -> dict[str, Any] | None:
-        """Ready for JSON: metres, metres a second and degrees; None where no frame lay in a window."""
+        """Return the statistics ready for JSON in metres, metres per second and degrees; None if there is no window."""
         if not self._frames:
             return None
         mean, square = self._lengths / self._frames
@@ -91,7 +101,14 @@ class TrainingMotion:
 
 
 def inner_angles(skeleton: Skeleton) -> dict[str, int]:
-    """The angle pair at each shoulder and elbow; 180 degrees less the angle of the pair is the inner one."""
+    """Find the angle pair at each shoulder and elbow; the inner angle is 180 degrees minus the angle of the pair.
+
+    Args:
+        skeleton: skeleton of the pairs.
+
+    Returns:
+        Index in `skeleton.angle_pairs` by name of the joint.
+    """
     joints = {}
     for joint in TABLE_10:
         end = skeleton.joint(joint)
@@ -103,14 +120,14 @@ def inner_angles(skeleton: Skeleton) -> dict[str, int]:
 
 
 def bone_names(skeleton: Skeleton) -> list[str]:
-    """ "parent - child" of each bone."""
+    """Return the name "PARENT - CHILD" of each bone."""
     return [f"{skeleton.joints[parent]} - {skeleton.joints[child]}" for parent, child in skeleton.bones]
 
 
 def _angles(skeleton: Skeleton, published: Skeleton) -> dict[str, dict[str, float]]:
-    """Of every pair the angle between the two direction vectors in degrees (HA2G, Eq. 8), here and as published.
+    """Return the angle of every pair of direction vectors in degrees (HA2G, Eq. 8), of the corpus and as published.
 
-    A pair is named by the joints in which its bones end.
+    A pair is named by the joints at the ends of its bones.
     """
     names = [*(skeleton.joints[child] for _, child in skeleton.bones), "left palm", "right palm"]
     angles = {}
@@ -127,7 +144,7 @@ def _angles(skeleton: Skeleton, published: Skeleton) -> dict[str, dict[str, floa
     return angles
 
 
-def _quantile(counts: np.ndarray, edges: np.ndarray, share: float) -> float:
-    """The value below which a share of a histogram lies, on a straight line within its bin."""
+def _quantile(counts: np.ndarray, edges: np.ndarray, fraction: float) -> float:
+    """Return the value below which a fraction of a histogram lies, linearly interpolated within its bin."""
     total = np.concatenate([[0], np.cumsum(counts)])
-    return float(np.interp(share * total[-1], total, edges))
+    return float(np.interp(fraction * total[-1], total, edges))

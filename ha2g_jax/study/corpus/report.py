@@ -1,4 +1,4 @@
-"""One page about a corpus: how much there is, what was left out and why, how people speak and move, clips to watch."""
+"""HTML report of a corpus: sizes, the report of its import, statistics of speech and motion, and clips to watch."""
 
 import base64
 import html
@@ -25,7 +25,7 @@ from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
-from ha2g_jax.study.corpus.charts import histogram, ranges, shares, table
+from ha2g_jax.study.corpus.charts import fractions, histogram, ranges, table
 from ha2g_jax.study.corpus.motion import ANGLE_EDGES, SPEED_EDGES
 from ha2g_jax.study.corpus.statistics import (
     PACE_EDGES,
@@ -39,27 +39,27 @@ from ha2g_jax.study.corpus.statistics import (
 )
 
 _SAMPLE_SECONDS, _SAMPLE_SIZE = 8, 400
-_LOOK_AHEAD = 100  # clips to look at for a speaker who is not shown yet
-_MAX_WORDS = 40  # of a sample, written under it
+_LOOK_AHEAD = 100  # clips to search for a speaker who is not shown yet
+_MAX_WORDS = 40  # words of a sample, written under it
 _MAX_FAILURES = 50
 _REASONS = {
     window_filters.TOO_FEW_WORDS: "too few words",
-    window_filters.MEAN_POSE: "near the mean pose, on which an estimator falls back",
+    window_filters.MEAN_POSE: "near the mean pose, to which an estimator falls back",
     window_filters.SPINE_ANGLE: "spine tilted",
     window_filters.MOTION: "both wrists almost still",
 }
 
 
 def write_report(path: str | os.PathLike, out: str | os.PathLike, *, num_samples: int = 4) -> pathlib.Path:
-    """Writes one HTML page that holds all it needs, videos included. The same corpus gives the same page.
+    """Write a self-contained HTML page with videos. Equal corpora give equal pages.
 
     Args:
         path: folder of the corpus.
-        out: the page, an `.html`.
-        num_samples: clips to watch, of different speakers where there are as many; 0 for none.
+        out: path of the page, an `.html`.
+        num_samples: number of clips to watch, of different speakers if possible; 0 for none.
 
     Returns:
-        Path of the page, which is whole or not there.
+        Path of the page, which is written atomically.
 
     Raises:
         UserError: there is no corpus, a record cannot be used, or the page cannot be written.
@@ -90,24 +90,24 @@ def _head(summary: dict[str, Any]) -> str:
     facts = {
         "source": summary["source"],
         "licence": summary["licence"],
-        "skeleton": f"{summary['skeleton']}, {summary['fps']:g} frames a second",
+        "skeleton": f"{summary['skeleton']}, {summary['fps']:g} frames per second",
     }
     rows = "".join(f"<dt>{name}</dt><dd>{html.escape(text or 'not stated')}</dd>" for name, text in facts.items())
     return f"<h1>{html.escape(summary['name'])}</h1><dl>{rows}</dl>"
 
 
 def _numbers(summary: dict[str, Any]) -> str:
-    """The numbers to see first."""
+    """Make the list of the most important numbers."""
     total, reports = summary["total"], report_of(summary).values()
     looked_at = sum(report.windows for report in reports)
     hours = total["hours"]
     numbers = {
         "hours" if hours >= 1 else "minutes": f"{hours:,.1f}" if hours >= 1 else f"{60 * hours:,.1f}",
         "clips": f"{total['clips']:,}",
-        "talks": f"{total['talks']:,}",
+        "recordings": f"{total['recordings']:,}",
         "speakers": f"{total['speakers']:,}",
         "windows": f"{total['windows']:,}",
-        "words a minute": None if not total["words"] else f"{total['words_per_minute']:.0f}",
+        "words per minute": None if not total["words"] else f"{total['words_per_minute']:.0f}",
         "of the windows kept": f"{sum(report.kept for report in reports) / looked_at:.0%}" if looked_at else None,
         "of the frames show both hands": None if total["both_hands"] is None else f"{total['both_hands']:.0%}",
     }
@@ -118,7 +118,7 @@ def _numbers(summary: dict[str, Any]) -> str:
 def _samples(corpus: Corpus, count: int) -> Iterator[str]:
     chosen = _choose(corpus, count)
     if chosen:
-        yield "<h2>Clips</h2><p class='quiet'>The joints as they are stored, drawn as a figure, with the speech.</p>"
+        yield "<h2>Clips</h2><p class='quiet'>The stored joints, drawn as a figure, with the speech.</p>"
         figures = [
             _figure(corpus, split, index)
             for split, index in tqdm(chosen, desc="Sample clips", unit="clip", leave=False, disable=None)
@@ -127,7 +127,7 @@ def _samples(corpus: Corpus, count: int) -> Iterator[str]:
 
 
 def _choose(corpus: Corpus, count: int) -> list[tuple[str, int]]:
-    """Clips spread evenly over the first split that has any; each the next one of a speaker who is not shown yet."""
+    """Choose clips evenly over the first split that has any, each the next one of a speaker who is not shown yet."""
     split = next((split for split in corpus.splits if corpus.has_clips(split)), None)
     if split is None:
         return []
@@ -146,7 +146,7 @@ def _choose(corpus: Corpus, count: int) -> list[tuple[str, int]]:
 
 
 def _figure(corpus: Corpus, split: str, index: int) -> str:
-    """A clip to watch, from its first window on."""
+    """Make a video of a clip, from its first window on."""
     clip = corpus.clips(split)[index]
     start = min(clip.window_starts, default=0)
     end = min(start + round(_SAMPLE_SECONDS * corpus.fps), len(clip.positions))
@@ -168,12 +168,12 @@ def _figure(corpus: Corpus, split: str, index: int) -> str:
 
 
 def _poster(motion: Motion) -> str:
-    """The picture that stands for a video until it plays: its middle frame."""
-    picture = draw_figure(
+    """Draw the middle frame, which is shown until the video plays."""
+    image = draw_figure(
         motion.positions[motion.num_frames // 2], motion.skeleton, DEFAULT_LOOK, _SAMPLE_SIZE, _SAMPLE_SIZE
     )
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "JPEG", quality=80)
+    Image.fromarray(image).save(buffer, "JPEG", quality=80)
     return _base64(buffer.getvalue())
 
 
@@ -187,7 +187,7 @@ def _words(clip: Clip, start: float, end: float) -> str:
 
 
 def _import(summary: dict[str, Any]) -> Iterator[str]:
-    """What the source had, and what became of it."""
+    """Make the section on the import: what was kept and left out."""
     if not summary["import"]:
         return
     yield "<h2>Import</h2>"
@@ -207,16 +207,16 @@ def _import(summary: dict[str, Any]) -> Iterator[str]:
 def _losses(report: SplitReport) -> Iterator[str]:
     if report.windows:
         filtered = {_REASONS.get(reason, reason): count for reason, count in report.filtered.items()}
-        yield shares({"kept": report.kept, **filtered}, good="kept")
+        yield fractions({"kept": report.kept, **filtered}, good="kept")
     if report.rejected:
         rest = max(report.clips - report.rejected.total(), 0)
         yield f"<p class='quiet'>Of the {report.clips:,} clips:</p>"
-        yield shares({"have windows that were kept": rest, **report.rejected}, good="have windows that were kept")
+        yield fractions({"have windows that were kept": rest, **report.rejected}, good="have windows that were kept")
 
 
 def _speech(summary: dict[str, Any]) -> Iterator[str]:
     charted = {
-        "Words a minute, by clip": ("clip_pace", PACE_EDGES, "", range(0, 401, 100)),
+        "Words per minute, by clip": ("clip_pace", PACE_EDGES, "", range(0, 401, 100)),
         "Length of a clip": ("clip_seconds", SECONDS_EDGES, " s", range(0, 61, 10)),
     }
     figures = [
@@ -229,7 +229,7 @@ def _speech(summary: dict[str, Any]) -> Iterator[str]:
 
 
 def _motion(summary: dict[str, Any]) -> Iterator[str]:
-    """Angles and bones of training beside the published ones."""
+    """Make the section on motion: angles and bones of the training split beside the published ones."""
     training = summary["training"]
     if training is None:
         return
@@ -277,7 +277,7 @@ def _key(has_table: bool) -> str:
     paper = '<li><i class="paper"></i>Table 10 of the paper</li>' if has_table else ""
     note = (
         "<p class='quiet'>Table 10 gives a mean and a “var (°)” for TED-Expressive; the second is drawn as a standard "
-        "deviation. The statistics that were published with the data are others.</p>"
+        "deviation. The statistics that were published with the data differ.</p>"
     )
     return (
         '<ul class="key"><li><i class="bars"></i>this corpus</li>'

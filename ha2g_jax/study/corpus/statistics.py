@@ -1,4 +1,4 @@
-"""Numbers of a corpus: how much there is of each split, what was left out, and how the people of training move."""
+"""Statistics of a corpus: sizes of each split, the report of its import, and the motion of the training split."""
 
 import collections
 import os
@@ -15,22 +15,22 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.study.corpus.motion import TrainingMotion
 
-SECONDS_EDGES = np.arange(0, 62, 2)  # of a clip; the last bin takes what is longer
-PACE_EDGES = np.arange(0, 410, 10)  # words a minute of a clip; likewise
+SECONDS_EDGES = np.arange(0, 62, 2)  # seconds of a clip; the last bin includes longer clips
+PACE_EDGES = np.arange(0, 410, 10)  # words per minute of a clip; the last bin includes faster clips
 
-_SEEN = 0.5  # confidence from which a joint counts as seen, where the corpus does not say what it was made with
-_SHORTEST_PACE = 3.0  # seconds: of a shorter clip, words a minute say nothing
-_ROWS = {  # of the table: title and format of each number of a split
+_SEEN = 0.5  # minimum confidence of a joint that counts as seen, if the corpus does not store its settings
+_SHORTEST_PACE = 3.0  # seconds; in shorter clips, words per minute are not meaningful
+_ROWS = {  # title and format of each number of a split in the table
     "clips": ("clips", ",d"),
-    "talks": ("talks", ",d"),
+    "recordings": ("recordings", ",d"),
     "speakers": ("speakers", ",d"),
     "hours": ("hours", ",.3f"),
     "windows": ("windows", ",d"),
     "words": ("words", ",d"),
-    "words_per_minute": ("words a minute", ".0f"),
+    "words_per_minute": ("words per minute", ".0f"),
     "vocabulary": ("different words", ",d"),
     "unknown_words": ("words unknown to training", ".1%"),
-    "reference_frames": ("reference frames", ",d"),
+    "reference_frames": ("images of speakers", ",d"),
     "confidence": ("mean confidence", ".2f"),
     "both_hands": ("frames with both hands", ".1%"),
 }
@@ -38,17 +38,18 @@ _TITLE_WIDTH, _MIN_WIDTH = 34, 10
 
 
 def summarise(path: str | os.PathLike) -> dict[str, Any]:
-    """Reads a corpus clip by clip, without its audio and images.
+    """Compute the statistics of a corpus, without decoding audio and images.
 
     Args:
         path: folder of the corpus.
 
     Returns:
-        Ready for JSON. "splits" and "total": clips, talks, speakers, hours, windows, words, words_per_minute,
-        vocabulary (different words), unknown_words (share that training does not have), reference_frames, confidence
-        (mean), both_hands (share of the frames in which every joint of both hands is seen); None where a corpus has
-        nothing of the kind. "training": `TrainingMotion.result`. "import": the report of the import; "failed": videos
-        that gave nothing. "clip_seconds", "clip_pace": counts of clips over `SECONDS_EDGES` and `PACE_EDGES`.
+        A dict ready for JSON. "splits" and "total": clips, recordings, speakers, hours, windows, words,
+        words_per_minute, vocabulary (number of different words), unknown_words (fraction of words that training does
+        not have), reference_frames (number of images), confidence (mean), both_hands (fraction of the frames in which
+        every joint of both hands is seen); None for values that the corpus does not have. "training":
+        `TrainingMotion.result`. "import": the report of the import. "failed": videos that failed. "clip_seconds" and
+        "clip_pace": counts of clips over `SECONDS_EDGES` and `PACE_EDGES`.
 
     Raises:
         UserError: there is no corpus, or a record cannot be used.
@@ -89,10 +90,14 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
 
 
 def as_table(summary: dict[str, Any]) -> str:
-    """What `summarise` returns, as text to read."""
+    """Format the statistics of a corpus as text.
+
+    Args:
+        summary: statistics that `summarise` returns.
+    """
     blocks = [
         [
-            f"{summary['name']}: {summary['skeleton']}, {summary['fps']:g} frames a second",
+            f"{summary['name']}: {summary['skeleton']}, {summary['fps']:g} frames per second",
             *(f"{key}: {summary[key]}" for key in ("source", "licence") if summary[key]),
         ],
         _aligned(split_rows(summary)),
@@ -104,7 +109,14 @@ def as_table(summary: dict[str, Any]) -> str:
 
 
 def split_rows(summary: dict[str, Any]) -> list[list[str]]:
-    """What `summarise` counted, a column a split: title and cells of each row, without rows that are empty."""
+    """Make a table with one column per split, without empty rows.
+
+    Args:
+        summary: statistics that `summarise` returns.
+
+    Returns:
+        The title and the cells of each row.
+    """
     splits = {**summary["splits"], "total": summary["total"]}
     rows = [["", *splits]]
     for key, (title, form) in _ROWS.items():
@@ -115,10 +127,13 @@ def split_rows(summary: dict[str, Any]) -> list[list[str]]:
 
 
 def report_of(summary: dict[str, Any]) -> import_report.Report:
-    """The report of the import of what `summarise` returns.
+    """Return the report of the import of a corpus.
+
+    Args:
+        summary: statistics that `summarise` returns.
 
     Raises:
-        UserError: `dataset.json` holds something else there.
+        UserError: the report in `dataset.json` is damaged.
     """
     try:
         return {split: SplitReport.from_json(counts) for split, counts in summary["import"].items()}
@@ -127,7 +142,11 @@ def report_of(summary: dict[str, Any]) -> import_report.Report:
 
 
 def joint_rows(training: dict[str, Any]) -> list[list[str]]:
-    """The inner angles of shoulders and elbows beside the published ones, in degrees."""
+    """Make a table of the inner angles of shoulders and elbows beside the published ones, in degrees.
+
+    Args:
+        training: statistics that `TrainingMotion.result` returns.
+    """
     rows = [["inner angle, degrees", "mean", "std", "published", "std", "Table 10", '"var"']]
     for joint, angle in training["joints"].items():
         found = [angle.get(key) for key in ("corpus", "published", "table_10")]
@@ -137,7 +156,11 @@ def joint_rows(training: dict[str, Any]) -> list[list[str]]:
 
 
 def bone_rows(training: dict[str, Any]) -> list[list[str]]:
-    """The lengths of the bones in centimetres."""
+    """Make a table of the lengths of the bones in centimetres.
+
+    Args:
+        training: statistics that `TrainingMotion.result` returns.
+    """
     rows = [["bone, centimetres", "mean", "std", "published"]]
     for bone, length in training["bones"].items():
         rows.append([bone, *(f"{100 * length[key]:.1f}" for key in ("mean", "std", "published"))])
@@ -145,7 +168,11 @@ def bone_rows(training: dict[str, Any]) -> list[list[str]]:
 
 
 def angle_rows(training: dict[str, Any]) -> list[list[str]]:
-    """The angles of the physical loss in degrees; change is that from frame to frame."""
+    """Make a table of the angles of the physical loss in degrees, and of their changes from frame to frame.
+
+    Args:
+        training: statistics that `TrainingMotion.result` returns.
+    """
     rows = [["angle of two bones, degrees", "mean", "std", "change", "published", "std", "change"]]
     return rows + [[name, *(f"{value:.1f}" for value in angle.values())] for name, angle in training["angles"].items()]
 
@@ -165,7 +192,7 @@ def _motion_blocks(training: dict[str, Any]) -> list[list[str]]:
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:
-    """A table: the first column to the left, the others to the right."""
+    """Align a table: the first column to the left, the others to the right."""
     widths = [max(_MIN_WIDTH, *map(len, column)) for column in zip(*(row[1:] for row in rows), strict=True)]
     first = max(_TITLE_WIDTH, *(len(row[0]) for row in rows))
     return [
@@ -180,7 +207,7 @@ def _usable_fields(clips: Clips, index: int, skeleton: Skeleton) -> dict[str, An
     if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not np.isfinite(positions).all():
         raise UserError(
             f"clip {fields['id']} ({clips.place(index)}) has positions of shape {positions.shape} or not finite, "
-            f"expected (T, {skeleton.num_joints}, 3); ha2g data validate says what else is wrong"
+            f"expected (T, {skeleton.num_joints}, 3); run ha2g data validate to find all errors"
         )
     confidence = fields["confidence"]
     if confidence is not None and confidence.shape != positions.shape[:2]:
@@ -202,10 +229,10 @@ class _Counts:
         self._known = set(corpus.metadata["words"]) if corpus.has_clips(TRAIN) else None
         self._fps = corpus.fps
         hands = selection.hand_joints(corpus.skeleton)
-        self._hands = hands if len(hands) > 2 else []  # two wrists are no hands
+        self._hands = hands if len(hands) > 2 else []  # two wrists only are not hands
         settings = corpus.metadata.get("video", {}).get("settings", {})
         self._seen = settings.get("min_confidence", _SEEN)
-        self._talks: set[str] = set()
+        self._recordings: set[str] = set()
         self._speakers: set[str] = set()
         self._words: collections.Counter[str] = collections.Counter()
         self._clips = self._frames = self._windows = self._images = 0
@@ -216,7 +243,7 @@ class _Counts:
         self._frames += len(fields["positions"])
         self._windows += len(fields["window_starts"])
         self._images += len(fields["reference_frames"] or ())
-        self._talks.add(fields["talk"] or fields["id"])
+        self._recordings.add(fields["recording"] or fields["id"])
         self._speakers.add(fields["speaker"])
         self._words.update(word.text.lower() for word in fields["words"])
         confidence = fields["confidence"]
@@ -231,7 +258,7 @@ class _Counts:
         unknown = None if known is None else sum(n for word, n in self._words.items() if word not in known) / words
         return {
             "clips": self._clips,
-            "talks": len(self._talks),
+            "recordings": len(self._recordings),
             "speakers": len(self._speakers),
             "hours": minutes / 60,
             "windows": self._windows,

@@ -1,4 +1,4 @@
-"""A page that holds the motion of the Talk corpus against people: TED's published angles and, if given, a recording."""
+"""HTML report that compares the motion of the Talk corpus with TED's published angles and with a recording."""
 
 import base64
 import html
@@ -28,8 +28,8 @@ from ha2g_jax.skeleton import (
 )
 
 _MAX_CLIPS = 200
-_STILL = 0.1  # m/s: a slower wrist is pausing
-_STROKE_SPEED, _STROKE_PROMINENCE = 0.15, 0.08  # m/s of a peak of the wrist's speed that counts as a stroke
+_STILL = 0.1  # m/s; a slower wrist pauses
+_STROKE_SPEED, _STROKE_PROMINENCE = 0.15, 0.08  # m/s; minimum height and prominence of a stroke's peak of speed
 _SHOWN_PAIRS = (
     "{side}_shoulder - {side}_elbow",
     "{side}_elbow - {side}_wrist",
@@ -40,14 +40,16 @@ _STRIPS, _STRIP_FRAMES, _STRIP_STEP, _STRIP_SIZE = 6, 10, 4, 150
 
 
 class Kinematics(NamedTuple):
-    """How the two wrists move, all clips together.
+    """Kinematics of the two wrists over all clips.
 
     Attributes:
-        speed, acceleration, jerk: (n,) magnitudes in m/s, m/s^2, m/s^3.
-        pauses: (p,) seconds of each stretch in which a wrist is slower than 0.1 m/s.
-        strokes_per_minute: peaks of one wrist's speed, the mean of both wrists.
-        still: share of the time in which a wrist pauses.
-        angles: (frames, pairs) degrees.
+        speed: (n,) magnitudes in m/s.
+        acceleration: (n,) magnitudes in m/s^2.
+        jerk: (n,) magnitudes in m/s^3.
+        pauses: (p,) length in seconds of each stretch in which a wrist is slower than 0.1 m/s.
+        strokes_per_minute: number of peaks of a wrist's speed per minute, mean of both wrists.
+        still: fraction of the time in which a wrist pauses.
+        angles: (frames, pairs) angles in degrees.
     """
 
     speed: np.ndarray
@@ -62,18 +64,18 @@ class Kinematics(NamedTuple):
 def write_report(
     corpus_path: str | os.PathLike, out: str | os.PathLike, recording: str | os.PathLike | None = None
 ) -> pathlib.Path:
-    """Writes one self-contained HTML page.
+    """Write a self-contained HTML page.
 
     Args:
         corpus_path: folder of a Talk corpus.
-        out: the page; its suffix becomes .html.
-        recording: a motion capture of a real speaker in BVH.
+        out: path of the page, whose suffix becomes .html.
+        recording: path of a BVH motion capture of a real speaker.
 
     Returns:
         Path of the page.
 
     Raises:
-        UserError: no corpus, not a Talk corpus, no readable recording, or matplotlib is missing.
+        UserError: there is no Talk corpus, the recording cannot be read, or matplotlib is missing.
     """
     pyplot = _pyplot()
     corpus = Corpus.open(corpus_path)
@@ -83,14 +85,14 @@ def write_report(
         raise UserError(f"{corpus_path} has no styles and strokes; give a corpus made by `ha2g data make-talk`")
     people = {"Talk": kinematics(skeleton, [clip.positions for clip in clips], corpus.fps)}
     if recording is not None:
-        people["recording"] = kinematics(skeleton, [_perform(recording, skeleton, corpus.fps)], corpus.fps)
+        people["recording"] = kinematics(skeleton, [_read_recording(recording, skeleton, corpus.fps)], corpus.fps)
     sections = [
         f"<p>{len(clips)} clips, {sum(len(clip.positions) for clip in clips) / corpus.fps / 60:.1f} minutes of the "
-        "training split. Talk is a testbed: numbers on it are not numbers on people.</p>",
+        "training split. Talk is a testbed: its numbers say nothing about people.</p>",
         "<h2>Wrists</h2>" + _table(_motion_rows(people)) + _histograms(pyplot, people),
         "<h2>Angles</h2>" + _angles(pyplot, skeleton, people) + _angle_histograms(pyplot, skeleton, people),
         "<h2>Causes</h2>" + _table(_stroke_rows(clips, corpus.fps)),
-        "<h2>Frames</h2>" + _embed(Image.fromarray(_strips(skeleton, clips))),
+        "<h2>Images</h2>" + _embed(Image.fromarray(_strips(skeleton, clips))),
     ]
     path = pathlib.Path(out).with_suffix(".html")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,14 +100,20 @@ def write_report(
     return path
 
 
-def _perform(recording: str | os.PathLike, skeleton: Skeleton, fps: float) -> np.ndarray:
-    """The recorded motion (T, joints, 3) with the bone lengths of `skeleton`, so that speeds can be compared."""
+def _read_recording(recording: str | os.PathLike, skeleton: Skeleton, fps: float) -> np.ndarray:
+    """Read the recorded motion (T, joints, 3) with the bone lengths of `skeleton`, so that speeds are comparable."""
     positions = read_motion(recording, skeleton, fps=fps).positions
     return directions_to_positions(skeleton, positions_to_directions(skeleton, positions))
 
 
 def kinematics(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) -> Kinematics:
-    """Kinematics of motions (T, joints, 3) in metres, each of at least 4 frames."""
+    """Compute the kinematics of several motions.
+
+    Args:
+        skeleton: skeleton of the motions.
+        motions: (T, joints, 3) positions in metres, each of at least 4 frames.
+        fps: frames per second.
+    """
     wrists = [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]
     derivatives: list[list[np.ndarray]] = [[], [], []]
     pauses, strokes, frames = [], 0.0, 0
@@ -136,8 +144,8 @@ def _motion_rows(people: dict[str, Kinematics]) -> list[list[str]]:
     for title, field in quantities.items():
         for name, statistic in {"mean": np.mean, "median": np.median, "95 %": lambda x: np.percentile(x, 95)}.items():
             rows.append([f"{title}, {name}", *(f"{statistic(getattr(who, field)):.2f}" for who in people.values())])
-    rows.append(["strokes a minute and hand", *(f"{who.strokes_per_minute:.0f}" for who in people.values())])
-    rows.append(["share of time still", *(f"{who.still:.2f}" for who in people.values())])
+    rows.append(["strokes per minute and hand", *(f"{who.strokes_per_minute:.0f}" for who in people.values())])
+    rows.append(["fraction of time still", *(f"{who.still:.2f}" for who in people.values())])
     medians = (np.median(who.pauses) if len(who.pauses) else 0 for who in people.values())
     return [*rows, ["length of a pause, median, s", *(f"{median:.2f}" for median in medians)]]
 
@@ -146,7 +154,7 @@ def _stroke_rows(clips: Sequence[Clip], fps: float) -> list[list[str]]:
     minutes = sum(len(clip.positions) for clip in clips) / fps / 60
     kinds = [stroke.kind for clip in clips for stroke in clip.strokes]
     causes = {"beat": "loud syllables", "nod": "pitch accents", "posture": "pauses", "semantic": "words"}
-    rows = [["stroke", "cause", "a minute"]]
+    rows = [["stroke", "cause", "per minute"]]
     return rows + [[kind, cause, f"{kinds.count(kind) / minutes:.1f}"] for kind, cause in causes.items()]
 
 
@@ -175,7 +183,7 @@ def _angles(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> s
     axis.set_xticks(range(len(labels)), labels, rotation=90, fontsize=7)
     axis.set(ylabel="degrees, mean and standard deviation")
     axis.legend()
-    note = "<p>BVH has no face: that of a recording is fixed to the head.</p>" if len(people) > 1 else ""
+    note = "<p>BVH has no face; that of the recording is fixed to the head.</p>" if len(people) > 1 else ""
     return note + _save(pyplot, chart)
 
 
@@ -185,7 +193,7 @@ def _pair_names(skeleton: Skeleton) -> list[str]:
 
 
 def _angle_histograms(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinematics]) -> str:
-    """Histograms of the angles that gestures use most, under the Gaussian of the published mean and variance."""
+    """Draw histograms of the most used angles, with the Gaussian of the published mean and variance."""
     names = _pair_names(skeleton)
     chart, axes = pyplot.subplots(2, len(_SHOWN_PAIRS), figsize=(14, 5), sharex="col")
     for column, pair in enumerate(_SHOWN_PAIRS):
@@ -204,14 +212,14 @@ def _angle_histograms(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinemat
 
 
 def _strips(skeleton: Skeleton, clips: Sequence[Clip]) -> np.ndarray:
-    """Frames of a few clips of different speakers, one clip a row."""
+    """Draw poses of a few clips of different speakers, one row per clip."""
     speakers = {clip.speaker: clip for clip in clips if len(clip.positions) >= _STRIP_FRAMES * _STRIP_STEP}
     rows = []
     for clip in list(speakers.values())[:_STRIPS]:
         look = portrait.look(Style(*clip.style))
         poses = clip.positions[: _STRIP_FRAMES * _STRIP_STEP : _STRIP_STEP]
-        pictures = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE) for pose in poses]
-        rows.append(np.concatenate(pictures, axis=1))
+        images = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE) for pose in poses]
+        rows.append(np.concatenate(images, axis=1))
     return np.concatenate(rows, axis=0)
 
 
@@ -239,7 +247,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib
     except ModuleNotFoundError:
-        raise UserError("matplotlib is missing, which draws the report; pip install 'ha2g-jax[plot]'") from None
+        raise UserError("the report needs matplotlib, which is missing; pip install 'ha2g-jax[plot]'") from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

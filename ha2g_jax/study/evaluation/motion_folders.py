@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data.mocap.joint_maps import AUTO
-from ha2g_jax.data.mocap.sources import AUDIO_SUFFIXES
+from ha2g_jax.data.mocap.recordings import AUDIO_SUFFIXES
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio

@@ -84,7 +84,7 @@ def true(
         audio = records.decode_audio(fields, clips.place(index))
         return Performance(
             id=fields["id"],
-            source=fields["talk"] or fields["id"],
+            source=fields["recording"] or fields["id"],
             directions=_directions(corpus, fields["positions"]),
             fps=corpus.fps,
             onsets=audio_onsets(audio, len(audio) / SAMPLE_RATE),

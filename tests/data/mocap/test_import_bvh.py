@@ -14,6 +14,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.mocap.import_bvh import import_bvh
 from ha2g_jax.data.mocap.importing import UNUSABLE, with_constant_lengths
 from ha2g_jax.data.mocap.motion import read_motion
+from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
@@ -57,10 +58,10 @@ def _one_core(monkeypatch):
 
 
 def test_one_file(recording, tmp_path):
-    report = import_bvh(recording(tmp_path / "in", "talk"), tmp_path / "out", licence="mine")["train"]
+    report = import_bvh(recording(tmp_path / "in", "talk"), tmp_path / "out", ImportOptions(licence="mine"))["train"]
     corpus = Corpus.open(tmp_path / "out")
     (clip,) = corpus.clips("train")
-    assert (clip.talk, clip.speaker, corpus.fps, corpus.metadata["licence"]) == ("talk", "talk", 15, "mine")
+    assert (clip.recording, clip.speaker, corpus.fps, corpus.metadata["licence"]) == ("talk", "talk", 15, "mine")
     assert clip.positions.shape == (90, 43, 3) and clip.positions.dtype == np.float32
     assert len(clip.audio) == SECONDS * 16000 and [word.text for word in clip.words] == [f"word{i}" for i in range(12)]
     assert (report.videos, report.clips, report.kept) == (1, 1, len(clip.window_starts)) and report.kept > 3
@@ -106,7 +107,7 @@ def test_without_fingers(recording, tmp_path):
     path = recording(tmp_path / "in", "talk", with_fingers=False)
     with pytest.raises(UserError, match="ted_gesture"):
         import_bvh(path, tmp_path / "out")
-    import_bvh(path, tmp_path / "out", skeleton="ted_gesture")
+    import_bvh(path, tmp_path / "out", ImportOptions(skeleton="ted_gesture"))
     (clip,) = Corpus.open(tmp_path / "out").clips("train")
     positions = clip.positions.mean(axis=0)
     assert clip.positions.shape == (90, 10, 3)
@@ -122,10 +123,14 @@ def test_a_folder_of_speakers(recording, tmp_path, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     for speaker, stem in (("ben", "b"), ("ada", "z"), ("ada", "c")):
         recording(tmp_path / "in" / speaker, stem)
-    import_bvh(tmp_path / "in", tmp_path / "out", split="val")
+    import_bvh(tmp_path / "in", tmp_path / "out", ImportOptions(split="val"))
     corpus = Corpus.open(tmp_path / "out")
-    assert [(clip.talk, clip.speaker) for clip in corpus.clips("val")] == [("c", "ada"), ("z", "ada"), ("b", "ben")]
-    import_bvh(tmp_path / "in" / "ben" / "b.bvh", tmp_path / "alone", speaker="ben")
+    assert [(clip.recording, clip.speaker) for clip in corpus.clips("val")] == [
+        ("c", "ada"),
+        ("z", "ada"),
+        ("b", "ben"),
+    ]
+    import_bvh(tmp_path / "in" / "ben" / "b.bvh", tmp_path / "alone", ImportOptions(speaker="ben"))
     assert corpus.clips("val").record(2) == Corpus.open(tmp_path / "alone").clips("train").record(0)
 
 
@@ -133,19 +138,20 @@ def test_sound_and_words_of_ones_own(recording, tmp_path):
     path = recording(tmp_path / "in", "talk")
     (tmp_path / "in" / "talk.wav").rename(tmp_path / "sound.wav")
     (tmp_path / "in" / "talk.tsv").rename(tmp_path / "said.tsv")
-    with pytest.raises(UserError, match=r"talk\.bvh has no sound beside it"):
+    with pytest.raises(UserError, match=r"talk\.bvh has no audio; put talk.wav beside it"):
         import_bvh(path, tmp_path / "out")
-    with pytest.raises(UserError, match=r"talk\.bvh has no transcript beside it"):
-        import_bvh(path, tmp_path / "out", audio=tmp_path / "sound.wav")
-    import_bvh(path, tmp_path / "out", audio=tmp_path / "sound.wav", words=tmp_path / "said.tsv", speaker="ada")
+    with pytest.raises(UserError, match=r"talk\.bvh has no transcript; put talk.TextGrid"):
+        import_bvh(path, tmp_path / "out", ImportOptions(audio=tmp_path / "sound.wav"))
+    options = ImportOptions(audio=tmp_path / "sound.wav", words=tmp_path / "said.tsv", speaker="ada")
+    import_bvh(path, tmp_path / "out", options)
     (clip,) = Corpus.open(tmp_path / "out").clips("train")
     assert clip.speaker == "ada" and len(clip.words) == 12
-    import_bvh(path, tmp_path / "silent", audio=tmp_path / "sound.wav", with_words=False)
+    import_bvh(path, tmp_path / "silent", ImportOptions(audio=tmp_path / "sound.wav", with_words=False))
     (clip,) = Corpus.open(tmp_path / "silent").clips("train")
     assert clip.words == () and clip.window_starts
     recording(tmp_path / "in", "second")
-    with pytest.raises(UserError, match=r"holds 2 \.bvh files; give sound and words by option for one file only"):
-        import_bvh(tmp_path / "in", tmp_path / "third", audio=tmp_path / "sound.wav")
+    with pytest.raises(UserError, match=r"holds 2 \.bvh files; give --audio and --words for one file only"):
+        import_bvh(tmp_path / "in", tmp_path / "third", ImportOptions(audio=tmp_path / "sound.wav"))
 
 
 def test_sound_of_a_stem_up_to_a_dot(recording, tmp_path):
@@ -170,10 +176,10 @@ def test_lengths_that_differ(recording, tmp_path, caplog):
         import_bvh(recording(tmp_path / "a", "talk", sound=SECONDS + 0.4), tmp_path / "nearly")
         assert not caplog.records
         import_bvh(recording(tmp_path / "b", "talk", sound=SECONDS - 1), tmp_path / "shorter")
-    assert "talk.bvh has 6.00 s of motion and 5.00 s of sound; cut to the shorter" in caplog.text
+    assert "talk.bvh has 6.00 s of motion and 5.00 s of audio; cut to the shorter" in caplog.text
     (clip,) = Corpus.open(tmp_path / "shorter").clips("train")
     assert len(clip.positions) == 75 and max(word.end for word in clip.words) <= 5
-    with pytest.raises(UserError, match=r"6\.00 s of motion and 2\.90 s of sound, which do not belong together"):
+    with pytest.raises(UserError, match=r"6\.00 s of motion and 2\.90 s of audio, which do not belong together"):
         import_bvh(recording(tmp_path / "c", "talk", sound=2.9), tmp_path / "other")
 
 
@@ -186,7 +192,7 @@ def test_a_broken_file_among_good_ones(recording, tmp_path, caplog):
     assert report.rejected == {UNUSABLE: 1} and report.videos == 1
     assert "broken.bvh is cut off" in caplog.text
     corpus = Corpus.open(tmp_path / "out")
-    assert [clip.talk for clip in corpus.clips("train")] == ["good"]
+    assert [clip.recording for clip in corpus.clips("train")] == ["good"]
     assert corpus.metadata["import"]["train"]["rejected"] == {UNUSABLE: 1}
 
 
@@ -212,7 +218,7 @@ def test_longer_than_any_sound(tmp_path):
 def test_no_window_is_left(recording, tmp_path):
     """The message says where from and why, not only that there is nothing to write."""
     path = recording(tmp_path / "in", "talk", seconds=1.0)
-    with pytest.raises(UserError, match=r"talk\.bvh has no window that can be used: left out too short 1"):
+    with pytest.raises(UserError, match=r"talk\.bvh has no usable window \(left out: too short 1\)"):
         import_bvh(path, tmp_path / "out")
     assert [folder.name for folder in tmp_path.iterdir()] == ["in"]
 
@@ -240,7 +246,7 @@ def test_nothing_to_import(recording, tmp_path):
 def real(request, private_data, tmp_path_factory):
     """The clips of a real recording, and the skeleton they were imported with."""
     out = tmp_path_factory.mktemp("real") / "corpus"
-    import_bvh(private_data / "zeroeggs_067", out, skeleton=request.param.name)
+    import_bvh(private_data / "zeroeggs_067", out, ImportOptions(skeleton=request.param.name))
     return list(Corpus.open(out).clips("train")), request.param
 
 

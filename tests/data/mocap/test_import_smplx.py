@@ -8,6 +8,7 @@ import soundfile
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.mocap.import_smplx import import_smplx
+from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.data.mocap.smplx_template import JOINTS
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton
@@ -68,7 +69,7 @@ def beat(tmp_path):
 
 def test_a_folder_like_beat2s_becomes_a_corpus(beat, tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
-        report = import_smplx(beat, tmp_path / "out", licence="for research")["train"]
+        report = import_smplx(beat, tmp_path / "out", ImportOptions(licence="for research"))["train"]
     assert (report.videos, dict(report.rejected)) == (2, {"unusable recording": 1})
     assert report.kept > 0
     assert "6_carla_0_3_3.npz is not a whole .npz file" in caplog.text
@@ -78,7 +79,7 @@ def test_a_folder_like_beat2s_becomes_a_corpus(beat, tmp_path, caplog):
     assert corpus.metadata["import"]["train"]["kept"] == report.kept
     assert corpus.metadata["licence"] == "for research"
     clip = corpus.clips("train")[0]
-    assert (clip.talk, clip.words[3].text) == ("2_scott_0_1_1", "hands")
+    assert (clip.recording, clip.words[3].text) == ("2_scott_0_1_1", "hands")
     skeleton = load_skeleton("ted_expressive")
     elbow, wrist = (clip.positions[:, skeleton.joint(f"left_{part}")] for part in ("elbow", "wrist"))
     forearm = wrist - elbow
@@ -94,11 +95,7 @@ def test_the_other_skeleton_and_positions_without_words(tmp_path):
     report = import_smplx(
         tmp_path / "in" / "a.npz",
         tmp_path / "out",
-        audio=_sound(tmp_path),
-        skeleton="ted_gesture",
-        with_words=False,
-        split="val",
-        speaker="ada",
+        ImportOptions(audio=_sound(tmp_path), skeleton="ted_gesture", with_words=False, split="val", speaker="ada"),
     )
     corpus = Corpus.open(tmp_path / "out")
     assert report["val"].kept > 0

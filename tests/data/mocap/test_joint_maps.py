@@ -82,7 +82,7 @@ def test_what_is_missing_is_said():
 
 def test_two_people_in_one_file():
     both = [f"{who}:{joint}" for who in ("ada", "ben") for joint in MIXAMO]
-    with pytest.raises(UserError, match="ada:Neck and ben:Neck, either may be neck"):
+    with pytest.raises(UserError, match="ada:Neck and ben:Neck, and either may be neck"):
         places_of(both)
 
 
@@ -97,25 +97,25 @@ def test_a_map_of_ones_own(tmp_path):
     name, places = places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
     assert name == str(path) and places["head"] == "Haupt" and places["right_wrist"] == "1"
     path.write_text(path.read_text().replace("left_elbow: b", "left_elbow: c"))
-    with pytest.raises(UserError, match="takes c for both left_elbow and left_wrist"):
+    with pytest.raises(UserError, match="uses c for both left_elbow and left_wrist"):
         places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
 
 
 FAULTS = {
-    "not yaml": ("spine: [", "is no YAML"),
-    "a list": ("- spine", "is no joint map"),
-    "empty": ("", "is no joint map"),
-    "numbers as keys": ("1: Spine", "is no joint map"),
+    "not yaml": ("spine: [", "is not YAML"),
+    "a list": ("- spine", "is not a joint map"),
+    "empty": ("", "is not a joint map"),
+    "numbers as keys": ("1: Spine", "is not a joint map"),
     "a joint of no name": ("spine:", "no name for spine"),
     "a name that is a truth": ("spine: no", "no name for spine"),
     "a name that is a table": ("spine: {a: b}", "no name for spine"),
-    "unit in words": ("unit: metres", "says unit: metres"),
-    "unit below zero": ("unit: -1", "says unit: -1"),
-    "unit that is a list": ("unit: [1]", "says unit"),
-    "up to the left": ("up: x", "says up: x"),
-    "up that is a list": ("up: [y]", "says up"),
-    "an object": ("spine: !!python/object/apply:os.getcwd []", "is no YAML"),
-    "nested too deep": ("spine: " + "[" * 20000, "is no YAML"),
+    "unit in words": ("unit: metres", "has `unit: metres"),
+    "unit below zero": ("unit: -1", "has `unit: -1"),
+    "unit that is a list": ("unit: [1]", "has `unit"),
+    "up to the left": ("up: x", "has `up: x"),
+    "up that is a list": ("up: [y]", "has `up"),
+    "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
+    "nested too deep": ("spine: " + "[" * 20000, "is not YAML"),
     "too long": ("# " + "x" * (1 << 18), "more than 262144 bytes"),
 }
 

@@ -195,7 +195,7 @@ BAD = {
     "infinite": ({"poses": _bad_frame(np.inf)}, "frame 4 of poses"),
     "huge": ({"poses": _bad_frame(1e300)}, "frame 4 of poses"),
     "text": ({"poses": np.full((4, 165), "a")}, "instead of numbers"),
-    "hours": ({"poses": _poses(9000), "mocap_frame_rate": 1}, "150 minutes at 1 frames a second"),
+    "hours": ({"poses": _poses(9000), "mocap_frame_rate": 1}, "150 minutes at 1 frames per second"),
     "endless": ({"joints": np.zeros((400_001, 55, 3), np.float16)}, "has 400001 frames"),
     "no rate": ({"poses": _poses(4), "mocap_frame_rate": np.zeros(0)}, "mocap_frame_rate is"),
     "rate of 0": ({"poses": _poses(4), "mocap_frame_rate": 0}, "mocap_frame_rate is '0'"),
@@ -203,7 +203,7 @@ BAD = {
     "trans of other length": ({"poses": _poses(4), "trans": np.zeros((3, 3))}, r"trans has shape \(3, 3\)"),
     "trans lost": ({"poses": _poses(4), "trans": np.full((4, 3), np.nan)}, "frame 1 of trans"),
     "millimetres": ({"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))}, "metres, about 0.55"),
-    "one point": ({"joints": np.ones((3, 55, 3))}, "no eyes apart"),
+    "one point": ({"joints": np.ones((3, 55, 3))}, "lie on one line"),
     "objects": ({"poses": np.array([None, 1])}, "Python objects"),
 }
 

@@ -64,7 +64,7 @@ BAD = {
     "sparse regressor": ({"J_regressor": np.array({"row": 1})}, "Python objects"),
     "SMPL": ({"v_template": np.zeros((6890, 3))}, "not a model of SMPL-X"),
     "other tree": ({"kintree_table": np.zeros((2, 55), np.int32)}, "not a model of SMPL-X"),
-    "nan": ({"v_template": np.full((NUM_VERTICES, 3), np.nan)}, "no numbers"),
+    "nan": ({"v_template": np.full((NUM_VERTICES, 3), np.nan)}, "not finite numbers"),
 }
 
 

@@ -1,4 +1,4 @@
-"""The Talk corpus: same bytes whatever the workers, splits that share nothing they must not, records that agree."""
+"""The Talk corpus: same bytes whatever the workers, splits that fraction nothing they must not, records that agree."""
 
 import collections
 
@@ -46,32 +46,32 @@ def test_records_agree(tiny_talk):
     assert minutes == pytest.approx(2, rel=0.25)
 
 
-def test_splits_share_no_talk_and_no_unseen_speaker(tiny_talk):
+def test_splits_share_no_recording_and_no_unseen_speaker(tiny_talk):
     corpus = Corpus.open(tiny_talk)
-    talks, speakers = collections.defaultdict(set), {}
+    recordings, speakers = collections.defaultdict(set), {}
     for split in corpus.splits:
         speakers[split] = {clip.speaker for clip in corpus.clips(split)}
         assert speakers[split] == set(corpus.speakers_of(split))
         for clip in corpus.clips(split):
-            talks[clip.talk].add(split)
-    assert all(len(splits) == 1 for splits in talks.values())
+            recordings[clip.recording].add(split)
+    assert all(len(splits) == 1 for splits in recordings.values())
     assert not speakers["test_unseen_speakers"] & (speakers["train"] | speakers["val"] | speakers["test"])
     assert speakers["val"] | speakers["test"] <= speakers["train"]
 
 
 def test_default_plan():
     """At the default size most seen speakers are tested, all unseen ones are, and no split is tiny."""
-    talks = build._plan(24, 120, 0)
+    plans = build._plan(24, 120, 0)
     clips, speakers = collections.Counter(), collections.defaultdict(set)
-    for talk in talks:
-        clips[talk.split] += talk.num_clips
-        speakers[talk.split].add(talk.speaker)
+    for plan in plans:
+        clips[plan.split] += plan.num_clips
+        speakers[plan.split].add(plan.speaker)
     assert [len(speakers[split]) for split in ("train", "test_unseen_speakers")] == [20, 4]
     assert len(speakers["test"]) >= 16
-    share = {split: count / clips.total() for split, count in clips.items()}
-    assert share["train"] > 0.75
-    assert min(share.values()) > 0.055
-    assert len({talk.speaker.voice for talk in talks}) == 24
+    fraction = {split: count / clips.total() for split, count in clips.items()}
+    assert fraction["train"] > 0.75
+    assert min(fraction.values()) > 0.055
+    assert len({plan.speaker.voice for plan in plans}) == 24
 
 
 def test_unseen_styles_lie_between_seen_ones():

@@ -27,12 +27,12 @@ def perform(audio=None, words=WORDS, who=style.Style(handedness=0.8), seed=0):  
     return teacher.perform(audio, words, who, np.random.default_rng(seed))
 
 
-def directions(performance: teacher.Performance) -> np.ndarray:
-    return skeletons.positions_to_directions(SKELETON, performance.positions)
+def directions(movement: teacher.Movement) -> np.ndarray:
+    return skeletons.positions_to_directions(SKELETON, movement.positions)
 
 
-def wrist_speed(performance: teacher.Performance) -> np.ndarray:
-    wrist = performance.positions[:, SKELETON.joint("right_wrist")]
+def wrist_speed(movement: teacher.Movement) -> np.ndarray:
+    wrist = movement.positions[:, SKELETON.joint("right_wrist")]
     return np.linalg.norm(np.gradient(wrist, axis=0), axis=-1) * 15
 
 
@@ -68,10 +68,10 @@ def test_angles_stay_within_anatomical_limits():
 
 
 def test_beats_fall_on_syllables_and_the_hand_stops_there():
-    performance = perform(words=())
-    beats = [stroke for stroke in performance.strokes if stroke.kind == "beat"]
+    movement = perform(words=())
+    beats = [stroke for stroke in movement.strokes if stroke.kind == "beat"]
     np.testing.assert_allclose([beat.time for beat in beats], SYLLABLES, atol=0.06)
-    speed = wrist_speed(performance)
+    speed = wrist_speed(movement)
     is_minimum = np.r_[False, (speed[1:-1] <= speed[:-2]) & (speed[1:-1] < speed[2:]), False]
     stops = np.flatnonzero(is_minimum) / 15
     assert all(np.abs(stops - beat.time).min() < 0.1 for beat in beats)
@@ -85,17 +85,17 @@ def test_louder_syllables_make_larger_beats():
 
 
 def test_beats_do_not_depend_on_the_words():
-    def of_sound(performance):
-        return [stroke for stroke in performance.strokes if stroke.kind != "semantic"]
+    def of_sound(movement):
+        return [stroke for stroke in movement.strokes if stroke.kind != "semantic"]
 
     assert of_sound(perform(words=())) == of_sound(perform())
 
 
 @pytest.mark.parametrize("handedness", [0.8, -0.8])
 def test_hand_takes_the_shape_of_the_word(handedness):
-    performance = perform(who=style.Style(handedness=handedness))
-    flexions = anatomy.finger_flexions(SKELETON, directions(performance))[:, int(handedness > 0)]
-    strokes = [stroke for stroke in performance.strokes if stroke.kind == "semantic"]
+    movement = perform(who=style.Style(handedness=handedness))
+    flexions = anatomy.finger_flexions(SKELETON, directions(movement))[:, int(handedness > 0)]
+    strokes = [stroke for stroke in movement.strokes if stroke.kind == "semantic"]
     assert [stroke.word_class for stroke in strokes] == ["open", "small"]
     for stroke in strokes:
         held = flexions[round(stroke.time * 15) : round((stroke.time + 0.4) * 15)]
@@ -106,7 +106,7 @@ def test_hand_takes_the_shape_of_the_word(handedness):
 
 def test_fingers_do_not_follow_the_sound():
     loud, silent = perform(), perform(np.zeros(SECONDS * cues.SAMPLE_RATE, np.float32))
-    first, second = (anatomy.finger_flexions(SKELETON, directions(performance)) for performance in (loud, silent))
+    first, second = (anatomy.finger_flexions(SKELETON, directions(movement)) for movement in (loud, silent))
     np.testing.assert_allclose(first, second, atol=2e-3)
 
 
@@ -116,10 +116,10 @@ def test_recording_level_does_not_matter():
 
 
 def test_silence_rests():
-    performance = perform(np.zeros(3 * cues.SAMPLE_RATE, np.float32), ())
-    assert performance.strokes == ()
-    assert np.isfinite(performance.positions).all()
-    assert wrist_speed(performance).max() < 0.1
+    movement = perform(np.zeros(3 * cues.SAMPLE_RATE, np.float32), ())
+    assert movement.strokes == ()
+    assert np.isfinite(movement.positions).all()
+    assert wrist_speed(movement).max() < 0.1
 
 
 def test_style_changes_size_and_side():
@@ -145,7 +145,7 @@ def test_animates_a_real_recording(private_data):
     import soundfile
 
     audio, _ = soundfile.read(next((private_data / "zeroeggs_067").glob("*.wav")), dtype="float32")
-    performance = perform(audio, ())
-    beats = sum(stroke.kind == "beat" for stroke in performance.strokes)
+    movement = perform(audio, ())
+    beats = sum(stroke.kind == "beat" for stroke in movement.strokes)
     assert 20 < beats / (len(audio) / cues.SAMPLE_RATE / 60) < 90
-    assert np.median(wrist_speed(performance)) < 0.4
+    assert np.median(wrist_speed(movement)) < 0.4

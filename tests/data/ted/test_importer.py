@@ -102,7 +102,7 @@ def test_genuine_records(sample: dict[str, Any], split: str):
     assert len(corpus.clips(split)) == len(kept)
     for clip, (vid, _, facts) in zip(corpus.clips(split), kept, strict=True):
         seconds = facts["end_time"] - facts["start_time"]
-        assert (clip.speaker, clip.talk, clip.source_time) == (vid, vid, facts["start_time"])
+        assert (clip.speaker, clip.recording, clip.recording_start) == (vid, vid, facts["start_time"])
         assert clip.window_starts == tuple(
             10 * index for index, verdict in enumerate(facts["windows"]) if verdict == "kept"
         )
@@ -133,7 +133,7 @@ def check_directions(corpus: Corpus, split: str, clips: list[dict[str, Any]], sk
         clip_id, start = windows.name(index).split("@")
         clip = corpus.clips(split)[windows.clip_index(index)]
         assert clip.id == clip_id
-        part = expected[clip.source_time][int(start) : int(start) + 34]
+        part = expected[clip.recording_start][int(start) : int(start) + 34]
         np.testing.assert_allclose(windows.directions(index), part, rtol=0, atol=1e-6)
         np.testing.assert_allclose(windows.example(index)["directions"], part, rtol=0, atol=1e-6)
     return len(windows)
@@ -264,9 +264,9 @@ def test_existing_corpus_is_kept(source: pathlib.Path, tmp_path: pathlib.Path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: b"", r"lmdb_val/data\.mdb \(0 bytes\) is no LMDB database"),
+        (lambda data: b"", r"lmdb_val/data\.mdb \(0 bytes\) is not an LMDB database"),
         (lambda data: data[: len(data) // 2], r"lmdb_val/data\.mdb has \d+ bytes instead of \d+"),
-        (lambda data: b"garbage" * 9999, r"lmdb_val/data\.mdb \(69993 bytes\) is no LMDB database"),
+        (lambda data: b"garbage" * 9999, r"lmdb_val/data\.mdb \(69993 bytes\) is not an LMDB database"),
         (lambda data: data[:8192] + b"\xff" * (len(data) - 8192), r"lmdb_val(/data\.mdb)?"),
         (lambda data: data.replace(b"skeletons_3d", b"\xff" * 12), r"data\.mdb, record 0000000001 is damaged"),
     ],
@@ -297,7 +297,7 @@ def test_other_values_are_refused(
 def test_other_skeletons_are_refused(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo):
     other = make_video("other")
     other["clips"][0]["skeletons_3d"] = [np.zeros((12, 3), np.float32)] * 100
-    message = r"data\.mdb has poses of 12 joints, expected 10 \(TED-Gesture\) or 43 \(TED-Expressive\)"
+    message = r"data\.mdb has poses of 12 joints; expected 10 \(TED-Gesture\) or 43 \(TED-Expressive\)"
     refused(write_database(tmp_path, [other]), tmp_path, message)
 
 
@@ -322,5 +322,5 @@ def test_nothing_left_is_an_error_with_the_reasons(
         clip["words"] = []
     src = tmp_path / "lmdb"
     src.mkdir()
-    refused(write_database(src, [video]), tmp_path, "no window .*: 2 clips, 4 windows, left out: too_few_words 4")
+    refused(write_database(src, [video]), tmp_path, "no usable window .2 clips, 4 windows, left out: too_few_words 4")
     refused(write_database(src, [make_video("video", 0)]), tmp_path, "no poses in .*data.mdb")

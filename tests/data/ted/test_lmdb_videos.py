@@ -53,13 +53,13 @@ def damage(database: pathlib.Path, change: Callable[[bytes], bytes]) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: b"", r"data.mdb \(0 bytes\) is no LMDB database"),
-        (lambda data: data[:100], r"data.mdb \(100 bytes\) is no LMDB database"),
-        (lambda data: data[:PAGE], r"data.mdb \(4096 bytes\) is no LMDB database"),
+        (lambda data: b"", r"data.mdb \(0 bytes\) is not an LMDB database"),
+        (lambda data: data[:100], r"data.mdb \(100 bytes\) is not an LMDB database"),
+        (lambda data: data[:PAGE], r"data.mdb \(4096 bytes\) is not an LMDB database"),
         (lambda data: data[: 3 * PAGE], r"data.mdb has 12288 bytes instead of \d+; copy or download it again"),
         (lambda data: data[:-1], r"data.mdb has \d+ bytes instead of \d+; copy or download it again"),
-        (lambda data: b"\x89PNG" * 3000, r"data.mdb \(12000 bytes\) is no LMDB database"),
-        (lambda data: bytes(PAGE) + data[PAGE:], "is no LMDB database"),
+        (lambda data: b"\x89PNG" * 3000, r"data.mdb \(12000 bytes\) is not an LMDB database"),
+        (lambda data: bytes(PAGE) + data[PAGE:], "is not an LMDB database"),
         # The last page that the meta pages name.
         (lambda data: data.replace(struct.pack("<Q", len(data) // PAGE - 1), b"\xff" * 7 + b"\0"), "instead of"),
     ],

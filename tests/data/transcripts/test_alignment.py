@@ -82,7 +82,7 @@ def test_what_cannot_be_aligned_is_spread(talk, monkeypatch, caplog):
     assert [word.text for word in words] == [word.text for word in true[:15]]
     assert words[1].start > 4.5 and words[-1].end <= 10 + 1e-6
     assert "15 words from 0.0 to 10.0 s cannot be aligned; spread by letters" in caplog.text
-    assert "0 of 15 words were heard" in caplog.text
+    assert "0 of 15 words were recognised" in caplog.text
 
 
 @pytest.mark.parametrize("seconds", [0, 0.01, 3])
@@ -93,7 +93,7 @@ def test_silence(seconds):
 
 
 def test_no_words():
-    with pytest.raises(UserError, match="holds no words"):
+    with pytest.raises(UserError, match="has no words"):
         alignment.align(np.zeros(SAMPLE_RATE, np.float32), "... -")
 
 

@@ -235,7 +235,7 @@ def test_word_tier(tmp_path):
     path.write_text(LONG_GRID.replace("S1 - words", "Mary"))
     assert [word.text for word in transcripts.read_words(path)] == [text for text, _, _ in WORDS]
     path.write_text(SHORT_GRID.replace('"ORT"', '"phones"'))
-    with pytest.raises(UserError, match=r"no interval tier with words in it \(tiers: 'phones'\)"):
+    with pytest.raises(UserError, match=r"no interval tier with words \(tiers: 'phones'\)"):
         transcripts.read_words(path)
 
 
@@ -244,12 +244,12 @@ HOSTILE = {
     "blank.vtt": (b" \n\n", "white space"),
     "binary.tsv": (bytes(range(256)), "not text|binary"),
     "nul.srt": (b"1\n\0\0", "binary"),
-    "cut16.TextGrid": (LONG_GRID.encode("utf-16")[:-1], "not whole utf-16"),
+    "cut16.TextGrid": (LONG_GRID.encode("utf-16")[:-1], "not valid utf-16"),
     "cut.json": (json.dumps(WHISPER).encode()[:-9], "damaged JSON"),
     "deep.json": (b'{"segments":' + b"[" * 100_000, "nested too deeply"),
     "other.json": (b'{"a": 1}', "without `segments` or `words`"),
-    "list.json": (b"[1]", "no JSON of Gentle"),
-    "number.json": (b'{"segments":[{"start":' + b"1" * 5000 + b"}]}", "no JSON of Gentle"),
+    "list.json": (b"[1]", "not JSON of Gentle"),
+    "number.json": (b'{"segments":[{"start":' + b"1" * 5000 + b"}]}", "not JSON of Gentle"),
     "nan.json": (b'{"segments":[{"start":NaN,"end":2,"text":"a"}]}', "the times nan to 2 s"),
     "string.json": (b'{"segments":[{"start":"1","end":2,"text":"a"}]}', "not a number"),
     "huge.tsv": (b"start\tend\tword\n0\t1e300\ta\n", "0 to 1e.300 s"),
@@ -257,24 +257,24 @@ HOSTILE = {
     "reversed.tsv": (b"start\tend\tword\n2\t1\ta\n", "2 to 1 s"),
     "columns.tsv": (b"a\tb\tc\n1\t2\tw\n", "expected start, end and word"),
     "row.tsv": (b"start\tend\tword\n1\t2\n", "line 2, has 2 columns instead of 3"),
-    "number.tsv": (b"start\tend\tword\n1\tx\tw\n", "line 2, has a time that is no number"),
+    "number.tsv": (b"start\tend\tword\n1\tx\tw\n", "line 2, has a time that is not a number"),
     "quote.csv": (b'start,end,word\n1,2,"w\n', "is damaged"),
     "million.TextGrid": (LONG_GRID.replace("size = 6", "size = 1000000000").encode(), "declares 1000000000 intervals"),
     "million2.TextGrid": (SHORT_GRID.replace("\n6\n", "\n1000000000\n").encode(), "declares 1000000000 intervals"),
     "cut.TextGrid": (LONG_GRID[:-12].encode(), "damaged TextGrid"),
-    "cut2.TextGrid": (LONG_GRID[: LONG_GRID.index("    item [2]")].encode(), "declares 2 tiers and holds 1"),
+    "cut2.TextGrid": (LONG_GRID[: LONG_GRID.index("    item [2]")].encode(), "declares 2 tiers but has 1"),
     "cut3.TextGrid": (
         LONG_GRID[: LONG_GRID.index("        intervals [5]")].encode(),
-        "declares 6 intervals and holds 4",
+        "declares 6 intervals but has 4",
     ),
-    "cut4.TextGrid": (SHORT_GRID[: SHORT_GRID.index("2.25\n2.5")].encode(), "declares 6 intervals and holds 5"),
+    "cut4.TextGrid": (SHORT_GRID[: SHORT_GRID.index("2.25\n2.5")].encode(), "declares 6 intervals but has 5"),
     "quotes.TextGrid": ((LONG_GRID + 'text = "x' * 100_000).encode(), "a label of more than"),
     "other.TextGrid": (b"hello", "not a TextGrid"),
-    "words.txt": (b"hello there", "aligned with the sound"),
+    "words.txt": (b"hello there", "or a text together with its audio"),
     "words.docx": (b"hello there", "expected one of .TextGrid"),
-    "other.srt": (b"hello there", "not whole SubRip"),
+    "other.srt": (b"hello there", "not valid SubRip"),
     "digits.srt": (b"1" * 1_000_000, "more than 30 digits"),
-    "late.srt": (b"1\n9" + b"9" * 20 + b":00:01,0 --> 00:00:02,0\na\n", "not whole SubRip"),
+    "late.srt": (b"1\n9" + b"9" * 20 + b":00:01,0 --> 00:00:02,0\na\n", "not valid SubRip"),
     "none.vtt": (b"WEBVTT\n\n00:00:01,000 --> 00:00:02,000\nhello\n", "no words with times"),
 }
 
@@ -292,7 +292,7 @@ def test_hostile_files(tmp_path, name):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "talk.tsv")
-    with pytest.raises(UserError, match=r"talk\.tsv is no file"):
+    with pytest.raises(UserError, match=r"talk\.tsv is not a file"):
         readers.read_words(tmp_path / "talk.tsv")
 
 

@@ -72,14 +72,14 @@ def test_missing_library(monkeypatch):
 
 def test_models_that_cannot_be_loaded(tmp_path, whisper, monkeypatch):
     """One line that tells where it looked and how to name a folder."""
-    with pytest.raises(UserError, match=r"holds no Whisper model in CTranslate2's form \(model.bin, tokenizer.json"):
+    with pytest.raises(UserError, match=r"has no Whisper model in CTranslate2's format \(model.bin, tokenizer.json"):
         recognition.recognise(SILENCE, model=str(tmp_path))
 
     def refuse(*_, **__):
         raise OSError("ConnectError:\nno network")
 
     monkeypatch.setattr(whisper, "WhisperModel", refuse)
-    with pytest.raises(UserError, match=r"Hugging Face Hub and in its cache .* or name a folder") as caught:
+    with pytest.raises(UserError, match=r"Hugging Face Hub and in its cache .* or give a folder") as caught:
         recognition.recognise(SILENCE, model="tiny.en")
     assert "\n" not in str(caught.value)
 
@@ -89,7 +89,7 @@ def test_damaged_model(tmp_path):
     pytest.importorskip("faster_whisper")
     for name in ("model.bin", "tokenizer.json", "config.json", "vocabulary.txt"):
         (tmp_path / name).write_bytes(b"nonsense")
-    with pytest.raises(UserError, match=r"cannot be loaded .* looked in that folder") as caught:
+    with pytest.raises(UserError, match=r"cannot be loaded .* searched in that folder") as caught:
         recognition.recognise(SILENCE, model=str(tmp_path))
     assert "\n" not in str(caught.value)
 

@@ -110,7 +110,7 @@ def write_words(path: pathlib.Path, seconds: float = 6.0) -> pathlib.Path:
 
 
 @pytest.fixture(scope="session")
-def make_talk(make_video) -> Callable[..., pathlib.Path]:
+def make_recording(make_video) -> Callable[..., pathlib.Path]:
     """A video with its transcript beside it."""
 
     def make(path: pathlib.Path, **options) -> pathlib.Path:

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.video import build, talks
+from ha2g_jax.data.video import build, recordings
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
 
@@ -41,11 +41,11 @@ if __name__ == "__main__":
 
 
 @pytest.fixture(scope="module")
-def videos(make_talk, tmp_path_factory):
+def videos(make_recording, tmp_path_factory):
     """Two videos of two speakers."""
     folder = tmp_path_factory.mktemp("videos")
     for name in ("ada/1.mp4", "ben/2.mkv"):
-        make_talk(folder / name)
+        make_recording(folder / name)
     return folder
 
 
@@ -75,7 +75,7 @@ def test_videos_become_a_corpus(videos, settings, tmp_path):
     corpus = Corpus.open(tmp_path / "dst")
     assert corpus.splits == ("val",) and report["val"].videos == 2 and report["val"].kept > 0
     clips = corpus.clips("val")[:]
-    assert [(clip.id, clip.talk, clip.speaker) for clip in clips] == [
+    assert [(clip.id, clip.recording, clip.speaker) for clip in clips] == [
         ("ada/1-0", "ada/1", "ada"),
         ("ben/2-0", "ben/2", "ben"),
     ]
@@ -101,11 +101,11 @@ def test_a_killed_worker_loses_nothing(videos, settings, expected, tmp_path):
     assert sorted(_calls(tmp_path)) == ["1", "2", "2"]
 
 
-def test_failures_are_named_and_only_they_are_done_again(make_talk, settings, tmp_path, capsys):
+def test_failures_are_named_and_only_they_are_done_again(make_recording, settings, tmp_path, capsys):
     folder = tmp_path / "videos"
-    make_talk(folder / "good.mp4")
-    make_talk(folder / "mute.mp4", with_sound=False)
-    cut = make_talk(folder / "truncated.mp4").read_bytes()
+    make_recording(folder / "good.mp4")
+    make_recording(folder / "mute.mp4", with_sound=False)
+    cut = make_recording(folder / "truncated.mp4").read_bytes()
     (folder / "truncated.mp4").write_bytes(cut[: len(cut) // 2])
     (folder / "empty.mp4").write_bytes(b"")
     (folder / "text.mp4").write_text("no video\n" * 100)
@@ -118,7 +118,7 @@ def test_failures_are_named_and_only_they_are_done_again(make_talk, settings, tm
     assert all(sum(f"failed: {name}" in line for line in lines) == 1 for name in bad) and len(lines) == 5
     assert "4 of 5 videos failed (empty, mute, text, truncated)" in lines[-1] and ".dst-work" in lines[-1]
 
-    make_talk(folder / "mute.mp4")
+    make_recording(folder / "mute.mp4")
     for name in ("empty", "text", "truncated"):
         (folder / f"{name}.mp4").unlink()
     (tmp_path / "calls").unlink()
@@ -142,9 +142,9 @@ def test_a_killed_build_goes_on_where_it_was(videos, settings, expected, tmp_pat
     assert _calls(tmp_path) == ["2"] and _contents(tmp_path / "dst") == expected
 
 
-def test_other_settings_do_the_videos_anew(make_talk, settings, tmp_path):
+def test_other_settings_do_the_videos_anew(make_recording, settings, tmp_path):
     """Protects a resumed build from results that were made otherwise."""
-    make_talk(tmp_path / "videos" / "good.mp4")
+    make_recording(tmp_path / "videos" / "good.mp4")
     (tmp_path / "videos" / "bad.mp4").write_bytes(b"")
     for number, changes in enumerate([{}, {"max_seconds": 4.0}]):
         changed = dataclasses.replace(settings(), **changes)
@@ -194,18 +194,18 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    root, found = talks.find_talks([tmp_path, tmp_path / "y.webm"], without=tmp_path / "drawn")
+    root, found = recordings.find_recordings([tmp_path, tmp_path / "y.webm"], without=tmp_path / "drawn")
     assert root == tmp_path
-    assert [(talk.name, talk.speaker) for talk in found] == [
+    assert [(video.name, video.speaker) for video in found] == [
         ("a/deep/x", "a"),
         ("b/x.mov", "b"),
         ("b/x.mp4", "b"),
         ("y", "y"),
     ]
-    _, found = talks.find_talks([tmp_path / "b" / "x.mp4"])
-    assert [(talk.name, talk.speaker) for talk in found] == [("x", "x")]
-    _, found = talks.find_talks([tmp_path / "a", tmp_path / "y.webm"])
-    assert [(talk.name, talk.speaker) for talk in found] == [("a/deep/x", "a"), ("y", "y")]
+    _, found = recordings.find_recordings([tmp_path / "b" / "x.mp4"])
+    assert [(video.name, video.speaker) for video in found] == [("x", "x")]
+    _, found = recordings.find_recordings([tmp_path / "a", tmp_path / "y.webm"])
+    assert [(video.name, video.speaker) for video in found] == [("a/deep/x", "a"), ("y", "y")]
 
 
 def test_a_cluster_gives_the_same_bytes_and_survives_a_killed_worker(videos, settings, expected, tmp_path):

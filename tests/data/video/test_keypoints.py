@@ -119,10 +119,10 @@ def test_a_hand_that_is_not_at_its_wrist_is_none():
     assert holistic.which_fit(np.stack([left, right]), np.full((2, 2), np.nan)).tolist() == [False, False]
 
 
-def test_pictures_come_out_of_the_stream_as_they_went_in():
-    pictures = [np.random.default_rng(size).integers(0, 255, (size, size + 3, 3), np.uint8) for size in (4, 9)]
-    stream = b"".join(struct.pack("<2I", *picture.shape[1::-1]) + picture.tobytes() for picture in pictures)
-    for found, picture in zip(holistic.pictures(io.BytesIO(stream)), pictures, strict=True):
-        np.testing.assert_array_equal(found, picture)
+def test_images_come_out_of_the_stream_as_they_went_in():
+    images = [np.random.default_rng(size).integers(0, 255, (size, size + 3, 3), np.uint8) for size in (4, 9)]
+    stream = b"".join(struct.pack("<2I", *image.shape[1::-1]) + image.tobytes() for image in images)
+    for found, image in zip(holistic.read_images(io.BytesIO(stream)), images, strict=True):
+        np.testing.assert_array_equal(found, image)
     with pytest.raises(EOFError):
-        list(holistic.pictures(io.BytesIO(stream[:-1])))
+        list(holistic.read_images(io.BytesIO(stream[:-1])))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.data.video import frames
+from ha2g_jax.data.video import images
 from ha2g_jax.data.video.shots import find_shots
 from ha2g_jax.errors import UserError
 
@@ -54,7 +54,7 @@ def test_pictures_are_counted_where_the_frame_rate_varies(tmp_path):
     # The first 30 pictures take 6 s, the other 30 take 1 s: by time the cut would be at frame 51 of 60.
     times = np.concatenate([np.arange(30) / 5, 6 + np.arange(30) / 30])
     video = write_colours(tmp_path / "varying.mp4", [RED] * 30 + [DARK] * 30, times)
-    assert len(frames.frame_times(video)) == 60
+    assert len(images.image_times(video)) == 60
     assert find_shots(video) == ((0, 30), (30, 60))
 
 

@@ -100,7 +100,7 @@ def test_a_page_of_its_own(corpus, tmp_path):
     for svg in page.of("svg"):
         assert svg["role"] == "img"
         assert svg["aria-label"]
-    # four angles each with two curves, words a minute, length, all angles, speed
+    # four angles each with two curves, words per minute, length, all angles, speed
     assert len(page.of("svg")) == 8
     assert len(page.of("polyline")) == 8
     assert "60.0%" in page.text  # windows kept

@@ -28,7 +28,7 @@ def test_counts(summary, tiny_talk):
         clips = everything if split == "total" else list(corpus.clips(split))
         words = [word.text for clip in clips for word in clip.words]
         assert counts["clips"] == len(clips) > 0
-        assert counts["talks"] == len({clip.talk for clip in clips})
+        assert counts["recordings"] == len({clip.recording for clip in clips})
         assert counts["speakers"] == len({clip.speaker for clip in clips})
         assert counts["windows"] == sum(len(clip.window_starts) for clip in clips)
         assert counts["hours"] == pytest.approx(sum(len(clip.positions) for clip in clips) / 15 / 3600)

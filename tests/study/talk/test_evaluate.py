@@ -112,7 +112,7 @@ def truth_of(name: str, hits: np.ndarray, words: tuple[Stroke, ...] = ()) -> Tru
         words=(),
         positions=np.zeros((300, 43, 3), np.float32),
         reference_frames=None,
-        source_time=0.0,
+        recording_start=0.0,
         window_starts=(),
         strokes=words,
     )

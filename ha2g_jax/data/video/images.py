@@ -1,4 +1,4 @@
-"""The pictures of a video: when each is shown, and the reference frames, which show the speaker."""
+"""The images of a video: their times, and square images of the speaker."""
 
 import pathlib
 from collections.abc import Iterator, Sequence
@@ -13,33 +13,39 @@ from PIL import Image
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
 
-_MARGIN = 1.15  # of the square around the speaker's keypoints: shoulders and fingertips lie outside them
-_CROWN = 1.3  # the top of the hair lies so much further above the nose than the neck below it
+_MARGIN = 1.15  # enlargement of the square around the keypoints, because shoulders and fingertips lie outside them
+_CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of that of the neck
 _DEFAULT_RATE = 25
-_WHOLE = 0.9  # of the stated length, less a second, must be there: statements are rough
-_MAX_PIXELS = 1 << 26  # of a picture, twice 8K: what a damaged file declares must not fill the memory
+_WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
+_MAX_PIXELS = 1 << 26  # maximum size of an image, twice 8K, so that a damaged file cannot exhaust the memory
 
 
 class Box(NamedTuple):
-    """A square of a picture, in pixels; it may reach over the picture's edges."""
+    """A square in an image, in pixels; it may extend beyond the edges of the image.
+
+    Attributes:
+        left: position of the left edge.
+        top: position of the top edge.
+        side: width and height.
+    """
 
     left: int
     top: int
     side: int
 
 
-def frame_times(video: pathlib.Path) -> np.ndarray:
-    """When each picture is shown.
+def image_times(video: pathlib.Path) -> np.ndarray:
+    """Read the times at which the images of a video are shown.
 
     Args:
-        video: file with pictures and sound.
+        video: path of a video.
 
     Returns:
-        (T,) seconds from the first sample of the sound, strictly rising: the clock of `audio.read_audio` and of words.
-        Times that the file does not state, or that run backwards, are replaced by those of a constant rate.
+        (T,) seconds from the first sample of the audio, strictly increasing: the clock of `audio.read_audio` and of
+        words. If times are missing or not increasing, they are replaced by those of a constant rate.
 
     Raises:
-        UserError: the file has no pictures that can be read, or was cut off.
+        UserError: the file has no readable images, or was cut off.
     """
     times, shown = [], 0.0
     with open_video(video) as container:
@@ -52,7 +58,7 @@ def frame_times(video: pathlib.Path) -> np.ndarray:
     if not times:
         raise _empty(video)
     if times[0] is not None and times[-1] is not None and (found := times[-1] - times[0] + shown) < expected:
-        raise UserError(f"{video} has {found:.1f} s of pictures, but states more; it was cut off, get the whole file")
+        raise UserError(f"{video} was cut off: it has {found:.1f} s of images but declares more; get the whole file")
     start = _sound_start(video)
     stated = np.array([time for time in times if time is not None])
     if len(stated) == len(times) and (np.diff(stated) > 0).all():
@@ -60,8 +66,15 @@ def frame_times(video: pathlib.Path) -> np.ndarray:
     return (stated[0] if len(stated) else start) - start + np.arange(len(times)) / rate
 
 
-def picture_size(video: pathlib.Path) -> tuple[int, int]:
-    """Width and height of a video's first picture, as it is shown, in pixels."""
+def image_size(video: pathlib.Path) -> tuple[int, int]:
+    """Return the width and height of a video's first image, as it is shown, in pixels.
+
+    Args:
+        video: path of a video.
+
+    Raises:
+        UserError: the file has no readable images.
+    """
     with open_video(video) as container:
         for frame in decode(video, container):
             return upright(frame).size
@@ -69,15 +82,16 @@ def picture_size(video: pathlib.Path) -> tuple[int, int]:
 
 
 def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int) -> Box:
-    """The square around head, shoulders and hands in some pictures.
+    """Find the square around head, shoulders and hands in several images.
 
     Args:
         points: (M, joints, 2) pixels, NaN where a joint was not seen.
-        skeleton: of the joints.
-        width, height: of the pictures.
+        skeleton: skeleton of the joints.
+        width: width of the images in pixels.
+        height: height of the images in pixels.
 
     Returns:
-        The square, moved into the picture as far as it goes; the middle of the picture if no joint was seen.
+        The square, moved into the image as far as possible; the middle of the image if no joint was seen.
     """
     names = [name for name in skeleton.joints if name not in ("spine", "left_elbow", "right_elbow")]
     nose, neck = points[:, skeleton.joint("nose")], points[:, skeleton.joint("neck")]
@@ -94,18 +108,18 @@ def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int)
 
 
 def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> list[np.ndarray]:
-    """Parts of a video's pictures.
+    """Crop squares from the images of a video.
 
     Args:
-        video: the file.
-        wanted: (frame, square), in any order.
-        size: width and height of what is returned.
+        video: path of a video.
+        wanted: number of the image and square of each crop, in any order.
+        size: width and height of the crops in pixels.
 
     Returns:
-        For each wanted one a (size, size, 3) uint8 image; black beyond the picture's edges.
+        A (size, size, 3) uint8 image for each square, black beyond the edges of the video's image.
 
     Raises:
-        UserError: a frame cannot be read.
+        UserError: an image cannot be read.
     """
     numbers: dict[int, list[int]] = {}
     for number, (frame, _) in enumerate(wanted):
@@ -115,27 +129,31 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
         for index, frame in enumerate(decode(video, container)):
             if index not in numbers:
                 continue
-            picture = upright(frame)
+            image = upright(frame)
             for number in numbers[index]:
                 left, top, side = wanted[number][1]
-                square = picture.crop((left, top, left + side, top + side))
+                square = image.crop((left, top, left + side, top + side))
                 images[number] = np.asarray(square.resize((size, size), Image.Resampling.LANCZOS))
             if len(images) == len(wanted):
                 break
         else:
             if wanted:
-                raise UserError(f"{video} has fewer pictures than frame {max(numbers)}; expected all that were counted")
+                raise UserError(f"{video} has no image {max(numbers)}, which was there before; check the file")
     return [images[number] for number in range(len(wanted))]
 
 
 def upright(frame: av.VideoFrame) -> Image.Image:
-    """A picture as players show it: turned by the rotation that phones store beside it."""
-    picture = Image.fromarray(frame.to_ndarray(format="rgb24"))
-    return picture.rotate(frame.rotation, expand=True) if frame.rotation else picture
+    """Convert a decoded image as players show it, with the rotation that phones store beside it.
+
+    Args:
+        frame: decoded image of a video.
+    """
+    image = Image.fromarray(frame.to_ndarray(format="rgb24"))
+    return image.rotate(frame.rotation, expand=True) if frame.rotation else image
 
 
 def _inside(middle: float, side: int, size: int) -> int:
-    """Where a stretch of length `side` starts that lies around `middle`, within [0, size] if it fits."""
+    """Return the start of a stretch of length `side` around `middle`, moved into [0, size] if it fits."""
     start = round(middle - side / 2)
     return min(max(start, 0), size - side) if side <= size else (size - side) // 2
 
@@ -152,20 +170,24 @@ def _sound_start(video: pathlib.Path) -> float:
 
 
 def _stated_seconds(container: InputContainer) -> float:
-    """What the pictures last at least if the file is whole; negative where it does not say.
+    """Return the minimum duration of the images of a complete file, negative if the file does not declare it.
 
-    The shorter of what the file and its pictures state: either may count what an edit has cut away, or the sound.
+    It is based on the shorter of the durations that the file and its video stream declare, because either may include
+    parts that were cut away, or the audio.
     """
     stream = container.streams.video[0]
-    of_pictures = float((stream.duration or 0) * (stream.time_base or 0))
-    return _WHOLE * min((container.duration or 0) / av.time_base, of_pictures) - 1
+    of_stream = float((stream.duration or 0) * (stream.time_base or 0))
+    return _WHOLE * min((container.duration or 0) / av.time_base, of_stream) - 1
 
 
 def open_video(video: pathlib.Path) -> InputContainer:
-    """A file with pictures; to be closed by the caller.
+    """Open a video, which the caller must close.
+
+    Args:
+        video: path of a video.
 
     Raises:
-        UserError: it cannot be read, has no pictures, or has larger ones than memory should hold.
+        UserError: the file cannot be read, has no images, or has images of more than 8192 x 8192 pixels.
     """
     try:
         container = av.open(str(video))
@@ -177,17 +199,21 @@ def open_video(video: pathlib.Path) -> InputContainer:
     stream = container.streams.video[0]
     if stream.width * stream.height > _MAX_PIXELS:
         container.close()
-        raise UserError(f"{video} has pictures of {stream.width} x {stream.height}; expected at most 8192 x 8192")
+        raise UserError(f"{video} has images of {stream.width} x {stream.height}; expected at most 8192 x 8192")
     stream.codec_context.options = {"max_pixels": str(_MAX_PIXELS)}
     stream.thread_type = "AUTO"
     return container
 
 
 def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoFrame]:
-    """The pictures in the order in which they are shown.
+    """Yield the images of a video in the order in which they are shown.
+
+    Args:
+        video: path of the video, to name it in an error message.
+        container: the open video.
 
     Raises:
-        UserError: one cannot be read.
+        UserError: an image cannot be read.
     """
     try:
         yield from container.decode(container.streams.video[0])
@@ -196,9 +222,9 @@ def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoF
 
 
 def _empty(video: pathlib.Path) -> UserError:
-    return UserError(f"{video} has no pictures; expected a video of a speaker")
+    return UserError(f"{video} has no images; expected a video of a speaker")
 
 
 def _unreadable(video: pathlib.Path, error: Exception) -> UserError:
     reason = (getattr(error, "strerror", None) or str(error)).lower()
-    return UserError(f"{video} is no video that can be read ({reason}); expected a whole file of pictures and sound")
+    return UserError(f"{video} is not a readable video ({reason}); expected a complete file with images and audio")

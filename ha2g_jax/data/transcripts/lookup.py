@@ -1,25 +1,25 @@
-"""The transcript that lies beside a recording."""
+"""Lookup of the transcript that lies beside a recording."""
 
 import pathlib
 import re
 
-# Those with a time for each word come first, a text without times last.
+# Formats with a time for each word come first, a text without times last.
 _PREFERENCE = (".textgrid", ".json", ".tsv", ".csv", ".vtt", ".srt", ".txt")
 _LANGUAGE = re.compile(r"\.[a-z]{2,3}(?:-[a-zA-Z]{2,8})?")
 
 
 def find(media: pathlib.Path) -> pathlib.Path | None:
-    """The transcript of a recording, looked for in its folder.
+    """Find the transcript of a recording in its folder.
 
-    Rule, first match wins: the recording's stem; the stem with a language, as in `talk.en.vtt`; the stem cut at its
-    last dot, and so on; the only file called `words.*`. Among files of one stem: .TextGrid, .json, .tsv, .csv, .vtt,
-    .srt, .txt.
+    The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
+    stem cut at its last dot, and so on; the only file called `words.*`. The order among files of one stem is .TextGrid,
+    .json, .tsv, .csv, .vtt, .srt, .txt.
 
     Args:
-        media: sound, video or motion of the recording; need not exist.
+        media: path of the audio, video or motion file of the recording, which need not exist.
 
     Returns:
-        The file, None where there is none.
+        Path of the transcript, None if there is none.
     """
     media = pathlib.Path(media)
     if not media.parent.is_dir():

@@ -1,4 +1,4 @@
-"""Which videos there are, and how the corpus names them and their speakers."""
+"""Finding of videos, and their names and speakers in the corpus."""
 
 import collections
 import os
@@ -11,13 +11,13 @@ from ha2g_jax.errors import UserError
 SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v")
 
 
-class Talk(NamedTuple):
-    """A video that was found.
+class VideoRecording(NamedTuple):
+    """A video of a speaker.
 
     Attributes:
-        video: its absolute path.
-        name: its path within the folder that all videos share, without suffix unless another one has the same.
-        speaker: the sub-folder of the shared folder that it lies in; its own name where it lies in none.
+        video: absolute path of the video.
+        name: path within the common folder of all videos, without suffix unless another video has the same path.
+        speaker: first subfolder of the common folder, or `name` if the video lies directly in the common folder.
     """
 
     video: pathlib.Path
@@ -25,22 +25,23 @@ class Talk(NamedTuple):
     speaker: str
 
 
-def find_talks(
+def find_recordings(
     videos: Sequence[str | os.PathLike], without: pathlib.Path | None = None
-) -> tuple[pathlib.Path, list[Talk]]:
-    """The videos of files and folders, sorted by name.
+) -> tuple[pathlib.Path, list[VideoRecording]]:
+    """Find the videos of files and folders, sorted by name.
 
     Args:
-        videos: files, of any suffix, and folders, searched for `SUFFIXES` at any depth; hidden files are passed over.
-        without: a folder to leave out.
+        videos: paths of files of any suffix, and of folders, which are searched for `SUFFIXES` at any depth; hidden
+            files are skipped.
+        without: folder to leave out.
 
     Returns:
-        The folder that all share, and the videos.
+        The common folder of all videos, and the videos.
 
     Raises:
-        UserError: something is not there, or no video is found.
+        UserError: a path does not exist, or no video is found.
     """
-    # Without following links: a video is named by where it was listed.
+    # Links are not followed, so that a video is named by the path where it was found.
     given = [pathlib.Path(os.path.abspath(path)) for path in videos]  # noqa: PTH100
     if missing := [path for path in given if not path.exists()]:
         raise UserError(f"no file or folder at {missing[0]}; give videos, or folders of videos")
@@ -49,13 +50,13 @@ def find_talks(
         raise UserError(f"no video in {', '.join(map(str, given))}; expected files ending in {', '.join(SUFFIXES)}")
     root = pathlib.Path(os.path.commonpath([path if path.is_dir() else path.parent for path in given]))
     names = collections.Counter(_name(file, root) for file in found)
-    talks = []
+    recordings = []
     for file in found:
         name = _name(file, root)
         name = name if names[name] == 1 else file.relative_to(root).as_posix()
         folder, slash, _ = name.partition("/")
-        talks.append(Talk(file, name, folder if slash else name))
-    return root, sorted(talks, key=lambda talk: talk.name)
+        recordings.append(VideoRecording(file, name, folder if slash else name))
+    return root, sorted(recordings, key=lambda recording: recording.name)
 
 
 def _inside(folder: pathlib.Path, without: pathlib.Path | None) -> list[pathlib.Path]:

@@ -1,4 +1,4 @@
-"""The words of one recording, from the best source there is."""
+"""The words of a recording, from a transcript, a plain text or speech recognition."""
 
 import pathlib
 
@@ -11,12 +11,12 @@ from ha2g_jax.features.text import Word
 
 
 def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None) -> tuple[Word, ...]:
-    """The words of a recording: read from a transcript, aligned from a plain text, or recognised.
+    """Return the words of a recording: read from a transcript, aligned from a plain text, or recognised.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        path: a transcript that `readers.read_words` reads, a .txt without times, or None.
-        recognise: name or folder of a Whisper model that is used without a transcript; None for none.
+        path: path of a transcript that `readers.read_words` reads, or of a .txt file without times, or None.
+        recognise: name or folder of the Whisper model that is used if `path` is None; None for no recognition.
 
     Returns:
         Words within the recording, in seconds from its start.
@@ -28,7 +28,7 @@ def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | N
         if recognise is None:
             raise UserError(
                 "the recording has no transcript beside it; give one (.TextGrid .json .srt .vtt .tsv .txt) or the name "
-                "of a Whisper model to recognise the words with, such as tiny.en"
+                "of a Whisper model that recognises the words, such as tiny.en"
             )
         words = recognition.recognise(audio, model=recognise)
     elif path.suffix.lower() == ".txt":
