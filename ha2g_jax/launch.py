@@ -11,6 +11,7 @@ import ml_collections
 from absl import flags
 from ml_collections import config_flags
 
+from ha2g_jax import config_renames
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 
@@ -95,7 +96,9 @@ def _parse(argv: list[str]) -> Arguments:
     flags.DEFINE_integer("process_id", None, "", flag_values=values)
     try:
         if spec:
-            config_flags.DEFINE_config_dict("config", _read(spec), flag_values=values, sys_argv=argv)
+            config = _read(spec)
+            argv = _with_new_names(argv, config.get("method", "ha2g"))
+            config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
@@ -142,7 +145,23 @@ def _read(spec: str) -> Config:
     config = get_config(*([size] if size else [])) if get_config else None
     if not isinstance(config, ml_collections.ConfigDict):
         raise UserError(f"{path} has no get_config(size) that gives a ConfigDict; see experiments/configs")
-    return config
+    values, renamed = config_renames.with_new_names(config.to_dict())
+    config_renames.warn(renamed, path)
+    return ml_collections.ConfigDict(values) if renamed else config
+
+
+def _with_new_names(argv: list[str], method: str) -> list[str]:
+    """Return the arguments with the present names of settings in place of old ones, which are named on stderr."""
+    renamed, arguments = [], []
+    for argument in argv:
+        if match := re.fullmatch(r"(--?config\.)([\w.]+)(.*)", argument, re.DOTALL):
+            new = config_renames.new_name(match[2], method)
+            if new != match[2]:
+                renamed.append((match[2], new))
+            argument = f"{match[1]}{new}{match[3]}"
+        arguments.append(argument)
+    config_renames.warn(renamed, "the command")
+    return arguments
 
 
 def _one_line(error: Exception) -> str:

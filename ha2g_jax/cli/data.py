@@ -32,6 +32,7 @@ def _add_make_talk(data: Any) -> None:
     command.add_argument("--minutes", type=float, default=120, metavar="M", help="minutes of speech (default: 120)")
     command.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the random draws (default: 0)")
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
+    command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")
     command.set_defaults(run=_make_talk)
 
 
@@ -44,6 +45,7 @@ def _make_talk(arguments: argparse.Namespace) -> None:
         minutes=arguments.minutes,
         seed=arguments.seed,
         workers=arguments.workers,
+        fps=arguments.fps,
     )
     print(arguments.out)
 

@@ -120,6 +120,9 @@ def _add_motion_arguments(command: argparse.ArgumentParser, src: str) -> None:
         help="43 joints with fingers, or 10 joints without (default: ted_expressive)",
     )
     command.add_argument(
+        "--fps", type=positive, default=15, metavar="N", help="frames per second of the corpus (default: 15)"
+    )
+    command.add_argument(
         "--speaker", metavar="NAME", help="name of the speaker (default: by names of folders and files)"
     )
     command.add_argument("--audio", type=pathlib.Path, metavar="FILE", help="audio file, if SRC is one file")
@@ -134,6 +137,7 @@ def _options(arguments: argparse.Namespace) -> "ImportOptions":
 
     return ImportOptions(
         skeleton=arguments.skeleton,
+        fps=arguments.fps,
         speaker=arguments.speaker,
         audio=arguments.audio,
         words=arguments.words,

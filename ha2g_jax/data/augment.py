@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, WINDOW_COLUMNS, log_mel
+from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, log_mel
 from ha2g_jax.features.librosa_once import librosa
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
@@ -110,20 +110,20 @@ def add_noise(mel: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.nd
     for the cross term of each bin, whose mean is 0.
 
     Args:
-        mel: (128, 70) dB of a window.
+        mel: (128, columns) dB of a window.
         snr_db: mean power of the sound of this window over that of the noise, in dB.
         rng: generator that chooses the noise.
 
     Returns:
-        (128, 70) float32 in [-80, 0]; a silent window is returned unchanged.
+        (128, columns) float32 in [-80, 0]; a silent window is returned unchanged.
     """
     if mel.max() <= FLOOR_DB:
         return mel
     noise = _white_noise()
-    start = rng.integers(noise.shape[1] - WINDOW_COLUMNS + 1)
+    start = rng.integers(noise.shape[1] - mel.shape[1] + 1)
     power = np.power(10, mel / 10)
     level = sound_power(power) * np.power(10, -snr_db / 10)
-    noisy = power + np.float32(level) * noise[:, start : start + WINDOW_COLUMNS]
+    noisy = power + np.float32(level) * noise[:, start : start + mel.shape[1]]
     return np.clip(10 * np.log10(noisy), FLOOR_DB, 0, dtype=np.float32)
 
 

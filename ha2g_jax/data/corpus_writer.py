@@ -58,7 +58,7 @@ class CorpusWriter:
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)
         self._speakers: dict[str, list[str]] = {split: [] for split in splits}
         self._words: collections.Counter[str] = collections.Counter()
-        self._statistics = MotionStatistics(self._skeleton)
+        self._statistics = MotionStatistics(self._skeleton, fps)
         self._shards: dict[str, list[str]] = {split: [] for split in splits}
         self._writer: array_record_module.ArrayRecordWriter | None = None
         self._open_split = ""

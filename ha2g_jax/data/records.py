@@ -16,7 +16,8 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 
 WINDOW_FRAMES = 34  # N of the paper, at 15 fps
-WINDOW_STRIDE = 10
+WINDOW_STRIDE = 10  # frames at 15 fps between the starts of two windows
+PAPER_FPS = 15
 
 _JPEG_QUALITY = 90
 _FLOATS = ("<f4", "<f8")
@@ -42,6 +43,11 @@ class Stroke(NamedTuple):
     hand: str
     amplitude: float
     word_class: str
+
+
+def frames_at(frames: int, fps: float) -> int:
+    """Return as many frames at `fps` as take the time of `frames` at 15 fps, rounded, at least 1."""
+    return max(1, round(frames * fps / PAPER_FPS))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,7 +140,7 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored = _YOUNGER | msgpack.unpackb(record)
+        stored: dict[str, Any] = _YOUNGER | msgpack.unpackb(record)
         fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
         fields["positions"] = _unpack(fields["positions"])
         if fields["confidence"] is not None:

@@ -79,11 +79,12 @@ def window(
         fps: frames per second.
 
     Returns:
-        A dict of the inputs by name: "mel" (128, 70) float32 dB, "asr_mel" (80, 228) float32, "audio" (36267,) float32,
-        "words" (N,) int32 on frames, "plain_words" (32,) int32. Past the end of the clip there is silence.
+        A dict of the inputs by name: "mel" (128, columns) float32 dB, "asr_mel" (80, columns) float32, "audio"
+        (samples,) float32, "words" (N,) int32 on frames, "plain_words" (32,) int32. 34 frames at 15 fps have 70 columns
+        of "mel", 228 of "asr_mel" and 36,267 samples. Past the end of the clip there is silence.
     """
     cut_inputs = {
-        name: cut(speech.tracks[name], start, fps).astype(np.float32)
+        name: cut(speech.tracks[name], start, num_frames, fps).astype(np.float32)
         for name, (_, cut) in _TRACKS.items()
         if name in inputs
     }

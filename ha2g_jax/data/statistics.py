@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.data.records import WINDOW_FRAMES
+from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.skeleton import Skeleton, joint_angles, positions_to_directions
 
 
@@ -15,10 +15,11 @@ class MotionStatistics:
 
     Args:
         skeleton: skeleton of the positions.
+        fps: frames per second; changes of angles are scaled to those between frames at 15 fps.
     """
 
-    def __init__(self, skeleton: Skeleton):
-        self._skeleton = skeleton
+    def __init__(self, skeleton: Skeleton, fps: float):
+        self._skeleton, self._fps = skeleton, fps
         self._sums: dict[str, np.ndarray] = {}
         self._frames = 0
         self._steps = 0
@@ -32,7 +33,7 @@ class MotionStatistics:
         """
         is_seen = np.zeros(len(positions), bool)
         for start in window_starts:
-            is_seen[start : start + WINDOW_FRAMES] = True
+            is_seen[start : start + frames_at(WINDOW_FRAMES, self._fps)] = True
         positions = positions.astype(np.float64)
         directions = positions_to_directions(self._skeleton, positions)
         parents, children = (list(ends) for ends in zip(*self._skeleton.bones, strict=True))
@@ -45,7 +46,7 @@ class MotionStatistics:
             "angle_square": angles**2,
         }
         is_step = is_seen[1:] & is_seen[:-1]
-        changes = {"angle_change": np.abs(np.diff(angles, axis=0))[is_step]}
+        changes = {"angle_change": np.abs(np.diff(angles, axis=0))[is_step] * (self._fps / PAPER_FPS)}
         for name, term in ({name: term[is_seen] for name, term in terms.items()} | changes).items():
             self._sums[name] = self._sums.get(name, 0) + term.sum(axis=0)
         self._frames += int(is_seen.sum())

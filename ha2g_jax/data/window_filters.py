@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.data.records import frames_at
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
 
@@ -30,8 +31,8 @@ class WindowFilters(NamedTuple):
         max_mean_spine_angle: maximum of the mean over the frames of that angle, in degrees.
         min_wrist_variance: minimum variance of a wrist's position, in square metres; a window fails if both wrists are
             below it.
-        num_frames: length of a window in frames.
-        stride: number of frames between the starts of two windows.
+        num_frames: length of a window, in frames at 15 fps.
+        stride: time between the starts of two windows, in frames at 15 fps.
     """
 
     min_words: int | None = 2
@@ -86,12 +87,14 @@ def choose_windows(
         skeleton: gives the joints and, for the distance from it, the mean pose.
         start_time: time of the first frame in the clock of the words, in seconds.
         fps: frames per second of `positions`.
-        filters: the filters, and the length and stride of windows.
+        filters: the filters, and the length and stride of windows at 15 fps; at other rates they take as much time.
 
     Returns:
         The windows; none if the clip is shorter than a window.
     """
-    starts = np.arange(0, len(positions) - filters.num_frames + 1, filters.stride)
+    length, stride = (frames_at(frames, fps) for frames in (filters.num_frames, filters.stride))
+    filters = filters._replace(num_frames=length, stride=stride)
+    starts = np.arange(0, len(positions) - length + 1, stride)
     verdicts = np.full(len(starts), KEPT, object)
     if len(starts):
         # From the last filter to the first, so that the verdict is the first filter that a window fails.

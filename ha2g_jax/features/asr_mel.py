@@ -7,6 +7,7 @@ nearest column, so that all windows of a clip have the same floor. Whisper itsel
 """
 
 import functools
+import math
 
 import numpy as np
 
@@ -14,8 +15,6 @@ from ha2g_jax.features.librosa_once import librosa
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
-# 2.28 s: the least even number that covers 34 frames at 15 fps. The encoder halves it to 114 positions.
-ASR_COLUMNS = 228
 
 _SAMPLE_RATE = 16000
 _FFT_SIZE = 400
@@ -52,20 +51,33 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
     return _scale(np.maximum(decades, np.max(decades) - np.float32(_DECADES)))
 
 
-def asr_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """Cut the spectrogram of the window that starts at a frame.
+def asr_columns(num_frames: int, fps: float) -> int:
+    """Return the columns of a window: 228, 2.28 s, for 34 frames at 15 fps.
+
+    It is the least even number that covers the window and has, after the encoder has halved it, a position after the
+    middle of the last frame.
+    """
+    positions = ASR_COLUMNS_PER_SECOND / 2
+    last = math.floor((num_frames - 0.5) * positions / fps)
+    return 2 * max(math.ceil(num_frames * positions / fps), last + 2)
+
+
+def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the spectrogram of the window that starts at a frame.
 
     Args:
-        mel: (num_mels, columns) spectrogram of a whole clip by `asr_log_mel`.
+        mel: (num_mels, columns) of a whole clip, as from `asr_log_mel`.
         start_frame: first frame of the window, from 0.
+        num_frames: length of the window in frames.
         fps: frames per second.
 
     Returns:
-        (num_mels, 228) of mel's type, padded past the end of the clip with the clip's floor, the value of silence.
+        (num_mels, `asr_columns`) of the type of `mel`; past the end of the clip there is the floor of the clip, which
+        silence in the clip has, too.
     """
-    start = round(start_frame * ASR_COLUMNS_PER_SECOND / fps)
-    window = mel[:, start : start + ASR_COLUMNS]
-    missing = ASR_COLUMNS - window.shape[1]
+    start, columns = round(start_frame * ASR_COLUMNS_PER_SECOND / fps), asr_columns(num_frames, fps)
+    window = mel[:, start : start + columns]
+    missing = columns - window.shape[1]
     if not missing:
         return window
     floor = max(float(np.max(mel)) - _DECADES / 4, _scale(np.log10(_LEAST_POWER)))

@@ -21,8 +21,6 @@ SAMPLE_RATE = 16000
 FFT_SIZE = 1024
 HOP_LENGTH = 512
 NUM_MELS = 128
-WINDOW_COLUMNS = 70
-WINDOW_SAMPLES = 36_267  # 34 frames at 15 fps
 FLOOR_DB = -80.0
 MIN_SECONDS = 0.2
 MAX_SECONDS = 3900.0  # an hour and five minutes
@@ -167,7 +165,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
 
 
-def window_column(frame: int, fps: float = 15) -> int:
+def window_column(frame: int, fps: float) -> int:
     """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512.
 
     Args:
@@ -177,34 +175,46 @@ def window_column(frame: int, fps: float = 15) -> int:
     return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 
 
-def mel_window(mel: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """Cut the spectrogram of the window that starts at a frame.
+def window_columns(num_frames: int, fps: float) -> int:
+    """Return the number of whole columns of the spectrogram in a window: 70 for 34 frames at 15 fps."""
+    return int(num_frames * SAMPLE_RATE / (fps * HOP_LENGTH))
+
+
+def window_samples(num_frames: int, fps: float) -> int:
+    """Return the number of samples at 16 kHz in a window, rounded: 36,267 for 34 frames at 15 fps."""
+    return round(num_frames * SAMPLE_RATE / fps)
+
+
+def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the spectrogram of the window that starts at a frame.
 
     Args:
-        mel: (128, columns) spectrogram of a whole clip.
+        mel: (128, columns) of a whole clip, in dB.
         start_frame: first frame of the window, from 0.
+        num_frames: length of the window in frames.
         fps: frames per second.
 
     Returns:
-        (128, 70) dB, padded past the end of the clip with silence (-80 dB).
+        (128, `window_columns`); past the end of the clip there is silence (-80 dB).
     """
-    start = window_column(start_frame, fps)
-    window = mel[:, start : start + WINDOW_COLUMNS]
-    missing = WINDOW_COLUMNS - window.shape[1]
+    start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
+    window = mel[:, start : start + columns]
+    missing = columns - window.shape[1]
     return np.pad(window, ((0, 0), (0, missing)), constant_values=FLOOR_DB) if missing else window
 
 
-def wave_window(audio: np.ndarray, start_frame: int, fps: float = 15) -> np.ndarray:
-    """Cut the samples of the window that starts at a frame.
+def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the samples of the window that starts at a frame.
 
     Args:
-        audio: (samples,) audio of a whole clip.
+        audio: (samples,) of a whole clip at 16 kHz.
         start_frame: first frame of the window, from 0.
+        num_frames: length of the window in frames.
         fps: frames per second.
 
     Returns:
-        (36267,) samples, padded past the end of the clip with silence.
+        (`window_samples`,); past the end of the clip there is silence.
     """
-    start = round(start_frame * SAMPLE_RATE / fps)
-    window = audio[start : start + WINDOW_SAMPLES]
-    return np.pad(window, (0, WINDOW_SAMPLES - len(window)))
+    start, samples = round(start_frame * SAMPLE_RATE / fps), window_samples(num_frames, fps)
+    window = audio[start : start + samples]
+    return np.pad(window, (0, samples - len(window)))

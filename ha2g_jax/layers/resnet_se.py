@@ -7,11 +7,17 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
+from ha2g_jax.features.audio import HOP_LENGTH, SAMPLE_RATE, window_columns
 from ha2g_jax.layers import initializers, recompute
 from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _REDUCTION = 8
 _MEL_RANGE = 80.0
+# Factor of the pixel shuffle and size of the kernel of each head; after the shuffle all maps have half as many columns
+# as the mel.
+_HEADS = {"low": (1, 2), "mid": (2, 3), "high": (4, 3)}
+_COLUMNS_PER_SECOND = SAMPLE_RATE / HOP_LENGTH / 2
 
 
 class Features(NamedTuple):
@@ -23,7 +29,7 @@ class Features(NamedTuple):
 
 
 def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
-    """Moves channels into space, in the channel order of Shi et al. 2016 and PyTorch.
+    """Move channels into space, in the channel order of Shi et al. 2016 and PyTorch.
 
     Args:
         x: (B, H, W, C * factor^2); row `factor * i + a`, column `factor * j + b` of output channel c comes from
@@ -39,11 +45,11 @@ def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
 
 
 class SqueezeExcite(nn.Module):
-    """Scales each channel by a gate computed from the channels' means (Hu et al. 2018), reduction 8."""
+    """Scale each channel by a gate computed from the channels' means (Hu et al. 2018), reduction 8."""
 
     @nn.compact
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Maps (B, H, W, C) to the same shape."""
+        """Map (B, H, W, C) to the same shape."""
         channels = x.shape[-1]
         gate = jnp.mean(x, axis=(1, 2))
         gate = nn.relu(nn.Dense(channels // _REDUCTION, kernel_init=initializers.LINEAR, name="squeeze")(gate))
@@ -59,7 +65,7 @@ class BasicBlock(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
         y = _conv(self.channels, (3, 3), self.stride, 1, use_bias=False, name="conv_1")(x)
         y = BatchNorm(name="norm_1")(nn.relu(y), train=train)
         y = _conv(self.channels, (3, 3), 1, 1, use_bias=False, name="conv_2")(y)
@@ -81,7 +87,7 @@ class Stage(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
         for index in range(self.blocks):
             stride = self.stride if index == 0 else 1
             block = BasicBlock(self.channels, stride, name=f"block_{index}")
@@ -97,7 +103,7 @@ class Stem(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, H, W, 1) to (B, H / stride, W / stride, channels), rounded up."""
+        """Map (B, H, W, 1) to (B, H / stride, W / stride, channels), rounded up."""
         x = _conv(self.channels, (3, 3), self.stride, 1, use_bias=True, name="conv")(x)
         return BatchNorm(name="norm")(nn.relu(x), train=train)
 
@@ -108,17 +114,24 @@ class Head(nn.Module):
     Attributes:
         shuffle: factor of the pixel shuffle, 1 for none.
         kernel: height and width of the unpadded convolution.
-        feature_dim: output values per frame.
+        feature_dim: number of values per frame.
+        grid: (N, fps) where the columns are first interpolated so that the convolution is centred on the middle of
+            each frame; None where there are N + kernel - 1 columns as they are, as in the paper.
     """
 
     shuffle: int
     kernel: int
     feature_dim: int
+    grid: tuple[int, float] | None = None
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, mel, columns, C) to (B, N, feature_dim)."""
+        """Map (B, mel, columns, C) to (B, N, feature_dim)."""
         x = pixel_shuffle(x, self.shuffle)
+        if self.grid is not None:
+            num_frames, fps = self.grid
+            times = frame_centres(num_frames + self.kernel - 1, fps, margin=(self.kernel - 1) / 2)
+            x = interpolate(x, times * _COLUMNS_PER_SECOND, axis=2)
         x = _conv(x.shape[-1], (self.kernel, self.kernel), 1, 0, use_bias=True, name="conv")(x)
         x = BatchNorm(name="norm")(nn.relu(x), train=train)
         # Channel-major, as a reshape of PyTorch's (C, mel, N) merges them.
@@ -127,16 +140,19 @@ class Head(nn.Module):
 
 
 class AudioEncoder(nn.Module):
-    """Log-mel window to low, middle and high features of each frame.
+    """Encoder of a log-mel window to low, middle and high features of each frame.
 
     At the paper's size a 1 x 128 x 70 window gives 64 x 64 x 35 (stage 2, low), 128 x 32 x 18 (stage 3, middle)
-    and 256 x 16 x 9 (stage 4, high), each turned into 32 x 34.
+    and 256 x 16 x 9 (stage 4, high), each turned into 32 x 34. A window whose columns do not give N frames so, because
+    of its length or frame rate, has the columns of each head interpolated, see `Head`.
 
     Attributes:
-        blocks: basic blocks of each stage.
+        blocks: number of basic blocks of each stage.
         channels: channels of each stage.
         stem_stride: stride of the stem along mel and time; the stride in time must be 1.
-        feature_dim: values per frame and level.
+        feature_dim: number of values per frame and level.
+        num_frames: frames of a window, N.
+        fps: frames per second.
         is_recomputed: see `recompute.run`.
     """
 
@@ -144,17 +160,24 @@ class AudioEncoder(nn.Module):
     channels: tuple[int, int, int, int] = (32, 64, 128, 256)
     stem_stride: tuple[int, int] = (1, 1)
     feature_dim: int = 32
+    num_frames: int = 34
+    fps: float = 15
     is_recomputed: bool = False
 
     inputs = ("mel",)
 
     @nn.compact
     def __call__(self, mel: jax.Array, *, train: bool) -> Features:
-        """Maps the mel (B, 128, 70) in dB, -80 to 0, to features of 34 frames.
+        """Map the mel (B, 128, columns) of a window in dB, -80 to 0, to features (B, N, feature_dim).
 
         Raises:
-            ValueError: the number of columns does not give the same number of frames at each level.
+            ValueError: the mel is not as long as N frames.
         """
+        expected = window_columns(self.num_frames, self.fps)
+        if mel.shape[-1] != expected:
+            raise ValueError(
+                f"a mel of {mel.shape[-1]} columns; expected {expected} for {self.num_frames} frames at {self.fps} fps"
+            )
         x = (mel / _MEL_RANGE + 1)[..., None]  # D3
         run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
         x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
@@ -162,15 +185,13 @@ class AudioEncoder(nn.Module):
         for index, (blocks, channels) in enumerate(zip(self.blocks, self.channels, strict=True)):
             stage = Stage(blocks, channels, 2 if index else 1, self.is_recomputed, name=f"stage_{index + 1}")
             maps.append(x := stage(x, train=train))
-        features = Features(
-            low=run(Head(shuffle=1, kernel=2, feature_dim=self.feature_dim, name="low"), maps[1]),
-            mid=run(Head(shuffle=2, kernel=3, feature_dim=self.feature_dim, name="mid"), maps[2]),
-            high=run(Head(shuffle=4, kernel=3, feature_dim=self.feature_dim, name="high"), maps[3]),
-        )
-        frames = tuple(level.shape[1] for level in features)
-        if len(set(frames)) > 1:
-            raise ValueError(f"a mel of {mel.shape[-1]} columns gives {frames} frames at the three levels; expected 70")
-        return features
+        frames = {factor * level.shape[2] - kernel + 1 for level, (factor, kernel) in zip(maps[1:], _HEADS.values())}
+        grid = None if frames == {self.num_frames} else (self.num_frames, self.fps)
+        heads = {
+            name: run(Head(factor, kernel, self.feature_dim, grid, name=name), level)
+            for level, (name, (factor, kernel)) in zip(maps[1:], _HEADS.items())
+        }
+        return Features(**heads)
 
 
 def _conv(

@@ -1,32 +1,41 @@
-"""The encoder of raw speech that Joint Embedding and Trimodal share (Yoon et al. 2020)."""
+"""Encoder of raw speech that Joint Embedding and Trimodal share (Yoon et al. 2020)."""
 
 import jax
 from flax import linen as nn
 
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _KERNEL = 15
 _CHANNELS = (16, 32, 64)
 _STRIDES = (5, 6, 6, 6)
 _PADDING = 1600  # samples of silence on each side of the window, so that its frames become steps one to one
 _SLOPE = 0.3
+# Of the steps after all convolutions: samples from one to the next, and the sample in the middle of step 0.
+_STEP, _FIRST = 1080, -88
 
 
 class WaveformEncoder(nn.Module):
-    """The samples of a window to one feature a frame, by four strided convolutions.
+    """Encoder of the samples of a window to one feature a frame, by four strided convolutions.
 
-    36,267 samples become 7,891, 1,313, 217 and 34 steps of 16, 32, 64 and `feature_dim` channels.
+    At the paper's size 36,267 samples become 7,891, 1,313, 217 and 34 steps of 16, 32, 64 and `feature_dim` channels,
+    each step a frame. Where a window has another number of steps than frames, frames lie between steps.
 
     Attributes:
-        feature_dim: output values per frame.
+        feature_dim: number of values per frame.
+        num_frames: frames of a window, N.
+        fps: frames per second.
     """
 
     feature_dim: int = 32
+    num_frames: int = 34
+    fps: float = 15
 
     @nn.compact
     def __call__(self, audio: jax.Array, *, train: bool) -> jax.Array:
-        """Maps the samples of a window at 16 kHz, -1 to 1, (B, 36267) to features (B, 34, feature_dim)."""
+        """Map the samples of a window at 16 kHz, -1 to 1, (B, samples) to features (B, N, feature_dim)."""
         x, padding = audio[..., None], _PADDING
         for index, (channels, stride) in enumerate(zip((*_CHANNELS, self.feature_dim), _STRIDES, strict=True), 1):
             if index > 1:
@@ -40,4 +49,7 @@ class WaveformEncoder(nn.Module):
                 name=f"conv_{index}",
             )(x)
             padding = 0
-        return x
+        if x.shape[1] == self.num_frames:
+            return x
+        places = (frame_centres(self.num_frames, self.fps) * SAMPLE_RATE - _FIRST) / _STEP
+        return interpolate(x, places, axis=1)

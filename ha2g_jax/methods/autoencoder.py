@@ -22,11 +22,10 @@ from ha2g_jax.skeleton import Skeleton, normalize
 LATENT_DIMS = {"ted_expressive": 128, "ted_gesture": 32}
 
 _SLOPE = 0.2
-_NUM_FRAMES = 34  # the decoder's linear map has this many frames built in
 
 
 class PoseEncoder(nn.Module):
-    """Poses (B, 34, pose_dim) to a latent (B, latent_dim)."""
+    """Poses (B, N, pose_dim) to a latent (B, latent_dim)."""
 
     latent_dim: int
 
@@ -43,15 +42,16 @@ class PoseEncoder(nn.Module):
 
 
 class PoseDecoder(nn.Module):
-    """Latent (B, latent_dim) to poses (B, 34, pose_dim)."""
+    """Latent (B, latent_dim) to poses (B, N, pose_dim)."""
 
     pose_dim: int
+    num_frames: int = 34
 
     @nn.compact
     def __call__(self, latent: jax.Array, *, train: bool) -> jax.Array:
         x = _activate(_linear(64, name="linear_1")(latent), "norm_1", train)
-        x = _linear(4 * _NUM_FRAMES, name="linear_2")(x)
-        x = x.reshape(x.shape[0], 4, _NUM_FRAMES).transpose(0, 2, 1)
+        x = _linear(4 * self.num_frames, name="linear_2")(x)
+        x = x.reshape(x.shape[0], 4, self.num_frames).transpose(0, 2, 1)
         x = _activate(_transposed_conv(32, name="conv_1")(x), "norm_2", train)
         x = _activate(_transposed_conv(32, name="conv_2")(x), "norm_3", train)
         x = _conv(32, 3, 1, name="conv_3")(x)
@@ -64,25 +64,27 @@ class PoseAutoencoder(nn.Module):
     Attributes:
         pose_dim: values of a flat pose.
         latent_dim: values of the latent, see LATENT_DIMS.
+        num_frames: frames of a window, N, which the linear maps of both parts are built for.
     """
 
     pose_dim: int
     latent_dim: int
+    num_frames: int = 34
 
     def setup(self) -> None:
         self.encoder = PoseEncoder(self.latent_dim)
-        self.decoder = PoseDecoder(self.pose_dim)
+        self.decoder = PoseDecoder(self.pose_dim, self.num_frames)
 
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, 34, pose_dim) to their reconstruction."""
+        """Maps mean-subtracted poses (B, N, pose_dim) to their reconstruction."""
         return self.decode(self.encode(poses, train=train), train=train)
 
     def encode(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, 34, pose_dim) to latents (B, latent_dim)."""
+        """Maps mean-subtracted poses (B, N, pose_dim) to latents (B, latent_dim)."""
         return self.encoder(poses, train=train)
 
     def decode(self, latent: jax.Array, *, train: bool) -> jax.Array:
-        """Maps latents (B, latent_dim) to mean-subtracted poses (B, 34, pose_dim)."""
+        """Maps latents (B, latent_dim) to mean-subtracted poses (B, N, pose_dim)."""
         return self.decoder(latent, train=train)
 
 
@@ -125,7 +127,7 @@ has_parts = False
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the auto-encoder of a skeleton; it has no settings, as values of different ones cannot be compared."""
     del vocabulary_size, num_speakers
-    generator = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name])
+    generator = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name], config.data.num_frames)
     return make_spec(config, skeleton, generator, inputs=())
 
 

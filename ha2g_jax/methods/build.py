@@ -6,10 +6,15 @@ from typing import Any
 import jax
 
 from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
 from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
 from ha2g_jax.skeleton import Skeleton
+
+# The frame rates and lengths of windows that features and networks can be derived for.
+MIN_FPS, MAX_FPS = 15, 30
+MIN_FRAMES, MAX_FRAMES = 17, 68
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -26,8 +31,28 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: an unknown choice, or a setting that the method cannot use.
     """
     method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
+    _check_window(config.data)
     choice("model.identity.kind", config.model.identity.kind, tuple(IDENTITIES))
     return method.build(config, skeleton, vocabulary_size, num_speakers)
+
+
+def _check_window(data: Config) -> None:
+    """Check the sizes of a window, from which all networks and features derive theirs."""
+    if data.fps not in range(MIN_FPS, MAX_FPS + 1):
+        raise UserError(
+            f"config.data.fps is {data.fps:g}, expected a whole number from {MIN_FPS} to {MAX_FPS}: make the corpus at "
+            "such a rate (--fps of ha2g data make-talk, import-bvh and import-smplx) and set --config.data.fps to it"
+        )
+    if not MIN_FRAMES <= data.num_frames <= MAX_FRAMES:
+        raise UserError(
+            f"config.data.num_frames is {data.num_frames}, expected {MIN_FRAMES} to {MAX_FRAMES}: set "
+            "--config.data.num_frames"
+        )
+    if not 1 <= data.num_seed_frames <= data.num_frames // 2:
+        raise UserError(
+            f"config.data.num_seed_frames is {data.num_seed_frames}, expected 1 to {data.num_frames // 2}, half of a "
+            "window: set --config.data.num_seed_frames"
+        )
 
 
 def method_of(spec: Spec) -> Method:

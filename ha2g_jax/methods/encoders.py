@@ -6,6 +6,7 @@ from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import RECEPTIVE_FIELDS, TextEncoder
+from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Spec, Variables
 
@@ -26,6 +27,12 @@ def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
         receptive_field=choice("model.text.receptive_field", text.receptive_field, RECEPTIVE_FIELDS),
         dropout=text.dropout,
     )
+
+
+def waveform_encoder(config: Config) -> WaveformEncoder:
+    """Return the encoder of the samples of a window."""
+    data = config.data
+    return WaveformEncoder(config.model.audio.feature_dim, num_frames=data.num_frames, fps=data.fps)
 
 
 def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False) -> SpeakerIdentity:

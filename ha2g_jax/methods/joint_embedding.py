@@ -16,7 +16,7 @@ from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.autoencoder import PoseEncoder
 from ha2g_jax.methods.choices import choice
-from ha2g_jax.methods.encoders import no_identity, text_encoder
+from ha2g_jax.methods.encoders import no_identity, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import Poses, apply
 from ha2g_jax.methods.method import (
     FLOAT32,
@@ -192,7 +192,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     choice("model.audio.kind", config.model.audio.kind, ("waveform",))
     context, inferer = config.model.context, config.model.inferer
     generator = JointEmbedding(
-        audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
+        audio=waveform_encoder(config),
         text=text_encoder(config, vocabulary_size),
         pose_dim=skeleton.pose_dim,
         num_frames=config.data.num_frames,

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config import Config
-from ha2g_jax.features.asr_mel import ASR_COLUMNS, NUM_ASR_MELS
-from ha2g_jax.features.audio import NUM_MELS, WINDOW_COLUMNS, WINDOW_SAMPLES
+from ha2g_jax.features.asr_mel import NUM_ASR_MELS, asr_columns
+from ha2g_jax.features.audio import NUM_MELS, window_columns, window_samples
 from ha2g_jax.features.text import MAX_PLAIN_WORDS
 from ha2g_jax.skeleton import Skeleton, normalize
 
@@ -257,10 +257,11 @@ def restore(spec: Spec, poses: jax.Array) -> jax.Array:
 
 def example_batch(spec: Spec) -> Batch:
     """Return a batch of one empty window in the shapes of a real one."""
+    window = (spec.num_frames, spec.fps)
     shapes = {
-        "mel": ((1, NUM_MELS, WINDOW_COLUMNS), jnp.float32),
-        "asr_mel": ((1, NUM_ASR_MELS, ASR_COLUMNS), jnp.float32),
-        "audio": ((1, WINDOW_SAMPLES), jnp.float32),
+        "mel": ((1, NUM_MELS, window_columns(*window)), jnp.float32),
+        "asr_mel": ((1, NUM_ASR_MELS, asr_columns(*window)), jnp.float32),
+        "audio": ((1, window_samples(*window)), jnp.float32),
         "words": ((1, spec.num_frames), jnp.int32),
         "plain_words": ((1, MAX_PLAIN_WORDS), jnp.int32),
     }

@@ -15,7 +15,7 @@ from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.choices import choice
-from ha2g_jax.methods.encoders import speaker_table, text_encoder
+from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g.losses import huber
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, speech_arguments
@@ -170,7 +170,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     choice("model.audio.kind", config.model.audio.kind, ("waveform",))
     inferer = config.model.inferer
     generator = Trimodal(
-        audio=WaveformEncoder(feature_dim=config.model.audio.feature_dim),
+        audio=waveform_encoder(config),
         text=text_encoder(config, vocabulary_size),
         identity=speaker_table(config, num_speakers, has_hidden=True),
         pose_dim=skeleton.pose_dim,

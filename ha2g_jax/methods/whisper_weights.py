@@ -17,7 +17,7 @@ import safetensors
 from flax import traverse_util
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.asr_mel import ASR_COLUMNS
+from ha2g_jax.features.asr_mel import asr_columns
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
 
 CONFIG, WEIGHTS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
@@ -161,7 +161,7 @@ def _is_file_name(name: Any) -> bool:
 
 def _parameters(sizes: WhisperSizes) -> dict[str, tuple[int, ...]]:
     """Names of the encoder's parameters, such as "block_0/expand/kernel" -> their shapes."""
-    mel = jnp.zeros((1, sizes.num_mels, ASR_COLUMNS))
+    mel = jnp.zeros((1, sizes.num_mels, asr_columns(34, 15)))
     shapes = jax.eval_shape(lambda: WhisperEncoder(**sizes._asdict()).init(jax.random.key(0), mel))
     flat: dict[str, Any] = dict(traverse_util.flatten_dict(shapes["params"], sep="/"))
     return {name: leaf.shape for name, leaf in flat.items()}

@@ -40,7 +40,7 @@ def describe(config: Config) -> list[Row]:
     rows = _rows("generator", spec.generator, *method_of(spec).init_arguments(spec, example_batch(spec)))
     if spec.discriminator is not None:
         rows += _rows("discriminator", spec.discriminator, poses)
-    autoencoder = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name])
+    autoencoder = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name], spec.num_frames)
     return rows + _rows("autoencoder", autoencoder, poses)
 
 

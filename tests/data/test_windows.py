@@ -80,7 +80,7 @@ def test_speech_and_motion_are_cut_at_the_same_time(corpus, windows, index, star
     if start + 34 > EVENT:
         assert example["words"][EVENT - start] == corpus.vocabulary().encode("click")
         loudest = example["mel"].max(axis=0).argmax()
-        assert abs(loudest - (window_column(EVENT) - window_column(start))) <= 1
+        assert abs(loudest - (window_column(EVENT, 15) - window_column(start, 15))) <= 1
 
 
 def test_a_word_still_spoken_lies_on_the_first_frame(corpus, windows):
@@ -105,8 +105,8 @@ def test_a_delay_shifts_everything(windows):
 
 def test_reference_frames_are_resized_once_per_clip(corpus):
     windows = Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4, image_size=32)
-    assert windows[0]["frames"].shape == (4, 32, 32, 3) and windows[0]["frames"].dtype == np.uint8
-    assert windows[0]["frames"] is windows[1]["frames"]
+    assert windows[0]["images"].shape == (4, 32, 32, 3) and windows[0]["images"].dtype == np.uint8
+    assert windows[0]["images"] is windows[1]["images"]
     assert (resize_frames(np.full((1, 48, 48, 3), 7, np.uint8), 32) == 7).all()
 
 
@@ -182,7 +182,7 @@ def test_a_pickled_copy_is_small_and_equal(corpus):
     windows.directions(0)
     expected = windows[5]
     data = pickle.dumps(windows)
-    assert len(data) < 20_000 < expected["frames"].nbytes
+    assert len(data) < 20_000 < expected["images"].nbytes
     for name, array in pickle.loads(data)[5].items():
         np.testing.assert_array_equal(array, expected[name])
 

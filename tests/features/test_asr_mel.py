@@ -4,7 +4,7 @@ import librosa
 import numpy as np
 import pytest
 
-from ha2g_jax.features.asr_mel import ASR_COLUMNS, asr_log_mel, asr_window
+from ha2g_jax.features.asr_mel import asr_columns, asr_log_mel, asr_window
 
 
 def speech_like(seconds: float, seed: int = 0) -> np.ndarray:
@@ -39,16 +39,16 @@ def test_windows_of_a_clip_share_its_floor():
     """A window that is all quiet keeps the floor of the loud part of its clip."""
     audio = np.concatenate([speech_like(3), 1e-6 * speech_like(3)])
     mel = asr_log_mel(audio)
-    quiet = asr_window(mel, 50)
-    assert quiet.shape == (80, ASR_COLUMNS)
+    quiet = asr_window(mel, 50, 34, 15)
+    assert quiet.shape == (80, asr_columns(34, 15))
     np.testing.assert_allclose(quiet, mel.max() - 2, atol=1e-6)
-    assert asr_window(mel, 0).max() == mel.max()
+    assert asr_window(mel, 0, 34, 15).max() == mel.max()
 
 
 @pytest.mark.parametrize(("frame", "fps", "column"), [(0, 15, 0), (1, 15, 7), (30, 15, 200), (7, 30, 23)])
 def test_a_window_starts_at_the_nearest_column(frame, fps, column):
     mel = np.broadcast_to(np.arange(500, dtype=np.float32), (80, 500))
-    np.testing.assert_array_equal(asr_window(mel, frame, fps)[3], np.arange(column, column + 228))
+    np.testing.assert_array_equal(asr_window(mel, frame, 34, fps)[3], np.arange(column, column + asr_columns(34, fps)))
 
 
 @pytest.mark.parametrize("gain", [1, 1e-5, 0])
@@ -57,9 +57,10 @@ def test_past_the_end_is_what_silence_is_within_the_clip(gain):
     short = asr_log_mel(audio)
     long = asr_log_mel(np.append(audio, np.zeros(48000, np.float32)))
     last = 201 - round(15 * 100 / 15)  # column of the window after which the clip has ended
-    np.testing.assert_allclose(asr_window(short, 15)[:, last + 2 :], asr_window(long, 15)[:, last + 2 :], atol=1e-5)
-    np.testing.assert_array_equal(asr_window(short, 15)[:, :last], short[:, 100:])
-    assert np.ptp(asr_window(short, 900)) == 0
+    ended, going_on = (asr_window(mel, 15, 34, 15) for mel in (short, long))
+    np.testing.assert_allclose(ended[:, last + 2 :], going_on[:, last + 2 :], atol=1e-5)
+    np.testing.assert_array_equal(ended[:, :last], short[:, 100:])
+    assert np.ptp(asr_window(short, 900, 34, 15)) == 0
 
 
 def test_half_precision_is_enough():
@@ -68,8 +69,8 @@ def test_half_precision_is_enough():
     stored = mel.astype(np.float16)
     assert -1.5 < mel.min() < mel.max() < 2
     assert np.abs(stored.astype(np.float32) - mel).max() < 5e-4  # 0.02 dB
-    assert asr_window(stored, 20).dtype == np.float16
-    np.testing.assert_allclose(asr_window(stored, 20), asr_window(mel, 20), atol=1e-3)
+    assert asr_window(stored, 20, 34, 15).dtype == np.float16
+    np.testing.assert_allclose(asr_window(stored, 20, 34, 15), asr_window(mel, 20, 34, 15), atol=1e-3)
 
 
 @pytest.mark.parametrize("num_samples", [1, 159, 160])

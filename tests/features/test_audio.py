@@ -144,19 +144,19 @@ def test_a_given_reference_is_the_zero_of_the_scale():
 
 def test_windows_are_whole_and_silent_past_the_end():
     mel = np.arange(128 * 100, dtype=np.float32).reshape(128, 100) - 13000
-    assert [audio.window_column(frame) for frame in (0, 1, 15, 30, 60, 90)] == [0, 2, 31, 62, 125, 188]
-    np.testing.assert_array_equal(audio.mel_window(mel, 0), mel[:, :70])
-    window = audio.mel_window(mel, 30)
+    assert [audio.window_column(frame, 15) for frame in (0, 1, 15, 30, 60, 90)] == [0, 2, 31, 62, 125, 188]
+    np.testing.assert_array_equal(audio.mel_window(mel, 0, 34, 15), mel[:, :70])
+    window = audio.mel_window(mel, 30, 34, 15)
     assert window.shape == (128, 70)
     np.testing.assert_array_equal(window[:, :38], mel[:, 62:])
     assert (window[:, 38:] == -80).all()
-    assert (audio.mel_window(mel, 900) == -80).all()
+    assert (audio.mel_window(mel, 900, 34, 15) == -80).all()
 
 
 def test_a_window_of_a_long_clip_is_that_of_the_same_sound_alone():
     samples = noise(16000 * 12)
     start = 120 * 16000 // 15  # on a column
-    window = audio.mel_window(audio.log_mel(samples, reference=1), 120)
+    window = audio.mel_window(audio.log_mel(samples, reference=1), 120, 34, 15)
     alone = audio.log_mel(samples[start : start + 36267], reference=1)
     np.testing.assert_allclose(window[:, 1:69], alone[:, 1:69], atol=1e-3)  # the outer columns reach further
 
@@ -166,7 +166,7 @@ def test_clicks_are_heard_in_the_windows_in_which_they_are():
     clicks = np.arange(1, 60, 2)  # one in each stride of two seconds, a second after its start
     samples[clicks * 16000] = 1
     mel = audio.log_mel(samples)
-    loudest = [np.argmax(audio.mel_window(mel, 30 * window).sum(axis=0)) for window in range(29)]
+    loudest = [np.argmax(audio.mel_window(mel, 30 * window, 34, 15).sum(axis=0)) for window in range(29)]
     assert set(loudest) <= {31, 32}  # a second is 31.25 columns
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.features.asr_mel import ASR_COLUMNS
+from ha2g_jax.features.asr_mel import asr_columns
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder, feature_blocks, resample
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.whisper import WhisperEncoder
@@ -18,7 +18,7 @@ WHISPER = WhisperEncoder(num_mels=6, d_model=8, layers=4, heads=2, ffn_dim=16)
 
 @pytest.fixture(scope="module")
 def mel():
-    return jnp.asarray(np.random.default_rng(0).normal(size=(2, 6, ASR_COLUMNS)).astype(np.float32))
+    return jnp.asarray(np.random.default_rng(0).normal(size=(2, 6, asr_columns(34, 15))).astype(np.float32))
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Build the Talk corpus: synthetic speakers, their speech, and gestures with a known ground truth."""
 
+import functools
 import os
 import pathlib
 from collections.abc import Iterator
@@ -70,6 +71,7 @@ def make_talk(
     minutes: float = _DEFAULT_MINUTES,
     seed: int = 0,
     workers: int | None = None,
+    fps: int = FPS,
 ) -> None:
     """Make a Talk corpus in the folder `out`.
 
@@ -82,22 +84,24 @@ def make_talk(
         minutes: approximate duration of all speech, in minutes.
         seed: seed of all random draws.
         workers: number of processes; one per core by default.
+        fps: frames per second of the motion; the speech does not depend on it.
 
     Raises:
         UserError: `out` exists, or there are too few speakers or minutes for all splits.
     """
     plans = _plan(speakers, minutes, seed)
+    rate = f" --fps {fps}" if fps != FPS else ""
     metadata = {
         "name": _VERSION,
-        "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}",
+        "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{rate}",
         "licence": "Synthetic speech and motion; free of third-party rights",
     }
     workers = min(workers or os.cpu_count() or 1, len(plans))
     with (
-        CorpusWriter(out, splits=SPLITS, skeleton=teacher.SKELETON, fps=FPS, metadata=metadata) as writer,
+        CorpusWriter(out, splits=SPLITS, skeleton=teacher.SKELETON, fps=fps, metadata=metadata) as writer,
         parallel_map(workers, _DIED) as each,
     ):
-        made = zip(plans, each(_make_clips, plans))
+        made = zip(plans, each(functools.partial(_make_clips, fps=fps), plans))
         for plan, clips in tqdm.tqdm(made, "Talk corpus", len(plans), unit="recording"):
             for clip in clips:
                 writer.add(plan.split, clip)
@@ -180,9 +184,10 @@ def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:
     return cast
 
 
-def _make_clips(plan: _RecordingPlan) -> list[bytes]:
+def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
     """Make the encoded clips of one recording, in order of time."""
     speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))
+    length, stride = (records.frames_at(frames, fps) for frames in (records.WINDOW_FRAMES, records.WINDOW_STRIDE))
     style, sentences = plan.speaker.style, grammar.sentences(speech_rng)
     noise_level = 10 ** (noise_rng.uniform(*_NOISE_DB) / 20)
     clips: list[bytes] = []
@@ -191,7 +196,7 @@ def _make_clips(plan: _RecordingPlan) -> list[bytes]:
         audio, words = _speak(sentences, plan.speaker.voice, speech_rng)
         # Rounded as it will be stored, so that the teacher gets the samples that the model will get.
         audio = np.round((audio + noise_level * _pink_noise(len(audio), noise_rng)) * 2**15) / np.float32(2**15)
-        positions, strokes = teacher.perform(audio, words, style, motion_rng, FPS)
+        positions, strokes = teacher.perform(audio, words, style, motion_rng, fps)
         clip = records.Clip(
             id=f"{plan.name}-{index}",
             speaker=plan.speaker.name,
@@ -200,7 +205,7 @@ def _make_clips(plan: _RecordingPlan) -> list[bytes]:
             positions=positions,
             reference_frames=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
             recording_start=time,
-            window_starts=tuple(range(0, len(positions) - records.WINDOW_FRAMES + 1, records.WINDOW_STRIDE)),
+            window_starts=tuple(range(0, len(positions) - length + 1, stride)),
             strokes=strokes,
             style=tuple(style),
             recording=plan.name,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.asr_mel import ASR_COLUMNS, ASR_COLUMNS_PER_SECOND, NUM_ASR_MELS
+from ha2g_jax.features.asr_mel import NUM_ASR_MELS
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder
 from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
@@ -107,7 +107,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 def _audio_encoder(config: Config) -> AudioEncoder | AsrAudioEncoder:
     audio = config.model.audio
     if choice("model.audio.kind", audio.kind, tuple(_AUDIO_INPUTS)) == "whisper":
-        _check_window(config)
+        _check_whisper(config)
         return AsrAudioEncoder(
             whisper=WhisperEncoder(**audio.whisper),
             feature_dim=audio.feature_dim,
@@ -118,21 +118,18 @@ def _audio_encoder(config: Config) -> AudioEncoder | AsrAudioEncoder:
     return AudioEncoder(
         **settings,
         feature_dim=audio.feature_dim,
+        num_frames=config.data.num_frames,
+        fps=config.data.fps,
         is_recomputed=config.model.recompute,
     )
 
 
-def _check_window(config: Config) -> None:
-    data, num_mels = config.data, config.model.audio.whisper.num_mels
+def _check_whisper(config: Config) -> None:
+    num_mels = config.model.audio.whisper.num_mels
     if num_mels != NUM_ASR_MELS:
         raise UserError(
             f"config.model.audio.whisper.num_mels is {num_mels}, expected {NUM_ASR_MELS}: choose a Whisper model other "
             "than large-v3"
-        )
-    if data.num_frames / data.fps > ASR_COLUMNS / ASR_COLUMNS_PER_SECOND:
-        raise UserError(
-            f"a window of {data.num_frames} frames at {data.fps} fps is longer than the 2.28 s that a Whisper encoder "
-            "hears: set --config.model.audio.kind=resnet_se"
         )
 
 

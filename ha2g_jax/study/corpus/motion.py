@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.data.records import WINDOW_FRAMES
+from ha2g_jax.data.records import WINDOW_FRAMES, frames_at
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
 
 # Inner angles of TED-Expressive in degrees, with the values that the paper calls variances (HA2G, Table 10). They are
@@ -47,7 +47,7 @@ class TrainingMotion:
         """
         is_seen = np.zeros(len(positions), bool)
         for start in window_starts:
-            is_seen[start : start + WINDOW_FRAMES] = True
+            is_seen[start : start + frames_at(WINDOW_FRAMES, self._fps)] = True
         positions = positions.astype(np.float64)
         directions = positions_to_directions(self._skeleton, positions[is_seen])
         angles = 180 - np.rad2deg(joint_angles(self._skeleton, directions))

@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.data.records import WINDOW_FRAMES
-from ha2g_jax.features.audio import WINDOW_SAMPLES
+from ha2g_jax.features.audio import window_samples
 from ha2g_jax.metrics import beats, diversity, frechet, legacy_beats, sanity
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.study.evaluation.intervals import number
 from ha2g_jax.study.evaluation.latent_statistics import Cut, cut_windows
 from ha2g_jax.study.evaluation.metrics import MISMATCHED
 from ha2g_jax.study.evaluation.rows import Row, Rows
+
+_WINDOW_SAMPLES = window_samples(WINDOW_FRAMES, 15)
 
 BATCH = 32  # windows of a batch, as in the release's evaluation alone
 
@@ -88,9 +90,9 @@ def _window_onsets(rows: Rows) -> dict[tuple[int, int], np.ndarray] | None:
     for clip, (directions, audio) in enumerate(zip(rows.truth.directions, rows.audio, strict=True)):
         for start in _CUT.starts(len(directions)):
             if audio is not None:
-                first = round(start * WINDOW_SAMPLES / WINDOW_FRAMES)
-                sound = audio[first : first + WINDOW_SAMPLES]
-                onsets[clip, start] = beats.onsets(np.pad(sound, (0, WINDOW_SAMPLES - len(sound))))
+                first = round(start * _WINDOW_SAMPLES / WINDOW_FRAMES)
+                sound = audio[first : first + _WINDOW_SAMPLES]
+                onsets[clip, start] = beats.onsets(np.pad(sound, (0, _WINDOW_SAMPLES - len(sound))))
     return onsets or None
 
 
