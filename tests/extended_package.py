@@ -120,8 +120,9 @@ def data_set():
 
 
 def metric():
-    from ha2g_jax.metrics import METRICS
     from ha2g_jax.study.evaluation.clip_result import ClipResult
+
+    from ha2g_jax.metrics import METRICS
     from ha2g_jax.study.evaluation.evaluate import evaluate
 
     random = np.random.default_rng(0)

@@ -13,8 +13,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 SECTIONS = {
-    title.lower(): text
-    for title, text in re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", PAGE, re.DOTALL | re.MULTILINE)
+    title.lower(): text for title, text in re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", PAGE, re.DOTALL | re.MULTILINE)
 }
 RECIPES = ("a loss term", "an audio encoder", "a method", "a data set", "a metric", "a rig")
 FOLDERS = ("ha2g_jax", "experiments")
