@@ -1,4 +1,4 @@
-"""The style that a clip asks for, as the model takes it."""
+"""Style of a clip's speaker, as the model takes it."""
 
 import functools
 from typing import Any
@@ -14,10 +14,10 @@ from ha2g_jax.synthesis import Model
 
 
 def clip_identity(model: Model, clip: Clip) -> np.ndarray:
-    """f_id (style_dim,) of a clip's speaker: the mean that E_ID gives, zeros for a model that knows no identity.
+    """Return f_id (style_dim,) of a clip's speaker: the mean of E_ID, zeros for a model without an identity.
 
-    A model that reads images sees the reference frames of the clip. One with a table of speakers looks the name up;
-    a name that it does not know has no style, so it gets the average of those it knows.
+    A model that reads images gets the reference frames of the clip. A model with a table of speakers gets the style of
+    the speaker's name; for a name that is not in the table it gets the mean of all styles.
 
     Raises:
         UserError: the model reads images and the clip has none.

@@ -13,10 +13,10 @@ from ha2g_jax.data.mocap.sources import AUDIO_SUFFIXES
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.metrics.beat_alignment import audio_onsets
+from ha2g_jax.metrics.beats import audio_onsets
 from ha2g_jax.skeleton import Skeleton, load_skeleton
+from ha2g_jax.study.evaluation.clip_result import ClipResult
 from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file
-from ha2g_jax.study.evaluation.performance import Performance
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
 
@@ -36,8 +36,8 @@ class Folders(NamedTuple):
         notes: what was changed or left out, a sentence each.
     """
 
-    motion: list[Performance]
-    reference: list[Performance]
+    motion: list[ClipResult]
+    reference: list[ClipResult]
     skeleton: Skeleton
     notes: list[str]
 
@@ -56,8 +56,8 @@ class _Pair(NamedTuple):
 
 
 class _Read(NamedTuple):
-    motion: Performance
-    reference: Performance
+    motion: ClipResult
+    reference: ClipResult
     rates: tuple[float, float]
     is_cut_to_sound: bool
 
@@ -171,8 +171,8 @@ def _read(pair: _Pair) -> _Read:
 
 def _performance(
     pair: _Pair, motion: FileMotion, onsets: np.ndarray | None = None, audio: np.ndarray | None = None
-) -> Performance:
-    return Performance(pair.name, pair.source, motion.directions, FPS, onsets, audio, motion.borders)
+) -> ClipResult:
+    return ClipResult(pair.name, pair.source, motion.directions, FPS, onsets, audio, motion.borders)
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
