@@ -110,7 +110,7 @@ def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint,
         "speech.wav": ("--checkpoint", checkpoint, "--speech", tmp_path / "speech.wav"),
         "test": ("--checkpoint", checkpoint, "--data", tiny_talk, "--split", "test", "val"),
     }
-    shapes = []
+    shapes, results, shown = [], {}, {}
     for name, given in inputs.items():
         shown = {}
         for form in ("--json", "--markdown", None):

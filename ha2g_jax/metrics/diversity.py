@@ -99,7 +99,7 @@ def _both(latents: Latents, seed: int) -> Callable[[np.ndarray], tuple[float, fl
 
 def _row_statistic(row: Row) -> Callable[[np.ndarray], tuple[float, float]] | None:
     latents = row.once(row_latents)
-    return latents and _both(latents, row.reference.seed)
+    return None if latents is None else _both(latents, row.reference.seed)
 
 
 def _norm(index: int) -> Callable[[Row], Statistic | None]:
@@ -123,7 +123,7 @@ def row_draws(row: Row) -> Draws | None:
 def _draws(index: int) -> Callable[[Row], np.ndarray | None]:
     def draws(row: Row) -> np.ndarray | None:
         found = row.once(row_draws)
-        return found and found[index]
+        return None if found is None else found[index]
 
     return draws
 

@@ -185,7 +185,7 @@ class RecordingMoments:
 
 def _row_moments(row: Row) -> RecordingMoments | None:
     latents = row.once(row_latents)
-    return latents and RecordingMoments(latents, row.reference.num_recordings)
+    return None if latents is None else RecordingMoments(latents, row.reference.num_recordings)
 
 
 def _true_moments(row: Row) -> RecordingMoments | None:
@@ -196,8 +196,8 @@ def _true_moments(row: Row) -> RecordingMoments | None:
 
 def _distance_to_truth(row: Row, cut: str) -> Statistic | None:
     """Return the FGD of a row, None where windows are cut in another way; a draw takes the same recordings of both."""
-    own, true = row.once(_true_moments), row.reference.truth.once(_true_moments)
-    if own is None or true is None or row.once(row_latents).cut.name != cut:
+    latents, own, true = row.once(row_latents), row.once(_true_moments), row.reference.truth.once(_true_moments)
+    if latents is None or own is None or true is None or latents.cut.name != cut:
         return None
     if own is true:  # which would be 0 a thousand times
         every = np.ones(own.num_recordings)

@@ -219,7 +219,7 @@ def _error(name: str) -> Callable[[Row], float | None]:
 
     def measure(row: Row) -> float | None:
         errors = row.once(_errors)
-        return errors and getattr(errors, name)
+        return None if errors is None else getattr(errors, name)
 
     return measure
 

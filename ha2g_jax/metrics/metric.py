@@ -42,9 +42,8 @@ class Metric:
             direction than ground truth shows that the metric does not measure quality, and is reported.
         group: heading of the part of the table that holds the column.
         digits: number of digits after the point.
-        measure: function of one row of the table to its score, None where the row has none. The row is a
-            `row.Row`, but for known causes a `known_causes.CauseRow` and for a recording a
-            `beats.RecordingRow`.
+        measure: function of one row of the table to the score, None where the row has none. The argument is a
+            `row.Row`; for known causes it is a `known_causes.CauseRow`, for a recording a `beats.RecordingRow`.
         section: part of the results that holds the score.
         draws: function of a row to the values (n,) of random draws; their mean and standard deviation are shown in
             place of the value, None where the row has none.

@@ -21,7 +21,7 @@ class _Remembers:
     _found: dict[Callable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False)
 
     def once(self, function: Callable[[Any], Value]) -> Value:
-        """Return function(self), computed at the first call only, so that metrics share their work.
+        """Return function(self), computed at the first call only, so that metrics do not repeat work.
 
         Args:
             function: a function of this object, defined at the top level of a module.

@@ -44,7 +44,7 @@ def seam_score(
     """Compare velocity and acceleration jumps at window borders with those inside windows, by a permutation test.
 
     A border at frame b touches the stretch [b, b + width). Its insides are the nearest stretches before and after it,
-    without gap or overlap, up to the middle of its windows and as many on either side: a motion that grows calmer does
+    without gap or overlap, up to the middle of the windows and as many on either side: a motion that grows calmer does
     not look like a seam. A draw of the test takes of each border one of its jump and those of its insides, all equally
     likely, and p = (1 + draws whose sum is at least that of the borders) / (1 + draws). It is exact where a border is
     like the stretches around it. Stretches that overlap would be more, but alike, and make the test too sure of itself.

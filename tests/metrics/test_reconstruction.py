@@ -23,11 +23,13 @@ def directions(skeleton, seed: int = 0, frames: int = 34) -> np.ndarray:
 
 
 def joint_mae(skeleton, generated, real, **options) -> float:
-    return reconstruction.joint_mae(*positions(skeleton, generated, real), **options)
+    first, second = positions(skeleton, generated, real)
+    return reconstruction.joint_mae(first, second, **options)
 
 
 def acceleration_error(skeleton, generated, real, fps) -> float:
-    return reconstruction.acceleration_error(*positions(skeleton, generated, real), fps)
+    first, second = positions(skeleton, generated, real)
+    return reconstruction.acceleration_error(first, second, fps)
 
 
 def positions(skeleton, *motions: np.ndarray) -> list[np.ndarray]:

@@ -37,7 +37,7 @@ def legacy_bc(
     Args:
         skeleton: skeleton with mean directions, angle pairs and mean absolute angle changes.
         directions: (n, 34, bones, 3) restored direction vectors, mean included; the seed poses are scored too. A
-            network's own numbers are met with its output as it is, not scaled to unit length.
+            network's published numbers need the output as it is, not scaled to unit length.
         onsets: (k,) onsets of each window in seconds, by librosa's detector with all defaults on 36267 samples.
         variant: "paper" or "fixed".
         threshold: least rise of the rate to the next frame, on either side.

@@ -52,7 +52,7 @@ def row_alignment(row: Row) -> RowAlignment | None:
 
 
 def clip_counts(row: Row) -> dict[str, float]:
-    """Return the counts of clips by what was heard and seen in them; empty without sound."""
+    """Return the numbers of silent, still and scored clips of a row, and rates; empty without sound."""
     found = row.once(row_alignment)
     if found is None:
         return {}
@@ -78,7 +78,7 @@ def _mean(values: Callable[[RowAlignment], np.ndarray]) -> Callable[[Row], Stati
 
     def measure(row: Row) -> Statistic | None:
         found = row.once(row_alignment)
-        return found and mean_by_recording(values(found), found.members, found.num_recordings)
+        return None if found is None else mean_by_recording(values(found), found.members, found.num_recordings)
 
     return measure
 

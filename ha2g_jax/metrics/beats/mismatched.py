@@ -63,7 +63,7 @@ def mismatched(
     """Compute the F of each clip (n,) with the sound of other clips, as the mean over `num` of them.
 
     The other clips are of another recording, have sound, and last as long or longer, cut to the clip's length (where
-    there are too few, a shorter one is repeated). Those whose sound is silent that long are left out of the mean.
+    there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean.
 
     Args:
         clips: n clips.

@@ -101,22 +101,17 @@ def generated(
     Raises:
         UserError: the model does not fit the corpus, there is no such split, or it has no clip.
     """
-    from ha2g_jax import synthesis
-    from ha2g_jax.study.identity import clip_identity
+    from ha2g_jax.study import generation
 
     check_fit(model, corpus)
-    seed_frames, stride = model.task.num_seed_frames, model.task.num_frames - model.task.num_seed_frames
+    seed_frames, stride = generation.model_windows(model)
 
     def read(clips: Clips, index: int) -> ClipResult:
         clip = clips[index]
-        style = clip_identity(model, clip)
-        if not model.task.identity_input:  # what such a model takes for a style is noise (Joint Embedding)
-            style = np.random.default_rng([seed, index]).standard_normal(len(style)).astype(np.float32)
+        style = generation.sampled_style(model, clip, seed, index)
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
-        directions = synthesis.generate_directions(
-            model, clip.audio, style, seed + index, words=clip.words, start=start
-        )
+        directions = generation.generate_clip(model, clip, style, seed + index, start=start)
         borders = tuple(range(stride, len(directions) - seed_frames, stride))
         return ClipResult(clip.id, clip.talk or clip.id, directions, corpus.fps, borders=borders)
 
@@ -171,7 +166,9 @@ def check_fit(model: "Model", corpus: Corpus) -> None:
     Raises:
         UserError: the skeletons or the frame rates differ.
     """
-    skeleton = model.task.skeleton.name
+    from ha2g_jax.study.generation import model_skeleton
+
+    skeleton = model_skeleton(model).name
     if skeleton != corpus.skeleton.name or model.fps != corpus.fps:
         raise UserError(
             f"{corpus.path} has the skeleton {corpus.skeleton.name} at {corpus.fps:g} frames per second, the model "

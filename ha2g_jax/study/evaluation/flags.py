@@ -49,7 +49,7 @@ def _beat_rates(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -
     for name in methods:
         rate = _value(rows[name], "beats_per_second")
         if true and rate is not None and not true / FAR <= rate <= true * FAR:
-            sentences.append(f"{name}: {rate:.2f} beats/s, ground truth {true:.2f}: far from it, whatever its F")
+            sentences.append(f"{name}: {rate:.2f} beats/s, ground truth {true:.2f}: far from it, whatever the F")
     return sentences
 
 

@@ -145,7 +145,7 @@ def evaluate_recording(
     from ha2g_jax import synthesis
     from ha2g_jax.study.evaluation.recording import score_recording
 
-    audio = read_audio(speech)
+    audio = read_audio(pathlib.Path(speech))
     model = synthesis.load(checkpoint)
     section = score_recording(model, audio, str(speech), speaker=speaker, seed=seed)
     inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": str(speech)}

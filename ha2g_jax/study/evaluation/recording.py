@@ -1,6 +1,6 @@
 """Scores of the motion that a model makes for recorded speech, where neither strokes nor true motion are known."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,15 +9,14 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics import beats
 from ha2g_jax.study.evaluation.evaluate import measure
 from ha2g_jax.study.evaluation.intervals import LEVEL, score_as_json
-
-if TYPE_CHECKING:
-    from ha2g_jax.synthesis import Model
+from ha2g_jax.study.generation import model_skeleton, model_windows
+from ha2g_jax.synthesis import Model
 
 MIN_SECONDS = 10.0  # of a recording
 
 
 def score_recording(
-    model: "Model", audio: np.ndarray, name: str, *, speaker: str | None = None, seed: int = 0
+    model: Model, audio: np.ndarray, name: str, *, speaker: str | None = None, seed: int = 0
 ) -> dict[str, Any]:
     """Score the strokes of the hands in the motion that a model makes for a recording.
 
@@ -38,8 +37,8 @@ def score_recording(
     if len(audio) < MIN_SECONDS * SAMPLE_RATE:
         raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
     motion = model.generate(audio, speaker=speaker, seed=seed)
-    first_frame = model.task.num_seed_frames
-    wrists = beats.wrists(model.task.skeleton, motion.directions)
+    first_frame, skeleton = model_windows(model).seed_frames, model_skeleton(model)
+    wrists = beats.wrists(skeleton, motion.directions)
     row = beats.recording_row(audio, wrists, motion.fps, first_frame)
     return {
         "methods": ["model"],
@@ -51,7 +50,7 @@ def score_recording(
             "recordings": 1,
             "seconds": round(row.seconds, 2),
             "windows": None,
-            "skeleton": model.task.skeleton.name,
+            "skeleton": skeleton.name,
             "fps": motion.fps,
         },
         "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import teacher
@@ -16,6 +15,7 @@ from ha2g_jax.metrics.known_causes import PROBE_ACCURACY
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.study.evaluation.clip_result import check_fit, sample
 from ha2g_jax.study.evaluation.intervals import score_as_json
+from ha2g_jax.study.generation import encode_high, generate_clip, model_windows
 from ha2g_jax.study.identity import clip_identity
 from ha2g_jax.study.talk import probe, scores
 from ha2g_jax.study.talk.scores import Trial, Truth
@@ -88,7 +88,7 @@ def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
 
 
 def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, progress: tqdm) -> dict[str, Any]:
-    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.task.num_seed_frames
+    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model_windows(model).seed_frames
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
 
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
@@ -96,11 +96,11 @@ def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int,
 
     truths = [scores.known_truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
-        speech = model, clip.audio, clip_identity(model, clip), seed + index
-        directions = synthesis.generate_directions(*speech, words=clip.words)
+        style = clip_identity(model, clip)
+        directions = generate_clip(model, clip, style, seed + index)
         add(MODEL, truth, directions)
         if model.reads_words:
-            add(WORDLESS, truth, synthesis.generate_directions(*speech))
+            add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
         again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
         add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
@@ -156,5 +156,5 @@ def _probe(
 def _with_features(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
     """Yield the clips with f_high."""
     for clip in clips:
-        yield clip, np.asarray(synthesis.encode_features(model, clip.audio).high)
+        yield clip, encode_high(model, clip)
         progress.update()

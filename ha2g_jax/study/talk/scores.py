@@ -108,7 +108,7 @@ def measure_causes(row: CauseRow) -> dict[str, Estimate]:
 
 
 def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.ndarray:
-    """Return rows of `beats.Matches` (trials, 4) of the beat strokes within the time that clip and motion share."""
+    """Return rows of `beats.Matches` (trials, 4) of beat strokes in the time that clip and motion have in common."""
     counts = []
     for trial in trials:
         start, end = _shared_time(trial, fps, first_frame)

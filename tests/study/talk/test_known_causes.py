@@ -83,7 +83,7 @@ def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_t
     corpus = Corpus.open(tiny_talk)
     clips = {clip.audio.tobytes(): clip for clip in corpus.clips("train")}
 
-    def perform(model, audio, f_id, seed, *, words=()):
+    def perform(model, audio, f_id, seed, *, words=(), start=None):
         positions = clips[audio.tobytes()].positions
         true = positions_to_directions(corpus.skeleton, positions)
         return true if words else np.broadcast_to(corpus.skeleton.mean_directions, true.shape)
