@@ -10,7 +10,7 @@ from tqdm import tqdm
 from ha2g_jax import metrics
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import beats, reconstruction
-from ha2g_jax.metrics.legacy import legacy_notes
+from ha2g_jax.metrics.legacy_metrics import legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS
