@@ -4,10 +4,10 @@ python benchmarks/beat_scores.py
 python benchmarks/beat_scores.py --clips 1000 --rounds 5 --json
 
 Both go from direction vectors and onsets to recall, precision, F and F with mismatched speech of every clip, and must
-agree. They take turns, so that a busy machine is fair; ratios are of medians. Finding the onsets (librosa) is apart:
-a matter of the sound alone, done once and kept. The last two rows are of a loop over clips that leaves the angles of
-each clip to numpy, most of whose time goes into arccos. The exit code is 1 where the whole is not 20 times as fast as
-the plain loop.
+agree. They take turns, so that a busy machine treats both alike; ratios are of medians. Finding the onsets (librosa) is
+not part of it: that depends on the sound alone, is done once and kept. The last two rows are of a loop over
+clips that leaves the angles of each clip to numpy, most of whose time goes into arccos. The exit code is 1 where the
+whole is not 20 times as fast as the plain loop.
 """
 
 import argparse
@@ -22,16 +22,17 @@ from typing import Any
 import numpy as np
 import tqdm
 
-from ha2g_jax.metrics import beat_alignment, mismatched_speech
-from ha2g_jax.metrics.beat_alignment import FIRST_FRAME, SIGMA, THRESHOLD, Clip
+from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.beats import FIRST_FRAME, SIGMA, THRESHOLD, Clip
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, normalize
 
 _FPS = 15
 _LEAST_RATIO = 20
-_CLIPS_PER_SOURCE = 10
+_CLIPS_PER_RECORDING = 10
 
 
 def main() -> int:
+    """Run the benchmark and print the table; return 1 where the whole is too slow."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clips", type=int, default=1000)
     parser.add_argument("--frames", type=int, nargs=2, default=(34, 300), metavar=("LEAST", "MOST"))
@@ -44,9 +45,9 @@ def main() -> int:
 
 
 def measure(num_clips: int, frames: tuple[int, int], rounds: int) -> dict[str, Any]:
-    """Median seconds of both, part by part, after a check that they agree."""
+    """Return median seconds of both, part by part, after a check that they agree."""
     skeleton = load_skeleton("ted_expressive")
-    motions, onsets, sources = make_data(skeleton, num_clips, frames)
+    motions, onsets, recordings = make_data(skeleton, num_clips, frames)
     seconds: dict[str, list[float]] = {}
 
     def timed(name: str, function: Callable, *inputs: Any) -> Any:
@@ -56,11 +57,11 @@ def measure(num_clips: int, frames: tuple[int, int], rounds: int) -> dict[str, A
         return result
 
     for _ in tqdm.trange(rounds, desc="rounds", disable=None, leave=False):
-        rates = timed("angles", beat_alignment.angle_change_rates, skeleton, motions)
-        clips, own, floor = timed("scores", scores, rates, onsets, sources)
+        rates = timed("angles", beats.angle_change_rates, skeleton, motions)
+        clips, own, floor = timed("scores", scores, rates, onsets, recordings)
         loop_rates = timed("loop angles", lambda: [loop_rate(skeleton, motion) for motion in motions])
         timed("numpy angles", lambda: [numpy_rate(skeleton, motion) for motion in motions])
-        partners = mismatched_speech.partners(clips, sources)
+        partners = beats.partners(clips, recordings)
         loop_own, loop_floor = timed("loop scores", loop_scores, loop_rates, onsets, partners)
         for rate, loop in zip(rates, loop_rates, strict=True):
             np.testing.assert_allclose(rate, loop, rtol=1e-6, atol=1e-8)
@@ -81,6 +82,7 @@ def measure(num_clips: int, frames: tuple[int, int], rounds: int) -> dict[str, A
 
 
 def as_table(result: dict[str, Any]) -> str:
+    """Return the result as text."""
     lines = [f"{result['clips']} clips, {result['frames']} frames, medians of {result['rounds']} rounds, both agree"]
     lines.append(f"{'':<24} {'seconds':>9} {'loop':>9} {'ratio':>8}")
     lines += [
@@ -93,7 +95,7 @@ def as_table(result: dict[str, Any]) -> str:
 def make_data(
     skeleton: Skeleton, num_clips: int, frames: tuple[int, int]
 ) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
-    """Motions (T, bones, 3) that sway at random, onsets of each, and the recording that each is of."""
+    """Return motions (T, bones, 3) that sway at random, onsets of each, and the recording of each."""
     rng = np.random.default_rng(0)
     motions, onsets = [], []
     for length in rng.integers(frames[0], frames[1] + 1, num_clips):
@@ -102,19 +104,19 @@ def make_data(
         motions.append(normalize(skeleton.mean_directions[None] + 0.2 * smooth).astype(np.float32))
         times = np.cumsum(0.1 + rng.exponential(0.16, 1 + int(length / _FPS / 0.1)))
         onsets.append(times[times < length / _FPS])
-    return motions, onsets, np.arange(num_clips) // _CLIPS_PER_SOURCE
+    return motions, onsets, np.arange(num_clips) // _CLIPS_PER_RECORDING
 
 
 def scores(
-    rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], sources: np.ndarray
-) -> tuple[list[Clip], beat_alignment.Alignment, np.ndarray]:
-    """What is measured: the package's scores of all clips."""
-    clips = beat_alignment.make_clips(rates, onsets, _FPS)
-    return clips, beat_alignment.align(clips), beat_alignment.mismatched(clips, sources)
+    rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], recordings: np.ndarray
+) -> tuple[list[Clip], beats.Alignment, np.ndarray]:
+    """Compute the scores of all clips by the package, which is what is measured."""
+    clips = beats.make_clips(rates, onsets, _FPS)
+    return clips, beats.align(clips), beats.mismatched(clips, recordings)
 
 
 def loop_rate(skeleton: Skeleton, motion: np.ndarray) -> list[float]:
-    """Angle change rate of one clip, frame by frame and pair by pair."""
+    """Compute the angle change rate of one clip, frame by frame and pair by pair."""
     rate, before = [], None
     change = skeleton.angle_change.tolist()
     for frame in motion.tolist():
@@ -134,7 +136,7 @@ def loop_rate(skeleton: Skeleton, motion: np.ndarray) -> list[float]:
 def loop_scores(
     rates: Sequence[list[float]], onsets: Sequence[np.ndarray], partners: np.ndarray
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
-    """Recall, precision and F, and F with mismatched speech, of one clip after the other."""
+    """Compute recall, precision and F, and F with mismatched speech, of one clip after the other."""
     spans = [(FIRST_FRAME / _FPS, (len(rate) + 1) / _FPS) for rate in rates]
     sounds = [
         [time - start for time in times.tolist() if start <= time < end]
@@ -149,14 +151,14 @@ def loop_scores(
         for other in partners[index].tolist():
             length = spans[other][1] - spans[other][0]
             copies = math.ceil((end - start) / length)
-            heard = [time + copy * length for copy in range(copies) for time in sounds[other]]
-            others.append(_loop_f(moves, [time for time in heard if time < end - start])[2])
+            repeated = [time + copy * length for copy in range(copies) for time in sounds[other]]
+            others.append(_loop_f(moves, [time for time in repeated if time < end - start])[2])
         floor.append(sum(others) / len(others))
     return own, floor
 
 
 def loop_beats(rate: list[float]) -> list[float]:
-    """Motion beats of one clip: strict minima that rise enough to the nearest maximum on both sides."""
+    """Find the motion beats of one clip: strict minima that rise enough to the nearest maximum on both sides."""
     found = []
     for middle in range(FIRST_FRAME + 1, len(rate) - 1):
         if rate[middle - 1] <= rate[middle] or rate[middle + 1] <= rate[middle]:
@@ -186,7 +188,7 @@ def _loop_f(moves: list[float], sounds: list[float]) -> tuple[float, float, floa
 
 
 def numpy_rate(skeleton: Skeleton, motion: np.ndarray) -> np.ndarray:
-    """Angle change rate of one clip by numpy."""
+    """Compute the angle change rate of one clip by numpy."""
     angles = joint_angles(skeleton, motion.astype(np.float64)) / np.pi
     return np.mean(np.abs(np.diff(angles, axis=0)) / skeleton.angle_change[None], axis=1)
 

@@ -1,4 +1,4 @@
-"""`ha2g evaluate` on folders of motion and on a corpus without known strokes: a table or JSON, or one line."""
+"""`ha2g evaluate`: results of one shape for every input and form, or one line on an option that does not apply."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from ha2g_jax import cli
+from ha2g_jax import cli, synthesis
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 
@@ -35,7 +35,7 @@ def evaluate(*arguments) -> int:
 def test_folders_give_json_with_the_sanity_rows(folders, capsys):
     mine, true = folders
     assert evaluate("--motion", mine, "--reference", true, "--json") == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = json.loads(capsys.readouterr().out)["sections"]["true"]["rows"]
     assert {"mine", "ground truth", "mean pose", "frozen", "mismatched speech", "white jitter"} <= rows.keys()
 
 
@@ -52,6 +52,79 @@ def test_one_folder_alone_is_refused(folders, capsys):
     assert capsys.readouterr().err == "ha2g: --motion and --reference go together; give both folders\n"
 
 
-def test_several_splits_are_refused_where_one_is_scored(tiny_talk, capsys):
-    assert evaluate("--data", tiny_talk, "--legacy", "--split", "test", "val") == 2
-    assert "name one with --split" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (
+            ["--motion", "a", "--reference", "b", "--split", "test"],
+            "--split does not apply to --motion with --reference",
+        ),
+        (
+            ["--motion", "a", "--reference", "b", "--data", "c", "--speech", "d"],
+            "--data, --speech do not apply to --motion with --reference",
+        ),
+        (["--motion", "a", "--reference", "b", "--checkpoint", "demo"], "--checkpoint does not apply to --motion with"),
+        (["--speech", "a.wav", "--data", "talk"], "--data does not apply to --checkpoint with --speech"),
+        (["--speech", "a.wav", "--split", "test"], "--split does not apply to --checkpoint with --speech"),
+        (["--speech", "a.wav", "--legacy"], "--legacy does not apply to --checkpoint with --speech"),
+        (["--speech", "a.wav", "--autoencoder", "b"], "--autoencoder does not apply to --checkpoint with --speech"),
+        (["--data", "talk", "--skeleton", "ted_gesture"], "--skeleton does not apply to --checkpoint with --data"),
+        (["--joint-map", "mixamo"], "--joint-map does not apply to --checkpoint with --data"),
+    ],
+)
+def test_an_option_that_does_not_apply_is_refused_in_one_line(given, line, capsys):
+    assert evaluate(*given) == 2
+    shown = capsys.readouterr()
+    assert not shown.out and shown.err.startswith(f"ha2g: {line}") and shown.err.count("\n") == 1
+
+
+def test_one_form_is_chosen(capsys):
+    with pytest.raises(SystemExit) as caught:
+        evaluate("--json", "--markdown")
+    assert caught.value.code == 2
+
+
+@pytest.fixture
+def checkpoint(debug_model, monkeypatch):
+    monkeypatch.setattr(synthesis, "load", lambda checkpoint: debug_model)
+    return "any"
+
+
+def shape(results: dict) -> dict:
+    """What results of every input have in common."""
+    return {key: type(value) for key, value in results.items()} | {
+        key: type(value)
+        for section in results["sections"].values()
+        for key, value in section.items()
+        if key not in ("legacy_v1", "known_causes", "recording", "autoencoder")
+    }
+
+
+def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint, tiny_talk, tmp_path, capsys):
+    """On Talk the known causes are part of them, without an option that switches programmes."""
+    mine, true = folders
+    audio = np.concatenate([soundfile.read(path)[0] for path in sorted(true.glob("*.wav"))])
+    soundfile.write(tmp_path / "speech.wav", audio, 16000)
+    inputs = {
+        "true": ("--motion", mine, "--reference", true),
+        "speech.wav": ("--checkpoint", checkpoint, "--speech", tmp_path / "speech.wav"),
+        "test": ("--checkpoint", checkpoint, "--data", tiny_talk, "--split", "test", "val"),
+    }
+    shapes, results, shown = [], {}, {}
+    for name, given in inputs.items():
+        shown = {}
+        for form in ("--json", "--markdown", None):
+            assert evaluate(*given, *([form] if form else [])) == 0
+            shown[form] = capsys.readouterr().out
+        results = json.loads(shown["--json"])
+        shapes.append(shape(results))
+        assert name in results["sections"]
+        titles = [metric["title"] for metric in results["metrics"].values()]
+        for form, heading in (("--markdown", f"## {name}"), (None, f"{name}:")):
+            assert heading in shown[form]
+            assert sum(title in shown[form] for title in titles) > 0.8 * len(titles)
+    assert shapes[0] == shapes[1] == shapes[2]
+    assert list(results["sections"]) == ["test", "val"]
+    assert all("known_causes" in section for section in results["sections"].values())
+    for form in ("--markdown", None):
+        assert "Known causes" in shown[form] and "white jitter" in shown[form]

@@ -6,11 +6,9 @@ import os
 import pathlib
 import signal
 import sys
-from typing import Any
 
-from ha2g_jax.cli import data, export, generate, view
+from ha2g_jax.cli import data, evaluate, export, generate, view
 from ha2g_jax.errors import UserError
-from ha2g_jax.skeleton import SKELETONS
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -59,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     describe.add_argument("--json", action="store_true")
     describe.set_defaults(run=_describe)
 
-    _add_evaluate(commands)
+    evaluate.add_command(commands)
 
     model = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
     model.add_argument("workdir", type=pathlib.Path)
@@ -68,29 +66,6 @@ def _parser() -> argparse.ArgumentParser:
 
     data.add_commands(commands)
     return parser
-
-
-def _add_evaluate(commands: Any) -> None:
-    evaluate = commands.add_parser("evaluate", help="scores of a checkpoint, or of any folder of motion")
-    evaluate.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
-    evaluate.add_argument("--data", default="talk", help="'talk' or the folder of a corpus")
-    evaluate.add_argument("--split", nargs="+", help="splits to score (default: test, of Talk also others)")
-    evaluate.add_argument("--speech", type=pathlib.Path, help="score the beats on this recording instead of --data")
-    evaluate.add_argument("--motion", type=pathlib.Path, metavar="DIR", help="score motion made by any system")
-    evaluate.add_argument(
-        "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
-    )
-    evaluate.add_argument("--skeleton", choices=SKELETONS, help="of the two folders (default: found out)")
-    evaluate.add_argument(
-        "--joint-map", default="auto", help="of .bvh files: auto, mixamo, zeroeggs, beat, ha2g or a YAML file"
-    )
-    evaluate.add_argument("--autoencoder", type=pathlib.Path, help="a trained pose auto-encoder, for FGD and diversity")
-    evaluate.add_argument("--legacy", action="store_true", help="add the scores by the field's old rules")
-    evaluate.add_argument("--seed", type=int, default=0)
-    form = evaluate.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true")
-    form.add_argument("--markdown", action="store_true")
-    evaluate.set_defaults(run=_evaluate)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:
@@ -108,44 +83,6 @@ def _describe(arguments: argparse.Namespace) -> None:
 
     rows = describe.describe(launch.load_config(arguments.config))
     print(json.dumps(rows, indent=1) if arguments.json else describe.as_table(rows))
-
-
-def _evaluate(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.evaluation.inputs import knows_strokes
-    from ha2g_jax.study.evaluation.table import as_markdown, as_table
-    from ha2g_jax.study.talk import evaluate as talk
-    from ha2g_jax.study.talk.recording import evaluate_recording
-
-    if arguments.speech:
-        scores = evaluate_recording(arguments.checkpoint, arguments.speech, seed=arguments.seed)
-        print(json.dumps(scores, indent=1))
-        return
-    if (arguments.motion is None) != (arguments.reference is None):
-        raise UserError("--motion and --reference go together; give both folders")
-    wants_metrics = arguments.autoencoder or arguments.legacy or arguments.markdown
-    if arguments.motion is None and not wants_metrics and knows_strokes(arguments.data):
-        scores = talk.evaluate(arguments.checkpoint, arguments.data, splits=arguments.split, seed=arguments.seed)
-        print(json.dumps(scores, indent=1) if arguments.json else talk.as_table(scores))
-        return
-    results = _evaluate_metrics(arguments)
-    if arguments.json:
-        print(json.dumps(results, indent=1, allow_nan=False))
-    else:
-        print((as_markdown if arguments.markdown else as_table)(results))
-
-
-def _evaluate_metrics(arguments: argparse.Namespace) -> dict[str, Any]:
-    from ha2g_jax.study.evaluation.inputs import evaluate_checkpoint, evaluate_folders
-
-    options = {"autoencoder": arguments.autoencoder, "legacy": arguments.legacy, "seed": arguments.seed}
-    if arguments.motion is not None:
-        return evaluate_folders(
-            arguments.motion, arguments.reference, skeleton=arguments.skeleton, joint_map=arguments.joint_map, **options
-        )
-    if len(arguments.split or ()) > 1:
-        raise UserError("these scores are of one split; name one with --split")
-    split = arguments.split[0] if arguments.split else None
-    return evaluate_checkpoint(arguments.checkpoint, arguments.data, split=split, **options)
 
 
 def _export_model(arguments: argparse.Namespace) -> None:

@@ -1,1 +1,71 @@
-"""Scores of motion: pure numpy functions of arrays; nothing here knows a model or a file."""
+"""Metrics of motion: pure numpy functions of arrays, and the one table of all that are registered.
+
+A new metric is one file that defines a `Metric`, and one line in `METRICS`.
+"""
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.metrics import (
+    beats,
+    canonical,
+    diversity,
+    frechet,
+    joint_limits,
+    kinematics,
+    known_causes,
+    legacy_metrics,
+    reconstruction,
+    seams,
+    speeds,
+)
+from ha2g_jax.metrics.metric import Metric, Section
+
+# All metrics, in the order of the columns.
+_REGISTERED: tuple[Metric, ...] = (
+    *beats.BEAT_METRICS,
+    frechet.FGD,
+    frechet.FGD_SEEDED,
+    frechet.FGD_EXTRAPOLATED,
+    diversity.DIVERSITY_L1,
+    diversity.DIVERSITY_L2,
+    diversity.MULTIMODALITY,
+    kinematics.L1_DIVERSITY,
+    speeds.SPEED_HELLINGER,
+    kinematics.ACCELERATION,
+    kinematics.ACCELERATION_RATIO,
+    kinematics.JERK,
+    kinematics.JERK_RATIO,
+    joint_limits.LIMITS_MEAN,
+    joint_limits.LIMITS_WORST,
+    joint_limits.LIMITS_ANY,
+    seams.SEAM_VELOCITY,
+    seams.SEAM_VELOCITY_P,
+    seams.SEAM_ACCELERATION,
+    seams.SEAM_ACCELERATION_P,
+    reconstruction.JOINT_MAE,
+    reconstruction.ACCELERATION_ERROR,
+    reconstruction.PCK,
+    canonical.CCA,
+    *legacy_metrics.LEGACY_METRICS,
+    *known_causes.CAUSE_METRICS,
+    known_causes.PROBE_ACCURACY,
+    *beats.RECORDING_METRICS,
+)
+METRICS: dict[str, Metric] = {metric.name: metric for metric in _REGISTERED}
+if len(METRICS) < len(_REGISTERED):
+    raise ValueError("two metrics have one name")
+
+
+def lookup(name: str) -> Metric:
+    """Return the registered metric of a name.
+
+    Raises:
+        UserError: no metric is registered under that name.
+    """
+    if name not in METRICS:
+        raise UserError(f"no metric is registered as {name!r}; add it to METRICS in ha2g_jax/metrics/__init__.py")
+    return METRICS[name]
+
+
+def of_section(section: Section) -> dict[str, Metric]:
+    """Return the metrics whose scores stand in one section of the results, in the order of the columns."""
+    return {name: metric for name, metric in METRICS.items() if metric.section == section}

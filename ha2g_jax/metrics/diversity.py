@@ -1,8 +1,16 @@
-"""Diversity: how far apart the gestures of a set lie in the latent space of the pose auto-encoder."""
+"""Diversity: distance between the gestures of a set in the latent space of the pose auto-encoder."""
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+
+from ha2g_jax.metrics.latents import Latents, row_latents
+from ha2g_jax.metrics.metric import LIKENESS, Metric, Statistic
+from ha2g_jax.metrics.row import Row, mean_by_recording
+
+NUM_PAIRS, NUM_DRAWS = 500, 10
 
 
 class Draws(NamedTuple):
@@ -13,17 +21,22 @@ class Draws(NamedTuple):
 
 
 def diversity(
-    latents: np.ndarray, sources: np.ndarray, *, num_pairs: int = 500, num_draws: int = 10, seed: int = 0
+    latents: np.ndarray,
+    recordings: np.ndarray,
+    *,
+    num_pairs: int = NUM_PAIRS,
+    num_draws: int = NUM_DRAWS,
+    seed: int = 0,
 ) -> Draws:
-    """Mean distance between gestures of different recordings, in several random draws of pairs (Tables 1 and 12).
+    """Compute the mean distance between gestures of different recordings, in random draws of pairs (Tables 1 and 12).
 
     Pairs are unordered and distinct within a draw, and never of one recording, whose overlapping windows differ little.
     All pairs are equally likely. Where there are no more than `num_pairs`, each draw has them all.
 
     Args:
         latents: (n, d) latent of each window.
-        sources: (n,) label of the recording each window is cut from.
-        num_pairs: pairs of a draw.
+        recordings: (n,) label of the recording that each window is cut from.
+        num_pairs: number of pairs of a draw.
         num_draws: number of draws.
         seed: seed of the draws.
 
@@ -31,9 +44,9 @@ def diversity(
         L1 and L2 distances, (num_draws,) each, in units of the latents.
     """
     latents = np.asarray(latents, np.float64)
-    _, members, sizes = np.unique(np.asarray(sources), return_inverse=True, return_counts=True)
+    _, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     order = np.argsort(members, kind="stable")
-    # In the order of sources, a row is paired with every row behind its own source: pair k of all is found by counting.
+    # In the order of recordings, a row is paired with every row behind its own recording; pair k is found by counting.
     ends = np.repeat(np.cumsum(sizes), sizes)
     last = np.cumsum(len(order) - ends)  # number of the first pair that is not of this row or an earlier one
     total = int(last[-1]) if len(last) else 0
@@ -49,9 +62,9 @@ def diversity(
 
 
 def multimodality(latents: np.ndarray, *, order: int = 1) -> float:
-    """Mean distance between the gestures that a method makes of one and the same speech, over several speeches.
+    """Compute the mean distance between the gestures that a method makes for one and the same speech, over all speech.
 
-    Unlike diversity it says how many answers a method has to one input: 0 for a method without randomness.
+    Unlike diversity it shows the variety for one input: 0 for a method without randomness.
 
     Args:
         latents: (inputs, samples, d) latents of several samples for each input.
@@ -68,27 +81,69 @@ def multimodality(latents: np.ndarray, *, order: int = 1) -> float:
     return float(np.mean(pairs))
 
 
-LEGACY_BATCHES = 500
+def _both(latents: Latents, seed: int) -> Callable[[np.ndarray], tuple[float, float]]:
+    """Return diversity L1 and L2 of one draw of 500 pairs, for any draw of recordings; copies of one are never paired.
 
-
-def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int | np.random.Generator) -> float:
-    """Diversity as the public release measured it: whole batches against whole batches, for comparison only.
-
-    The first 500 batches, in order, meet the first 500 of a random permutation of all batches, row by row. The value
-    depends on the batch size, and a batch may meet itself. The last, partial batch is dropped.
-
-    Args:
-        latents: (n, d) latents in the order of the loader.
-        batch_size: rows of a batch.
-        seed: seed, or a generator, whose `permutation(num_batches)` is the second order.
-
-    Returns:
-        Mean L1 distance over the rows; NaN without a whole batch.
+    So an interval holds what chance does to the choice of 500 pairs, as it does to the published numbers.
     """
-    num_batches = len(latents) // batch_size
-    if not num_batches:
-        return np.nan
-    batches = np.asarray(latents, np.float64)[: num_batches * batch_size].reshape(num_batches, batch_size, -1)
-    others = batches[np.random.default_rng(seed).permutation(num_batches)]
-    difference = batches[:LEGACY_BATCHES] - others[:LEGACY_BATCHES]
-    return float(np.abs(difference).sum(axis=-1).mean())
+    windows = np.arange(len(latents.members))
+
+    @functools.cache
+    def both(drawn: bytes) -> tuple[float, float]:
+        chosen = np.repeat(windows, np.frombuffer(drawn, np.int64)[latents.members])
+        found = diversity(latents.latents[chosen], latents.members[chosen], num_pairs=NUM_PAIRS, num_draws=1, seed=seed)
+        return float(found.l1[0]), float(found.l2[0])
+
+    return lambda counts: both(np.asarray(counts, np.int64).tobytes())
+
+
+def _row_statistic(row: Row) -> Callable[[np.ndarray], tuple[float, float]] | None:
+    latents = row.once(row_latents)
+    return None if latents is None else _both(latents, row.reference.seed)
+
+
+def _norm(index: int) -> Callable[[Row], Statistic | None]:
+    """Return a measure: diversity, 0 with the L1 and 1 with the L2 norm; None without latents."""
+
+    def measure(row: Row) -> Statistic | None:
+        both = row.once(_row_statistic)
+        return None if both is None else lambda counts: both(counts)[index]
+
+    return measure
+
+
+def row_draws(row: Row) -> Draws | None:
+    """Compute diversity in ten draws of 500 pairs (HA2G, Table 12); None without latents."""
+    latents = row.once(row_latents)
+    if latents is None:
+        return None
+    return diversity(latents.latents, latents.members, num_pairs=NUM_PAIRS, seed=row.reference.seed)
+
+
+def _draws(index: int) -> Callable[[Row], np.ndarray | None]:
+    def draws(row: Row) -> np.ndarray | None:
+        found = row.once(row_draws)
+        return None if found is None else found[index]
+
+    return draws
+
+
+def _multimodality(row: Row) -> Statistic | None:
+    """Return the distance between the motions for one and the same speech; None where no clip has several."""
+    latents = row.once(row_latents)
+    if latents is None:
+        return None
+    groups = [np.flatnonzero(latents.inputs == place) for place in np.unique(latents.inputs)]
+    groups = [group for group in groups if len(group) > 1]
+    if not groups:
+        return None
+    distances = [multimodality(latents.latents[group][None]) for group in groups]
+    members = latents.members[[group[0] for group in groups]]
+    return mean_by_recording(distances, members, row.reference.num_recordings)
+
+
+DIVERSITY_L1 = Metric(
+    "diversity_l1", "diversity L1", "", "higher", LIKENESS, 2, _norm(0), draws=_draws(0), is_paired=True
+)
+DIVERSITY_L2 = Metric("diversity_l2", "diversity L2", "", "higher", LIKENESS, 2, _norm(1), draws=_draws(1))
+MULTIMODALITY = Metric("multimodality", "multimodality L1", "", "higher", LIKENESS, 2, _multimodality)

@@ -1,24 +1,22 @@
 """Frechet gesture distance (FGD) between two sets of latents, from moments that can be gathered in any chunks."""
 
-import functools
-import logging
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.latents import FGD_CUT, FGD_SEEDED_CUT, Latents, row_latents
+from ha2g_jax.metrics.metric import LIKENESS, Metric, Score, Statistic
+from ha2g_jax.metrics.row import Row
 
+NUM_HALVES = 20  # random divisions of ground truth
 SAMPLES_PER_DIMENSION = 10  # below, the bias of the distance is of the order of what it should measure
-LEGACY_FAILURE = 1e10
 
-_CLOSE = 1e-4  # share of the traces below which their difference has lost digits that matter
-
-_logger = logging.getLogger(__name__)
+_CLOSE = 1e-4  # ratio to the traces below which their difference has lost digits that matter
 
 
 class Moments(NamedTuple):
-    """What the distance needs to know of a set: its size, its mean (d,) and its scatter (d, d) about it, in float64.
+    """Size, mean (d,) and scatter (d, d) about the mean of a set of latents, in float64.
 
     The covariance is scatter / (count - 1).
     """
@@ -29,7 +27,7 @@ class Moments(NamedTuple):
 
 
 def moments(latents: np.ndarray) -> Moments:
-    """Moments of a set of latents (n, d); n may be 0.
+    """Return the moments of a set of latents (n, d); n may be 0.
 
     Raises:
         UserError: a latent is not finite.
@@ -45,37 +43,10 @@ def moments(latents: np.ndarray) -> Moments:
     return Moments(len(latents), mean, centred.T @ centred)
 
 
-def merge(a: Moments, b: Moments) -> Moments:
-    """Moments of the union of two sets, without the sets (Chan, Golub and LeVeque 1979)."""
-    count = a.count + b.count
-    if not count:
-        return a
-    step = b.mean - a.mean
-    between = np.outer(step, step) * (a.count / count * b.count)
-    return Moments(count, a.mean + step * (b.count / count), a.scatter + b.scatter + between)
-
-
-def pool(parts: Sequence[Moments], counts: np.ndarray) -> Moments:
-    """Moments of a set in which part g occurs counts[g] times: what `bootstrap.bootstrap_counts` needs of an FGD.
-
-    Sources that occur twice make a set less varied than new ones would, so that the distances of resampled sets lie
-    above that of the set itself; print `half_split_floor` beside such an interval.
-
-    Args:
-        parts: (G,) moments of each source; at least one.
-        counts: (G,) how often each is drawn.
-    """
-    repeated = [
-        Moments(part.count * int(times), part.mean, part.scatter * times)
-        for part, times in zip(parts, counts, strict=True)
-        if times
-    ]
-    empty = Moments(0, np.zeros_like(parts[0].mean), np.zeros_like(parts[0].scatter))
-    return functools.reduce(merge, repeated, empty)
-
-
 def distance(a: Moments, b: Moments) -> float:
-    """Squared Frechet distance of two Gaussians: |mu1 - mu2|^2 + tr S1 + tr S2 - 2 tr sqrt(S1^1/2 S2 S1^1/2).
+    """Compute the squared Frechet distance of two Gaussians.
+
+        |mu1 - mu2|^2 + tr S1 + tr S2 - 2 tr sqrt(S1^1/2 S2 S1^1/2)
 
     With factors F F^T = S, the last trace is the sum of the singular values of F1^T F2 = P D Q^T. Where sets are so
     close that little is left of the three traces, |F1 P - F2 Q|^2 takes their place, which is the same number: it
@@ -111,25 +82,25 @@ def distance(a: Moments, b: Moments) -> float:
 
 
 def is_too_few(count: int, latent_dim: int) -> bool:
-    """Whether a set of latents is too small for its distance to be taken at face value (n < 10 d)."""
+    """Return whether a set of latents is too small for the distance to be reliable (n < 10 d)."""
     return count < SAMPLES_PER_DIMENSION * latent_dim
 
 
-def half_split_floor(latents: np.ndarray, sources: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
-    """Distance of one half of a set to the other half: what an FGD cannot be expected to fall below.
+def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
+    """Compute the distance of one half of a set to the other half, below which an FGD cannot be expected to fall.
 
-    Whole sources go to either half, in random order until about half of the latents are dealt.
+    Whole recordings go to either half, in random order until about half of the latents are dealt.
 
     Args:
         latents: (n, d) latents of real motion.
-        sources: (n,) label of each latent's source.
+        recordings: (n,) label of each latent's recording.
         num_draws: number of random splits.
         seed: seed of the splits.
 
     Returns:
-        (num_draws,) distances; NaN with fewer than two sources or where a half has fewer than two latents.
+        (num_draws,) distances; NaN with fewer than two recordings or where a half has fewer than two latents.
     """
-    labels, members, sizes = np.unique(np.asarray(sources), return_inverse=True, return_counts=True)
+    labels, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     if len(labels) < 2:
         return np.full(num_draws, np.nan)
     latents = np.asarray(latents)
@@ -147,11 +118,11 @@ def half_split_floor(latents: np.ndarray, sources: np.ndarray, *, num_draws: int
 def extrapolate(
     generated: np.ndarray, real: np.ndarray, *, num_sizes: int = 15, num_draws: int = 5, seed: int = 0
 ) -> float:
-    """The distance that sets without end would have: the intercept of a line through FGD against 1/n.
+    """Estimate the distance of sets without end, as the intercept of a line through FGD against 1/n.
 
     Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be read off subsets of
     several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the smaller set.
-    Few sources remain few: the bias that comes of them stays. May be slightly negative.
+    The bias that comes of few recordings stays. May be slightly negative.
 
     Args:
         generated: (n, d) latents.
@@ -179,41 +150,8 @@ def extrapolate(
     return float(np.polyfit(1 / sizes, distances.mean(axis=0), 1)[1])
 
 
-def legacy_distance(generated: np.ndarray, real: np.ndarray) -> float:
-    """FGD as the public release computed it, for comparison only.
-
-    Means in float32, covariances (n - 1) in float64, the general square root of S1 S2 by a Schur decomposition. If the
-    root is not finite, 1e-6 is added to both diagonals and the root taken again. A complex root counts by its real part
-    unless its diagonal has an imaginary part above 1e-3. What fails then scores 1e10.
-
-    Args:
-        generated: (n, d) latents, taken in float32.
-        real: (m, d) latents, taken in float32.
-    """
-    generated, real = np.asarray(generated, np.float32), np.asarray(real, np.float32)
-    if min(len(generated), len(real)) < 2 or not (np.isfinite(generated).all() and np.isfinite(real).all()):
-        return LEGACY_FAILURE
-    step = generated.mean(axis=0) - real.mean(axis=0)
-    covariances = [np.atleast_2d(np.cov(rows, rowvar=False)) for rows in (generated, real)]
-    root = _schur_root(covariances[0] @ covariances[1])
-    if not np.isfinite(root).all():
-        _logger.warning("legacy FGD: the product of covariances has no square root; 1e-6 added to their diagonals")
-        offset = 1e-6 * np.eye(len(root))
-        root = _schur_root((covariances[0] + offset) @ (covariances[1] + offset))
-    diagonal = np.diagonal(root)
-    if not np.isfinite(root).all() or np.max(np.abs(np.imag(diagonal))) > 1e-3:
-        return LEGACY_FAILURE
-    traces = np.trace(covariances[0]) + np.trace(covariances[1]) - 2 * np.sum(np.real(diagonal))
-    return float(step.dot(step) + traces)
-
-
-def legacy_feature_distance(generated: np.ndarray, real: np.ndarray) -> float:
-    """The release's "feat_D": mean over samples of the L1 distance between a sample's generated and real latent."""
-    return float(np.abs(np.asarray(generated, np.float64) - np.asarray(real, np.float64)).sum(axis=1).mean())
-
-
 def _factor(covariance: np.ndarray) -> np.ndarray:
-    """F with F F^T = S: Cholesky's, or where S is singular the symmetric root, negative eigenvalues clipped at 0."""
+    """Return F with F F^T = S: Cholesky's, or of a singular S the symmetric root, negative eigenvalues clipped at 0."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -221,25 +159,88 @@ def _factor(covariance: np.ndarray) -> np.ndarray:
         return (vectors * np.sqrt(np.clip(values, 0, None))) @ vectors.T
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a root that is not finite has its rule in the caller
-def _schur_root(matrix: np.ndarray) -> np.ndarray:
-    """The general square root of a matrix, real where it can be, NaN where there is none (Björck and Hammarling 1983).
+class RecordingMoments:
+    """Moments of latents by recording, from which those of any draw of recordings follow at once."""
 
-    Written out, because scipy's `sqrtm` changed with its versions what it makes of singular matrices: 1.17 has 0 for
-    the root of 0, 1.18 has infinities, and the legacy value follows.
-    """
-    from scipy import linalg
+    def __init__(self, latents: Latents, num_recordings: int):
+        self.num_recordings = num_recordings
+        self._centre = latents.latents.mean(axis=0)  # so that what is subtracted below is small
+        dim = latents.latents.shape[1]
+        self._sizes, self._sums = np.zeros(num_recordings), np.zeros((num_recordings, dim))
+        self._squares = np.zeros((num_recordings, dim * dim))
+        for member in np.unique(latents.members):
+            own = latents.latents[latents.members == member] - self._centre
+            self._sizes[member], self._sums[member] = len(own), own.sum(axis=0)
+            self._squares[member] = (own.T @ own).reshape(-1)
 
-    triangle, vectors = linalg.schur(matrix)[:2]
-    if np.any(np.tril(triangle, -1)) or np.any(np.diagonal(triangle) < 0):
-        triangle, vectors = linalg.rsf2csf(triangle, vectors)
-    root = np.diag(np.sqrt(np.diagonal(triangle)))
-    rounding = len(root) * np.finfo(np.float64).eps * np.abs(triangle).max()
-    for column in range(1, len(root)):
-        for row in range(column - 1, -1, -1):
-            rest = triangle[row, column] - root[row, row + 1 : column] @ root[row + 1 : column, column]
-            scale = root[row, row] + root[column, column]
-            if scale == 0 and abs(rest) > rounding:
-                return np.full_like(root, np.nan)
-            root[row, column] = rest / scale if scale else 0
-    return vectors @ root @ vectors.conj().T
+    def pool(self, counts: np.ndarray) -> Moments:
+        """Return the moments of the latents of recordings that are drawn `counts` (recordings,) times each."""
+        size = float(counts @ self._sizes)
+        if not size:
+            return Moments(0, self._centre, np.zeros((len(self._centre),) * 2))
+        mean = counts @ self._sums / size
+        squares = (counts @ self._squares).reshape(len(mean), len(mean))
+        return Moments(int(size), self._centre + mean, squares - size * np.outer(mean, mean))
+
+
+def _row_moments(row: Row) -> RecordingMoments | None:
+    latents = row.once(row_latents)
+    return None if latents is None else RecordingMoments(latents, row.reference.num_recordings)
+
+
+def _true_moments(row: Row) -> RecordingMoments | None:
+    """Return the moments of a row, those of ground truth where the motion is the true one."""
+    is_true = row.directions is row.reference.directions
+    return (row.reference.truth if is_true else row).once(_row_moments)
+
+
+def _distance_to_truth(row: Row, cut: str) -> Statistic | None:
+    """Return the FGD of a row, None where windows are cut in another way; a draw takes the same recordings of both."""
+    latents, own, true = row.once(row_latents), row.once(_true_moments), row.reference.truth.once(_true_moments)
+    if latents is None or own is None or true is None or latents.cut.name != cut:
+        return None
+    if own is true:  # which would be 0 a thousand times
+        every = np.ones(own.num_recordings)
+        value = distance(own.pool(every), true.pool(every))
+        return lambda counts: value
+    return lambda counts: distance(own.pool(counts), true.pool(counts))
+
+
+def _halves(truth: Row, cut: str) -> np.ndarray | None:
+    """Return the FGD (n,) between random halves of the recordings."""
+    latents = truth.once(row_latents)
+    if latents is None or latents.cut.name != cut:
+        return None
+    return half_split_floor(latents.latents, latents.members, num_draws=NUM_HALVES, seed=truth.reference.seed)
+
+
+def _extrapolated(row: Row) -> Score:
+    own, true = row.once(row_latents), row.reference.truth.once(row_latents)
+    if own is None or true is None or own.cut.name != FGD_CUT:
+        return None
+    return extrapolate(own.latents, true.latents, seed=row.reference.seed)
+
+
+FGD = Metric(
+    "fgd",
+    "FGD",
+    "",
+    "lower",
+    LIKENESS,
+    3,
+    lambda row: _distance_to_truth(row, FGD_CUT),
+    halves=lambda truth: _halves(truth, FGD_CUT),
+    is_paired=True,
+)
+FGD_SEEDED = Metric(
+    "fgd_seeded",
+    "FGD (seeded)",
+    "",
+    "lower",
+    LIKENESS,
+    3,
+    lambda row: _distance_to_truth(row, FGD_SEEDED_CUT),
+    halves=lambda truth: _halves(truth, FGD_SEEDED_CUT),
+    is_paired=True,
+)
+FGD_EXTRAPOLATED = Metric("fgd_extrapolated", "FGD extrapolated", "", "lower", LIKENESS, 3, _extrapolated)

@@ -1,88 +1,102 @@
-"""How far a motion is from the one that was recorded. Errors of reconstruction: a good gesture may well be another."""
+"""Errors of reconstruction: distances of a motion from the recorded one. A good gesture may be another one."""
 
-from typing import NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 
-from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton
+from ha2g_jax.metrics.metric import RECONSTRUCTION, Metric, Statistic
+from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips
+
+DELTA = 0.1  # metres within which a joint counts as found
 
 
-class JointError(NamedTuple):
-    """Mean absolute difference of joint coordinates, in metres and in mean bone lengths."""
-
-    metres: float
-    bone_lengths: float
-
-
-class LegacyErrors(NamedTuple):
-    """The two errors of the public release, in metres, and in metres per frame^2."""
-
-    joint_mae: float
-    acceleration: float
-
-
-def joint_mae(skeleton: Skeleton, generated: np.ndarray, real: np.ndarray, *, first_frame: int = 4) -> JointError:
-    """Mean |p_hat - p| over frames, joints (the root among them) and coordinates.
+def joint_mae(generated: np.ndarray, real: np.ndarray, *, first_frame: int = SEED_FRAMES) -> float:
+    """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates.
 
     Args:
-        skeleton: of the directions.
-        generated, real: (..., T, bones, 3) direction vectors, normalised here.
-        first_frame: frames before it were given to the model and are not scored.
+        generated, real: (..., T, joints, 3) positions.
+        first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
-        The error; NaN where no frame is scored.
+        The error in units of the positions; NaN where no frame is scored.
     """
-    return _in_both_units(skeleton, _positions(skeleton, generated) - _positions(skeleton, real), first_frame)
+    return _mean_absolute(_difference(generated, real, first_frame))
 
 
-def acceleration_error(
-    skeleton: Skeleton, generated: np.ndarray, real: np.ndarray, fps: float, *, first_frame: int = 4
-) -> JointError:
-    """Mean |difference of the second differences of positions| x fps^2, over what `joint_mae` runs over.
+def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float, *, first_frame: int = SEED_FRAMES) -> float:
+    """Compute the mean of |difference of the second differences of positions| x fps^2.
 
     Args:
-        skeleton: of the directions.
-        generated, real: (..., T, bones, 3) direction vectors, normalised here.
+        generated, real: (..., T, joints, 3) positions.
         fps: frames per second.
-        first_frame: frames before it were given to the model and are not scored.
+        first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
-        The error per s^2; NaN where fewer than 3 frames are scored.
+        The error in units of the positions per s^2; NaN where fewer than 3 frames are scored.
     """
-    difference = (_positions(skeleton, generated) - _positions(skeleton, real))[..., first_frame:, :, :]
-    if difference.shape[-3] < 3:
-        return JointError(np.nan, np.nan)
-    return _in_both_units(skeleton, np.diff(difference, n=2, axis=-3) * fps**2, 0)
+    difference = _difference(generated, real, first_frame)
+    return np.nan if difference.shape[-3] < 3 else _mean_absolute(np.diff(difference, n=2, axis=-3) * fps**2)
 
 
-def legacy_errors(generated: np.ndarray, real: np.ndarray) -> LegacyErrors:
-    """The errors as the public release computes them.
+def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA, first_frame: int = SEED_FRAMES) -> float:
+    """Compute PCK, the ratio of joints in all frames whose L1 error is below delta.
 
-    Bones keep whatever length their vectors have, the bones are always TED-Gesture's (the first 9, whatever the
-    skeleton), the joint error is of frames from the 5th on and the acceleration error of all.
+    Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
 
     Args:
-        generated, real: (n, T, bones, 3) vectors with the mean added, not normalised; bones >= 9, T >= 5.
+        generated, real: (T, joints, 3) positions.
+        delta: distance in units of the positions, summed over the coordinates.
+        first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
-        Means over everything; running means weighted by batch size come to the same.
+        A number in [0, 1]; NaN where no frame is scored.
     """
-    skeleton = load_skeleton("ted_gesture")
-    lengthened = (skeleton.paths * skeleton.lengths).astype(np.float64)
-    first, second = (
-        lengthened @ np.asarray(vectors, np.float64)[..., : skeleton.num_bones, :] for vectors in (generated, real)
-    )
-    difference = second - first
-    return LegacyErrors(
-        float(np.mean(np.abs(difference[:, 4:]))), float(np.mean(np.abs(np.diff(difference, n=2, axis=1))))
-    )
+    errors = np.abs(_difference(generated, real, first_frame)).sum(axis=-1)
+    return float(np.mean(errors < delta)) if errors.size else np.nan
 
 
-def _positions(skeleton: Skeleton, directions: np.ndarray) -> np.ndarray:
-    return directions_to_positions(skeleton, np.asarray(directions, np.float64))
+def _difference(generated: np.ndarray, real: np.ndarray, first_frame: int) -> np.ndarray:
+    return (np.asarray(generated, np.float64) - np.asarray(real, np.float64))[..., first_frame:, :, :]
 
 
-def _in_both_units(skeleton: Skeleton, difference: np.ndarray, first_frame: int) -> JointError:
-    scored = difference[..., first_frame:, :, :]
-    metres = float(np.mean(np.abs(scored))) if scored.size else np.nan
-    return JointError(metres, metres / float(np.mean(skeleton.lengths, dtype=np.float64)))
+def _mean_absolute(values: np.ndarray) -> float:
+    return float(np.mean(np.abs(values))) if values.size else np.nan
+
+
+def _to_counterpart(function: Callable[..., float]) -> Callable[[Row], Statistic | None]:
+    """Return a measure: the mean over clips, by scored frames, of a function of positions and of the true ones."""
+
+    def measure(row: Row) -> Statistic | None:
+        if not row.has_counterpart:
+            return None
+        values = [
+            function(own, true, row.reference.fps) for own, true in zip(row.positions, row.true_positions, strict=True)
+        ]
+        return mean_over_clips(row, values, row.num_scored)
+
+    return measure
+
+
+JOINT_MAE = Metric(
+    "joint_mae",
+    "joint MAE",
+    "m",
+    "lower",
+    RECONSTRUCTION,
+    4,
+    _to_counterpart(lambda own, true, fps: joint_mae(own, true)),
+    is_paired=True,
+)
+ACCELERATION_ERROR = Metric(
+    "acceleration_error", "acc. error", "m/s²", "lower", RECONSTRUCTION, 2, _to_counterpart(acceleration_error)
+)
+PCK = Metric(
+    "pck",
+    "PCK",
+    "",
+    "higher",
+    RECONSTRUCTION,
+    3,
+    _to_counterpart(lambda own, true, fps: pck(own, true)),
+    is_paired=True,
+)

@@ -1,4 +1,4 @@
-"""Motions that no one would call gestures, made from real ones: rows that stand beside every model in a table.
+"""Reference rows of a table, made from real motion: mean pose, frozen, white jitter, smoothed, mismatched speech.
 
 A metric that one of them wins is no measure of quality. Each is a pure function of clips of direction vectors.
 """
@@ -12,17 +12,28 @@ from ha2g_jax.skeleton import normalize
 
 SMOOTHING = 5  # frames
 
+TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED = (
+    "ground truth",
+    "ground truth, other half",
+    "mean pose",
+    "frozen",
+    "mismatched speech",
+    "white jitter",
+    "smoothed ground truth",
+)
+SANITY_ROWS = (TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED)
+
 
 def rows(
     clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0, first_frame: int = 4
 ) -> dict[str, list[np.ndarray]]:
-    """The rows whose motion is made from the real one.
+    """Make the rows whose motion is made from the real one.
 
     Args:
-        clips: of (T, bones, 3) real direction vectors.
-        mean_directions: (bones, 3) of the training motion; need not be of unit length.
-        seed: of the jitter.
-        first_frame: frames before it are given to a model.
+        clips: real direction vectors (T, bones, 3) of each clip.
+        mean_directions: (bones, 3) mean of the training motion; need not be of unit length.
+        seed: seed of the jitter.
+        first_frame: first frame that is not given to a model.
 
     Returns:
         Name of the row -> a motion (T, bones, 3) of unit vectors, float64, for each clip.
@@ -38,19 +49,19 @@ def rows(
 
 
 def mean_pose(directions: np.ndarray, mean_directions: np.ndarray) -> np.ndarray:
-    """The mean pose (bones, 3), normalised, in every frame of (T, bones, 3)."""
+    """Return the mean pose (bones, 3), normalised, in every frame of (T, bones, 3)."""
     pose = normalize(np.asarray(mean_directions, np.float64))
     return np.repeat(pose[None], len(directions), axis=0)
 
 
 def frozen(directions: np.ndarray, *, first_frame: int = 4) -> np.ndarray:
-    """Real motion (T, bones, 3) up to `first_frame`, from there on its last pose, the last seed pose, held."""
+    """Return real motion (T, bones, 3) up to `first_frame`, from there on with the last seed pose held."""
     held = max(0, first_frame - 1)
     return normalize(np.asarray(directions, np.float64))[np.minimum(np.arange(len(directions)), held)]
 
 
 def difference_spread(clips: Sequence[np.ndarray], *, first_frame: int = 4) -> np.ndarray:
-    """Standard deviation (bones, 3) of the frame differences of all clips (T, bones, 3); 0 where there are none."""
+    """Return the standard deviation (bones, 3) of the frame differences of clips (T, bones, 3); 0 without any."""
     steps = np.concatenate([np.diff(np.asarray(clip, np.float64)[first_frame:], axis=0) for clip in clips])
     return steps.std(axis=0) if len(steps) else np.zeros(steps.shape[1:])
 
@@ -58,20 +69,20 @@ def difference_spread(clips: Sequence[np.ndarray], *, first_frame: int = 4) -> n
 def white_jitter(
     directions: np.ndarray, mean_directions: np.ndarray, spread: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """The mean pose plus N(0, s^2) per channel and frame, normalised again.
+    """Return the mean pose plus N(0, s^2) per channel and frame, normalised again.
 
     Args:
-        directions: (T, bones, 3), of which only T is used.
-        mean_directions: (bones, 3).
-        spread: s, (bones, 3), from `difference_spread`.
-        rng: advanced by the draw.
+        directions: (T, bones, 3) motion, of which only T is used.
+        mean_directions: (bones, 3) mean pose.
+        spread: (bones, 3) standard deviations s from `difference_spread`.
+        rng: generator, advanced by the draw.
     """
     pose = mean_pose(directions, mean_directions)
     return normalize(pose + rng.standard_normal(pose.shape) * spread)
 
 
 def smoothed(directions: np.ndarray, num_frames: int = SMOOTHING) -> np.ndarray:
-    """The mean over `num_frames` (odd) around each frame of (T, bones, 3), normalised again; fewer at the ends."""
+    """Return the normalised mean over `num_frames` (odd) around each frame of (T, bones, 3); fewer at the ends."""
     vectors = normalize(np.asarray(directions, np.float64))
     half = num_frames // 2
     sums = np.concatenate([np.zeros_like(vectors[:1]), np.cumsum(vectors, axis=0)])
@@ -81,28 +92,28 @@ def smoothed(directions: np.ndarray, num_frames: int = SMOOTHING) -> np.ndarray:
 
 
 def derangement(
-    sources: Sequence[str], rng: np.random.Generator, *, lengths: Sequence[int] | None = None
+    recordings: Sequence[str], rng: np.random.Generator, *, lengths: Sequence[int] | None = None
 ) -> np.ndarray:
-    """For each clip another clip of another source, whose speech is then mismatched with its motion.
+    """Choose for each clip a clip of another recording, whose speech is then mismatched with the motion.
 
-    Among clips of equal length each is used once where no source has more than half of them. A clip that has none of
-    its length from another source gets the one of the nearest length, drawn where there are several.
+    Among clips of equal length each is used once where no recording has more than half of them. A clip without another
+    of equal length from another recording gets the one of the nearest length, drawn where there are several.
 
     Args:
-        sources: (n,) source of each clip; clips of one source are never paired.
-        rng: advanced by the draws.
+        recordings: (n,) recording of each clip; clips of one recording are never paired.
+        rng: generator, advanced by the draws.
         lengths: (n,) lengths of the clips; all equal by default.
 
     Returns:
         (n,) indices of the other clips.
 
     Raises:
-        UserError: all clips are of one source.
+        UserError: all clips are of one recording.
     """
-    names = np.unique(np.asarray(sources), return_inverse=True)[1]
+    names = np.unique(np.asarray(recordings), return_inverse=True)[1]
     if names.max(initial=0) == 0:
         raise UserError(
-            f"all {len(names)} clips are of one source; mismatched speech needs another one: give clips of two or more"
+            f"all {len(names)} clips are of one recording; mismatched speech needs two: give clips of two or more"
         )
     sizes = np.zeros(len(names)) if lengths is None else np.asarray(lengths, np.float64)
     others = np.empty(len(names), int)
@@ -110,7 +121,7 @@ def derangement(
         group = rng.permutation(np.flatnonzero(sizes == size))
         counts = np.bincount(names[group])
         if 2 * counts.max() <= len(group):
-            # Sorted by source, a step as long as the longest run leads out of every run.
+            # Sorted by recording, a step as long as the longest run leads out of every run.
             order = group[np.argsort(rng.permutation(len(counts))[names[group]], kind="stable")]
             others[order] = np.roll(order, -counts.max())
         else:

@@ -1,19 +1,22 @@
-"""Can it be seen where one window of a long motion ends and the next begins?
+"""Visibility of the borders between the windows that a long motion was joined from.
 
 The jump at a border is the greatest change of the directions over the frames that the border touches. It is compared
 with the same measure of stretches inside the windows, which hold the same motion without a border.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from ha2g_jax.metrics.metric import MOVEMENT, Metric, Statistic
+from ha2g_jax.metrics.row import SEED_FRAMES, Row, ratio_of_sums
 
 WIDTH = 6  # frames that a border touches: 4 blended ones, and 2 more for a second difference to leave them
 
 
 class SeamScore(NamedTuple):
-    """Jumps at borders beside those inside windows; NaN without a border that has insides.
+    """Jumps at borders compared with those inside windows; NaN without a border that has insides.
 
     Attributes:
         velocity, acceleration: mean jump at borders / mean jump inside; 1 where no border shows.
@@ -38,22 +41,22 @@ def seam_score(
     draws: int = 1000,
     seed: int = 0,
 ) -> SeamScore:
-    """Velocity and acceleration jumps at window borders against those inside windows, with a permutation test.
+    """Compare velocity and acceleration jumps at window borders with those inside windows, by a permutation test.
 
     A border at frame b touches the stretch [b, b + width). Its insides are the nearest stretches before and after it,
-    without gap or overlap, up to the middle of its windows and as many on either side: a motion that grows calmer does
+    without gap or overlap, up to the middle of the windows and as many on either side: a motion that grows calmer does
     not look like a seam. A draw of the test takes of each border one of its jump and those of its insides, all equally
     likely, and p = (1 + draws whose sum is at least that of the borders) / (1 + draws). It is exact where a border is
     like the stretches around it. Stretches that overlap would be more, but alike, and make the test too sure of itself.
 
     Args:
-        directions: clips of (T, bones, 3) unit direction vectors.
-        borders: of each clip, the first frames of its windows but the first; frames outside of the clip are no borders.
+        directions: unit direction vectors (T, bones, 3) of each clip.
+        borders: first frames of the windows of each clip but the first; frames outside of the clip are no borders.
         fps: frames per second.
-        width: frames that a border touches.
-        first_frame: frames before it were given to the model and are not scored.
-        draws: of the test.
-        seed: of the draws.
+        width: number of frames that a border touches.
+        first_frame: first frame that is scored; those before it were given to the model.
+        draws: number of draws of the test.
+        seed: seed of the draws.
 
     Returns:
         Ratios of the jumps, in units a second and a second squared, and their p-values.
@@ -77,14 +80,14 @@ def seam_score(
 
 
 def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_frame: int = 4) -> np.ndarray:
-    """Greatest velocity and acceleration of each stretch of `width` frames.
+    """Compute the greatest velocity and acceleration of each stretch of `width` frames.
 
     Velocity at t is the mean over bones of |d(t) - d(t-1)| fps, acceleration that of |d(t) - 2 d(t-1) + d(t-2)| fps^2.
 
     Args:
-        directions: (T, bones, 3).
+        directions: (T, bones, 3) unit direction vectors.
         fps: frames per second.
-        width: frames.
+        width: number of frames of a stretch.
         first_frame: stretches that look at a frame before it are undefined.
 
     Returns:
@@ -103,12 +106,12 @@ def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_
 
 
 def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) -> list[np.ndarray]:
-    """Of each border of a clip its jump, then those of its insides, as many before it as after it.
+    """Return the jump at each border of a clip, then those of the insides, as many before the border as after it.
 
     Args:
-        jumps: (T, 2) from `stretch_jumps`.
-        borders: (k,) frames.
-        width: of the stretches.
+        jumps: (T, 2) jumps from `stretch_jumps`.
+        borders: (k,) first frames of windows.
+        width: number of frames of a stretch.
 
     Returns:
         An array (1 + insides, 2) for each border that is defined and has insides on both sides.
@@ -120,7 +123,7 @@ def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) ->
     inner = np.sort(borders[(borders > start) & (borders < end)]).tolist()
     groups = []
     for index, border in enumerate(inner):
-        # A window between two borders is shared out to both, so that no stretch is in two groups.
+        # A window between two borders is divided between both, so that no stretch is in two groups.
         before = border - start if index == 0 else (border - inner[index - 1] - width) // 2
         after = end - border - width if index == len(inner) - 1 else (inner[index + 1] - border - width) // 2
         count = min(before, after) // width
@@ -128,3 +131,52 @@ def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) ->
             places = [step for step in range(-count, count + 1) if step]
             groups.append(jumps[[border, *(border + step * width for step in places)]])
     return groups
+
+
+class _Sums(NamedTuple):
+    """Sums (2, recordings) of the jumps at borders and inside, of velocity and of acceleration."""
+
+    borders: np.ndarray
+    insides: np.ndarray
+
+
+def _sums(row: Row) -> _Sums:
+    sums = _Sums(*np.zeros((2, 2, row.reference.num_recordings)))
+    for directions, borders, member in zip(row.directions, row.borders, row.members, strict=True):
+        if len(borders):
+            jumps = stretch_jumps(directions, row.reference.fps, first_frame=SEED_FRAMES)
+            for group in border_groups(jumps, np.sort(borders)):
+                sums.borders[:, member] += group[0]
+                sums.insides[:, member] += group[1:].mean(axis=0)
+    return sums
+
+
+def _test(row: Row) -> SeamScore:
+    return seam_score(row.directions, row.borders, row.reference.fps, first_frame=SEED_FRAMES, seed=row.reference.seed)
+
+
+def _ratio(kind: int) -> Callable[[Row], Statistic | None]:
+    """Return a measure: jumps at borders over those inside, of velocity (0) or acceleration (1)."""
+
+    def measure(row: Row) -> Statistic | None:
+        sums = row.once(_sums)
+        has_any = sums.borders.any() or sums.insides.any()
+        return ratio_of_sums(sums.borders[kind], sums.insides[kind]) if has_any else None
+
+    return measure
+
+
+def _p(name: str) -> Callable[[Row], float | None]:
+    """Return a measure: a p-value of the permutation test; None without borders."""
+
+    def measure(row: Row) -> float | None:
+        found = row.once(_test)
+        return getattr(found, name) if found.borders else None
+
+    return measure
+
+
+SEAM_VELOCITY = Metric("seam_velocity", "seam velocity", "", "lower", MOVEMENT, 2, _ratio(0))
+SEAM_VELOCITY_P = Metric("seam_velocity_p", "seam velocity p", "", "none", MOVEMENT, 3, _p("velocity_p"))
+SEAM_ACCELERATION = Metric("seam_acceleration", "seam acc.", "", "lower", MOVEMENT, 2, _ratio(1))
+SEAM_ACCELERATION_P = Metric("seam_acceleration_p", "seam acc. p", "", "none", MOVEMENT, 3, _p("acceleration_p"))

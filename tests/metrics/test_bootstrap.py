@@ -4,11 +4,26 @@ import numpy as np
 import pytest
 
 from ha2g_jax.metrics import frechet
-from ha2g_jax.metrics.bootstrap import Interval, bootstrap, bootstrap_counts, bootstrap_mean
+from ha2g_jax.metrics.bootstrap import Interval, bootstrap
+from ha2g_jax.metrics.latents import Cut, Latents
+from ha2g_jax.metrics.row import mean_by_recording
 
 X = np.random.default_rng(0).normal(size=200) + 3
 EACH = np.arange(200)
 SOURCES = np.array([f"video {i}" for i in np.random.default_rng(1).integers(12, size=200)])
+
+
+def by_indices(statistic, clusters, **options) -> Interval:
+    """The interval of a function of the indices of samples; a sample that is drawn twice is listed twice."""
+    _, members = np.unique(clusters, return_inverse=True)
+    samples = np.arange(len(members))
+    return bootstrap(lambda counts: statistic(np.repeat(samples, counts[members])), clusters, **options)
+
+
+def by_sums(values, clusters, *, weights=None, **options) -> Interval:
+    """The interval of a mean, from sums by cluster."""
+    labels, members = np.unique(clusters, return_inverse=True)
+    return bootstrap(mean_by_recording(values, members, len(labels), weights), clusters, **options)
 
 
 def mean_of(values: np.ndarray):
@@ -17,11 +32,11 @@ def mean_of(values: np.ndarray):
 
 def test_interval_of_a_mean_is_the_textbook_one():
     """Mean plus and minus 1.96 standard errors, within what 1000 draws can tell; narrower at a lower level."""
-    value, low, high = bootstrap(mean_of(X), EACH)
+    value, low, high = by_indices(mean_of(X), EACH)
     half = 1.96 * X.std() / np.sqrt(200)
     assert value == X.mean()
     assert low == pytest.approx(value - half, abs=half / 5) and high == pytest.approx(value + half, abs=half / 5)
-    value, low, high = bootstrap(mean_of(X), EACH, level=0.5)
+    value, low, high = by_indices(mean_of(X), EACH, level=0.5)
     half = 0.674 * X.std() / np.sqrt(200)
     assert low == pytest.approx(value - half, abs=half / 5) and high == pytest.approx(value + half, abs=half / 5)
 
@@ -34,64 +49,65 @@ def test_bounds_are_percentiles_of_the_seeded_draws():
     for _ in range(40):
         drawn = labels[rng.integers(12, size=12)]
         scores.append(np.concatenate([X[label == SOURCES] for label in drawn]).max())
-    _, low, high = bootstrap(lambda indices: float(X[indices].max()), SOURCES, draws=40, seed=5, level=0.8)
+    _, low, high = by_indices(lambda indices: float(X[indices].max()), SOURCES, draws=40, seed=5, level=0.8)
     assert (low, high) == pytest.approx(tuple(np.percentile(scores, [10, 90])))
 
 
 def test_repeating_a_sample_within_its_cluster_teaches_nothing():
     """Protects the clusters: drawn window by window, three copies would shrink the interval by 1.7."""
-    once = bootstrap(mean_of(X), EACH)
-    thrice = bootstrap(mean_of(np.repeat(X, 3)), np.repeat(EACH, 3))
+    once = by_indices(mean_of(X), EACH)
+    thrice = by_indices(mean_of(np.repeat(X, 3)), np.repeat(EACH, 3))
     assert thrice == pytest.approx(once)
-    apart = bootstrap(mean_of(np.repeat(X, 3)), np.arange(600))
+    apart = by_indices(mean_of(np.repeat(X, 3)), np.arange(600))
     assert (apart.high - apart.low) * 1.5 < once.high - once.low
 
 
 def test_same_seed_same_interval():
-    assert bootstrap(mean_of(X), SOURCES, seed=3) == bootstrap(mean_of(X), SOURCES, seed=3)
-    assert bootstrap(mean_of(X), SOURCES, seed=3)[1:] != bootstrap(mean_of(X), SOURCES, seed=4)[1:]
+    assert by_indices(mean_of(X), SOURCES, seed=3) == by_indices(mean_of(X), SOURCES, seed=3)
+    assert by_indices(mean_of(X), SOURCES, seed=3)[1:] != by_indices(mean_of(X), SOURCES, seed=4)[1:]
 
 
 def test_means_by_sums_equal_means_by_indices():
     values = X.copy()
     values[::7] = np.nan
-    slow = bootstrap(lambda indices: float(np.nanmean(values[indices])), SOURCES, draws=200)
-    assert bootstrap_mean(values, SOURCES, draws=200) == pytest.approx(slow, rel=1e-12)
+    slow = by_indices(lambda indices: float(np.nanmean(values[indices])), SOURCES, draws=200)
+    assert by_sums(values, SOURCES, draws=200) == pytest.approx(slow, rel=1e-12)
     frames = np.random.default_rng(2).integers(1, 90, size=200)
-    slow = bootstrap(lambda i: float(np.average(X[i], weights=frames[i])), SOURCES, draws=200)
-    assert bootstrap_mean(X, SOURCES, weights=frames, draws=200) == pytest.approx(slow, rel=1e-12)
+    slow = by_indices(lambda i: float(np.average(X[i], weights=frames[i])), SOURCES, draws=200)
+    assert by_sums(X, SOURCES, weights=frames, draws=200) == pytest.approx(slow, rel=1e-12)
 
 
 def test_paired_difference_is_sharper_than_two_intervals():
     """Two methods on the same clips: what the clips share cancels, as both are read at the same indices."""
     other = X + 0.1 + 0.05 * np.random.default_rng(3).normal(size=200)
-    paired = bootstrap(lambda i: float(other[i].mean() - X[i].mean()), SOURCES)
+    paired = by_indices(lambda i: float(other[i].mean() - X[i].mean()), SOURCES)
     assert paired.low > 0.05 and paired.high < 0.15
-    assert bootstrap_mean(other - X, SOURCES) == pytest.approx(paired, rel=1e-9)
-    assert bootstrap_mean(X, SOURCES).high > bootstrap_mean(other, SOURCES).low  # apart, nothing could be said
+    assert by_sums(other - X, SOURCES) == pytest.approx(paired, rel=1e-9)
+    assert by_sums(X, SOURCES).high > by_sums(other, SOURCES).low  # apart, nothing could be said
 
 
 def test_a_distance_from_parts_equals_one_from_its_latents():
     """The fast path of an FGD: moments per source, in the order of np.unique."""
     latents = np.random.default_rng(4).normal(size=(200, 3))
     real = frechet.moments(np.random.default_rng(5).normal(size=(150, 3)) * 2)
-    parts = [frechet.moments(latents[label == SOURCES]) for label in np.unique(SOURCES)]
-    fast = bootstrap_counts(lambda counts: frechet.distance(frechet.pool(parts, counts), real), SOURCES, draws=30)
-    slow = bootstrap(lambda i: frechet.distance(frechet.moments(latents[i]), real), SOURCES, draws=30)
+    _, members = np.unique(SOURCES, return_inverse=True)
+    parts = frechet.RecordingMoments(Latents(latents, members, EACH, Cut("fgd", 4, 34)), 12)
+    fast = bootstrap(lambda counts: frechet.distance(parts.pool(counts), real), SOURCES, draws=30)
+    slow = by_indices(lambda i: frechet.distance(frechet.moments(latents[i]), real), SOURCES, draws=30)
     assert fast == pytest.approx(slow, rel=1e-9) and slow.low < slow.high
 
 
 def test_undefined_where_there_is_too_little():
     """No sample, one source, no score at all: NaN, neither a crash nor a warning."""
-    assert np.isnan(bootstrap(mean_of(X), EACH[:0])).all()
-    assert np.isnan(bootstrap_mean(X[:0], EACH[:0])).all()
-    for one in (bootstrap(mean_of(X), np.zeros(200)), bootstrap_mean(X, np.zeros(200))):
+    assert np.isnan(by_indices(mean_of(X), EACH[:0])).all()
+    assert np.isnan(by_sums(X[:0], EACH[:0])).all()
+    for one in (by_indices(mean_of(X), np.zeros(200)), by_sums(X, np.zeros(200))):
         assert one.value == pytest.approx(X.mean()) and np.isnan(one[1:]).all()
-    assert np.isnan(bootstrap_mean(np.full(200, np.nan), SOURCES)).all()
-    assert np.isnan(bootstrap(lambda indices: np.nan, SOURCES, draws=10)).all()
+    assert np.isnan(by_sums(np.full(200, np.nan), SOURCES)).all()
+    assert np.isnan(by_indices(lambda indices: np.nan, SOURCES, draws=10)).all()
 
 
 def test_draws_without_a_score_are_left_out():
     """Only one of three clips has a value: a draw that misses it has no mean, the others all have the same."""
     values = np.array([np.nan, 4.0, np.nan])
-    assert bootstrap_mean(values, np.arange(3)) == Interval(4.0, 4.0, 4.0)
+    assert by_sums(values, np.arange(3)) == Interval(4.0, 4.0, 4.0)

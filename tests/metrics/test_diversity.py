@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.diversity import diversity, legacy_diversity, multimodality
+from ha2g_jax.metrics.diversity import diversity, multimodality
+from ha2g_jax.metrics.legacy import legacy_diversity
 
 
 def all_pairs(latents: np.ndarray, sources: np.ndarray) -> list[np.ndarray]:

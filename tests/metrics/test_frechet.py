@@ -1,13 +1,11 @@
 """The Frechet distance has its closed form, bears singular and extreme sets, and does not depend on chunks."""
 
-import functools
-
 import numpy as np
 import pytest
 from scipy import linalg
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics import frechet
+from ha2g_jax.metrics import frechet, legacy
 
 DIM = 6
 
@@ -84,34 +82,6 @@ def test_units_of_the_latents_do_not_matter(scale):
     rng = np.random.default_rng(5)
     a, b = rng.normal(size=(40, DIM)), rng.normal(size=(30, DIM)) @ random_covariance(6)
     assert between(a * scale, b * scale) / scale**2 == pytest.approx(between(a, b), rel=1e-9)
-
-
-@pytest.mark.parametrize("borders", [[1, 2, 3, 50], [30], [], [0, 0, 59, 60]])
-def test_chunks_do_not_matter(borders):
-    """Protects streaming: chunks of one row and empty ones, merged from either end, equal the batch formula."""
-    rows = np.random.default_rng(7).normal(size=(60, DIM)) + 100
-    other = frechet.moments(np.random.default_rng(8).normal(size=(40, DIM)))
-    chunks = [frechet.moments(chunk) for chunk in np.split(rows, borders)]
-    for ordered in (chunks, chunks[::-1]):
-        merged = functools.reduce(frechet.merge, ordered)
-        assert merged.count == 60
-        np.testing.assert_allclose(merged.mean, rows.mean(axis=0), rtol=1e-13)
-        np.testing.assert_allclose(merged.scatter / 59, np.cov(rows, rowvar=False), rtol=1e-11, atol=1e-11)
-        assert frechet.distance(merged, other) == pytest.approx(
-            frechet.distance(frechet.moments(rows), other), rel=1e-12
-        )
-
-
-def test_pooled_parts_equal_the_set_they_stand_for():
-    """Protects the fast bootstrap of an FGD: a part drawn twice counts twice, one drawn never not at all."""
-    rows = np.random.default_rng(9).normal(size=(30, DIM))
-    parts = [frechet.moments(part) for part in np.split(rows, [4, 9, 22])]
-    pooled = frechet.pool(parts, np.array([2, 0, 1, 3]))
-    whole = frechet.moments(np.concatenate([rows[:4], rows[:4], rows[9:22], *[rows[22:]] * 3]))
-    assert pooled.count == whole.count
-    np.testing.assert_allclose(pooled.mean, whole.mean, atol=1e-14)
-    np.testing.assert_allclose(pooled.scatter, whole.scatter, atol=1e-12)
-    assert frechet.pool(parts, np.zeros(4, int)).count == 0
 
 
 def test_single_precision_latents_are_scored_in_double():
@@ -193,10 +163,10 @@ def legacy_by_hand(a: np.ndarray, b: np.ndarray) -> float:
 def test_legacy_keeps_its_stored_values():
     a, b = legacy_sets()
     assert a[0, 0] == pytest.approx(-0.006826, abs=1e-6)  # the stored values belong to these numbers
-    assert frechet.legacy_distance(a, b) == pytest.approx(3.3858528092591467, rel=1e-6)
-    assert frechet.legacy_distance(a[:4], b[:3]) == pytest.approx(12.52902372991979, rel=1e-6)  # singular
-    assert frechet.legacy_distance(a, a) == pytest.approx(0, abs=1e-6)
-    assert frechet.legacy_feature_distance(a[:30], b) == pytest.approx(7.462844961322844, rel=1e-6)
+    assert legacy.legacy_distance(a, b) == pytest.approx(3.3858528092591467, rel=1e-6)
+    assert legacy.legacy_distance(a[:4], b[:3]) == pytest.approx(12.52902372991979, rel=1e-6)  # singular
+    assert legacy.legacy_distance(a, a) == pytest.approx(0, abs=1e-6)
+    assert legacy.legacy_feature_distance(a[:30], b) == pytest.approx(7.462844961322844, rel=1e-6)
     assert legacy_by_hand(a, b) == pytest.approx(3.3858528092591467, rel=1e-6)
     assert legacy_by_hand(a[:4], b[:3]) == pytest.approx(12.52902372991979, rel=1e-6)
 
@@ -204,22 +174,22 @@ def test_legacy_keeps_its_stored_values():
 def test_legacy_takes_its_means_in_single_precision():
     """Far from the origin float32 means are coarse: the default is not moved by that, the legacy value is."""
     a, b = (rows + np.float32(1e4) for rows in legacy_sets())
-    assert frechet.legacy_distance(a, b) == pytest.approx(legacy_by_hand(a, b), rel=1e-9)
-    assert abs(frechet.legacy_distance(a, b) - between(a, b)) > 1e-5
+    assert legacy.legacy_distance(a, b) == pytest.approx(legacy_by_hand(a, b), rel=1e-9)
+    assert abs(legacy.legacy_distance(a, b) - between(a, b)) > 1e-5
 
 
 def test_legacy_tries_again_with_wider_diagonals(monkeypatch, caplog):
     """A root that is not finite is taken again of (S1 + 1e-6)(S2 + 1e-6), with a warning; the other terms stay."""
     a, b = legacy_sets()
     products = []
-    true_root = frechet._schur_root
+    true_root = legacy._schur_root
 
     def first_fails(product):
         products.append(product)
         return np.full_like(product, np.inf) if len(products) == 1 else true_root(product)
 
-    monkeypatch.setattr(frechet, "_schur_root", first_fails)
-    value = frechet.legacy_distance(a, b)
+    monkeypatch.setattr(legacy, "_schur_root", first_fails)
+    value = legacy.legacy_distance(a, b)
     first, second = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
     offset = 1e-6 * np.eye(5)
     np.testing.assert_allclose(products[0], first @ second, rtol=1e-12)
@@ -233,32 +203,32 @@ def test_legacy_tries_again_with_wider_diagonals(monkeypatch, caplog):
 def test_legacy_bears_a_little_imaginary_part(monkeypatch, imaginary, fails):
     """The limit is 1e-3 on the diagonal; what lies off the diagonal is not looked at."""
     root = 2 * np.eye(5) + 1j * (np.diag([imaginary, 0, 0, 0, 0]) + 7 * np.eye(5, k=1))
-    monkeypatch.setattr(frechet, "_schur_root", lambda product: root)
+    monkeypatch.setattr(legacy, "_schur_root", lambda product: root)
     a, b = legacy_sets()
     means = np.square(a.mean(axis=0) - b.mean(axis=0)).sum()
     traces = np.trace(np.cov(a, rowvar=False)) + np.trace(np.cov(b, rowvar=False))
     expected = 1e10 if fails else means + traces - 2 * 10
-    assert frechet.legacy_distance(a, b) == pytest.approx(expected, rel=1e-6)
+    assert legacy.legacy_distance(a, b) == pytest.approx(expected, rel=1e-6)
 
 
 def test_legacy_root_is_the_general_one():
     """Real, complex and singular products against scipy; a matrix without a root has none."""
     rng = np.random.default_rng(14)
     for matrix in (random_covariance(15) @ random_covariance(16), rng.normal(size=(7, 7)), np.array([[4.0]])):
-        root = frechet._schur_root(matrix)
+        root = legacy._schur_root(matrix)
         np.testing.assert_allclose(root, linalg.sqrtm(matrix), rtol=1e-7, atol=1e-9)
         np.testing.assert_allclose(root @ root, matrix, atol=1e-9)
-    np.testing.assert_array_equal(frechet._schur_root(np.zeros((3, 3))), np.zeros((3, 3)))
+    np.testing.assert_array_equal(legacy._schur_root(np.zeros((3, 3))), np.zeros((3, 3)))
     a, b = random_covariance(17), random_covariance(18)
     a[0], a[:, 0], b[1], b[:, 1] = 0, 0, 0, 0  # two eigenvalues that are 0 exactly
-    np.testing.assert_allclose(frechet._schur_root(a @ b) @ frechet._schur_root(a @ b), a @ b, atol=1e-9)
-    assert np.isnan(frechet._schur_root(np.array([[0.0, 1.0], [0.0, 0.0]]))).all()
+    np.testing.assert_allclose(legacy._schur_root(a @ b) @ legacy._schur_root(a @ b), a @ b, atol=1e-9)
+    assert np.isnan(legacy._schur_root(np.array([[0.0, 1.0], [0.0, 0.0]]))).all()
 
 
 def test_legacy_fails_with_its_number():
     a, b = legacy_sets()
-    assert frechet.legacy_distance(a, np.full_like(b, np.nan)) == 1e10
-    assert frechet.legacy_distance(a, b[:1]) == 1e10
+    assert legacy.legacy_distance(a, np.full_like(b, np.nan)) == 1e10
+    assert legacy.legacy_distance(a, b[:1]) == 1e10
     constant = np.ones((10, 5), np.float32)  # nothing fails here: the root of 0 is 0
     expected = np.square(a.mean(axis=0) - 1).sum() + np.trace(np.cov(a, rowvar=False))
-    assert frechet.legacy_distance(a, constant) == pytest.approx(expected, rel=1e-6)
+    assert legacy.legacy_distance(a, constant) == pytest.approx(expected, rel=1e-6)

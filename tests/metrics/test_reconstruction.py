@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.metrics import reconstruction
-from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.metrics import legacy, reconstruction
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton, normalize
 
 GESTURE = load_skeleton("ted_gesture")
 EXPRESSIVE = load_skeleton("ted_expressive")
@@ -22,6 +22,20 @@ def directions(skeleton, seed: int = 0, frames: int = 34) -> np.ndarray:
     return normalize(skeleton.mean_directions + noise)
 
 
+def joint_mae(skeleton, generated, real, **options) -> float:
+    first, second = positions(skeleton, generated, real)
+    return reconstruction.joint_mae(first, second, **options)
+
+
+def acceleration_error(skeleton, generated, real, fps) -> float:
+    first, second = positions(skeleton, generated, real)
+    return reconstruction.acceleration_error(first, second, fps)
+
+
+def positions(skeleton, *motions: np.ndarray) -> list[np.ndarray]:
+    return [directions_to_positions(skeleton, motion) for motion in motions]
+
+
 def turned_hand() -> tuple[np.ndarray, np.ndarray]:
     """A motion, and one whose left forearm (0.33 m) points along x instead of y from frame 4 on."""
     real = np.tile([0.0, 1, 0], (20, 9, 1))
@@ -32,57 +46,54 @@ def turned_hand() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_turned_forearm_by_hand():
     generated, real = turned_hand()
-    error = reconstruction.joint_mae(GESTURE, generated, real)
-    assert error.metres == pytest.approx(2 * 0.33 / 30)  # x and y of one of ten joints
-    assert error.bone_lengths == pytest.approx(2 * 0.33 / 30 / np.mean(GESTURE.lengths), rel=1e-6)
-    assert reconstruction.joint_mae(GESTURE, generated, real, first_frame=0).metres < error.metres
-    assert reconstruction.acceleration_error(GESTURE, generated, real, FPS) == (0, 0)
+    error = joint_mae(GESTURE, generated, real)
+    assert error == pytest.approx(2 * 0.33 / 30)  # x and y of one of ten joints
+    assert joint_mae(GESTURE, generated, real, first_frame=0) < error
+    assert acceleration_error(GESTURE, generated, real, FPS) == 0
 
 
 def test_acceleration_by_hand():
     generated, real = turned_hand()
     generated[:, GESTURE.bone("left_wrist")] = [0, 1, 0]
     generated[10, GESTURE.bone("left_wrist")] = [1, 0, 0]
-    error = reconstruction.acceleration_error(GESTURE, generated, real, FPS)
+    error = acceleration_error(GESTURE, generated, real, FPS)
     # Second differences 1, -2, 1 of x and of y, in 14 frames of 10 joints and 3 coordinates.
-    assert error.metres == pytest.approx(2 * 4 * 0.33 * FPS**2 / (14 * 30))
-    assert reconstruction.acceleration_error(GESTURE, generated, real, 2 * FPS).metres == pytest.approx(
-        4 * error.metres
-    )
+    assert error == pytest.approx(2 * 4 * 0.33 * FPS**2 / (14 * 30))
+    assert acceleration_error(GESTURE, generated, real, 2 * FPS) == pytest.approx(4 * error)
 
 
 @pytest.mark.parametrize("skeleton", [GESTURE, EXPRESSIVE], ids=lambda skeleton: skeleton.name)
 def test_only_the_directions_matter_not_the_lengths_of_their_vectors(skeleton):
     generated, real = directions(skeleton), directions(skeleton, 1)
-    expected = reconstruction.joint_mae(skeleton, generated, real)
-    assert reconstruction.joint_mae(skeleton, 0.3 * generated, 7 * real) == pytest.approx(expected)
-    assert reconstruction.joint_mae(skeleton, real, real) == (0, 0)
-    assert 0 < expected.metres < 0.2
+    expected = joint_mae(skeleton, generated, real)
+    assert joint_mae(skeleton, 0.3 * generated, 7 * real) == pytest.approx(expected)
+    assert joint_mae(skeleton, real, real) == 0
+    assert 0 < expected < 0.2
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([[1, 2, 0], [2, 0, 1]]), st.sampled_from([1, -1]))
 def test_exchanging_the_axes_changes_nothing(seed, axes, sign):
     generated, real = directions(GESTURE, seed), directions(GESTURE, seed + 1)
-    for metric in (reconstruction.joint_mae, functools.partial(reconstruction.acceleration_error, fps=FPS)):
+    for metric in (joint_mae, functools.partial(acceleration_error, fps=FPS)):
         turned = metric(GESTURE, sign * generated[..., axes], sign * real[..., axes])
         assert turned == pytest.approx(metric(GESTURE, generated, real))
 
 
 def test_batches_are_averaged():
     generated, real = (np.stack([directions(GESTURE, seed) for seed in seeds]) for seeds in ((0, 1), (2, 3)))
-    for metric in (reconstruction.joint_mae, functools.partial(reconstruction.acceleration_error, fps=FPS)):
-        singles = [metric(GESTURE, x, y).metres for x, y in zip(generated, real, strict=True)]
-        assert metric(GESTURE, generated, real).metres == pytest.approx(np.mean(singles))
+    for metric in (joint_mae, functools.partial(acceleration_error, fps=FPS)):
+        singles = [metric(GESTURE, x, y) for x, y in zip(generated, real, strict=True)]
+        assert metric(GESTURE, generated, real) == pytest.approx(np.mean(singles))
 
 
 def test_too_short_is_undefined_and_standing_still_is_not():
     real = directions(GESTURE)
-    assert np.isnan(reconstruction.joint_mae(GESTURE, real[:4], real[:4])).all()
+    assert np.isnan(joint_mae(GESTURE, real[:4], real[:4]))
     for frames in (0, 4, 6):
-        assert np.isnan(reconstruction.acceleration_error(GESTURE, real[:frames], real[:frames], FPS)).all()
+        assert np.isnan(acceleration_error(GESTURE, real[:frames], real[:frames], FPS))
     still = np.tile(real[:1], (34, 1, 1))
-    assert reconstruction.acceleration_error(GESTURE, still, still, FPS) == (0, 0)
+    assert acceleration_error(GESTURE, still, still, FPS) == 0
 
 
 def wave(phase: float, samples: int, bones: int) -> np.ndarray:
@@ -104,24 +115,62 @@ def test_the_legacy_errors_are_those_of_the_rules_written_out():
         for t in range(1, 33):
             second = [x[t + 1] - 2 * x[t] + x[t - 1] for x in (real, generated)]
             accelerations.append(np.mean(np.abs(second[0] - second[1])))
-    errors = reconstruction.legacy_errors(wave(0.0, 3, 42), wave(1.0, 3, 42))
+    errors = legacy.legacy_errors(wave(0.0, 3, 42), wave(1.0, 3, 42))
     assert errors == pytest.approx((np.mean(joint_errors), np.mean(accelerations)), rel=1e-6)
     # Of 42 bones only the first 9 are looked at.
-    assert errors != reconstruction.legacy_errors(wave(0.0, 3, 9), wave(1.0, 3, 9))
+    assert errors != legacy.legacy_errors(wave(0.0, 3, 9), wave(1.0, 3, 9))
     nine = [wave(phase, 3, 42)[:, :, :9] for phase in (0.0, 1.0)]
-    assert reconstruction.legacy_errors(nine[0], nine[1]) == errors
+    assert legacy.legacy_errors(nine[0], nine[1]) == errors
 
 
 @pytest.mark.parametrize("bones", [9, 42])
 def test_the_legacy_errors_of_a_stored_case(bones):
-    errors = reconstruction.legacy_errors(wave(0.0, 3, bones), wave(1.0, 3, bones))
+    errors = legacy.legacy_errors(wave(0.0, 3, bones), wave(1.0, 3, bones))
     np.testing.assert_allclose(errors, GOLDEN[bones], rtol=1e-6)
 
 
 def test_inputs_are_not_modified():
     generated, real = directions(GESTURE)[None], directions(GESTURE, 1)[None]
     before = generated.tobytes(), real.tobytes()
-    reconstruction.joint_mae(GESTURE, generated, real)
-    reconstruction.acceleration_error(GESTURE, generated, real, FPS)
-    reconstruction.legacy_errors(generated, real)
+    reconstruction.joint_mae(generated, real)
+    reconstruction.acceleration_error(generated, real, FPS)
+    reconstruction.pck(generated[0], real[0])
+    legacy.legacy_errors(generated, real)
     assert (generated.tobytes(), real.tobytes()) == before
+
+
+REAL = np.random.default_rng(0).normal(size=(12, 3, 3))
+
+
+def off(*moves: tuple[int, int, tuple[float, float, float]]) -> np.ndarray:
+    generated = REAL.copy()
+    for frame, joint, move in moves:
+        generated[frame, joint] += move
+    return generated
+
+
+def test_keypoints_are_found_within_delta_after_the_seed_pose():
+    wrong = off((5, 0, (0.2, 0, 0)), (6, 1, (0, 0.2, 0)), (7, 2, (0, 0, 0.05)), (1, 0, (9, 9, 9)))
+    assert reconstruction.pck(wrong, REAL) == pytest.approx(1 - 2 / 24)  # 8 frames of 3 joints
+    assert reconstruction.pck(wrong, REAL, first_frame=0) == pytest.approx(1 - 3 / 36)
+
+
+def test_the_error_of_a_keypoint_is_summed_over_coordinates():
+    diagonal = off((5, 0, (0.05, 0.05, 0.05)))  # 0.15
+    assert reconstruction.pck(diagonal, REAL) == pytest.approx(23 / 24)
+    assert reconstruction.pck(diagonal, REAL, delta=0.2) == 1
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_moving_both_bodies_alike_changes_no_keypoint_and_perfect_is_1(seed):
+    rng = np.random.default_rng(seed)
+    shift, other = rng.normal(size=3), REAL + rng.normal(0, 0.05, REAL.shape)
+    assert reconstruction.pck(REAL, REAL) == 1
+    assert reconstruction.pck(other + shift, REAL + shift) == pytest.approx(reconstruction.pck(other, REAL))
+
+
+def test_keypoints_without_frames_are_undefined_and_a_still_body_is_scored():
+    assert np.isnan(reconstruction.pck(REAL[:4], REAL[:4]))
+    assert reconstruction.pck(np.zeros_like(REAL), np.zeros_like(REAL)) == 1
+    assert reconstruction.pck(np.zeros_like(REAL), REAL + 10) == 0

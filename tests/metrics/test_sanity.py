@@ -92,7 +92,7 @@ def test_inputs_are_not_modified():
 def test_no_clip_gets_speech_of_its_own_source(numbers, seed):
     sources = [f"video{number}" for number in numbers]
     if len(set(sources)) == 1:
-        with pytest.raises(UserError, match="of one source; mismatched speech"):
+        with pytest.raises(UserError, match="of one recording; mismatched speech"):
             sanity.derangement(sources, np.random.default_rng(seed))
         return
     others = sanity.derangement(sources, np.random.default_rng(seed))

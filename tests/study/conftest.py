@@ -7,7 +7,7 @@ import pytest
 
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
-from ha2g_jax.study.evaluation.performance import Performance
+from ha2g_jax.study.evaluation.clip_result import ClipResult
 
 FPS = 15.0
 
@@ -61,13 +61,13 @@ def stopping_motion(
 
 @pytest.fixture(scope="session")
 def perform(skeleton):
-    """A function to performances of clips 0 to n - 1, three clips to a source."""
+    """A function to clip results of clips 0 to n - 1, three clips to a source."""
 
-    def perform(num_clips: int, num_frames: int = 120, *, delay: float = 0.0, **fields) -> list[Performance]:
+    def perform(num_clips: int, num_frames: int = 120, *, delay: float = 0.0, **fields) -> list[ClipResult]:
         made = []
         for clip in range(num_clips):
             directions, onsets = stopping_motion(skeleton, clip, num_frames, delay)
-            made.append(Performance(f"clip{clip}", f"talk{clip // 3}", directions, FPS, onsets, **fields))
+            made.append(ClipResult(f"clip{clip}", f"talk{clip // 3}", directions, FPS, onsets, **fields))
         return made
 
     return perform

@@ -1,1 +1,1 @@
-"""Scores of any motion: read or generated, measured beside rows that show what each score is worth, and printed."""
+"""Scores of any motion, read or generated, beside rows that show what each score is worth."""

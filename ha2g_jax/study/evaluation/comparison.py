@@ -8,7 +8,10 @@ from ha2g_jax.study.evaluation.intervals import number
 
 
 def compare(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Two results of `evaluate` side by side.
+    """Compare two results of `evaluate`.
+
+    Args:
+        first, second: sections of results.
 
     Returns:
         {row: {metric: {"first", "second", "difference"}}} of the rows and metrics that both have.

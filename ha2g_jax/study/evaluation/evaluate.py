@@ -7,37 +7,32 @@ import numpy as np
 import threadpoolctl
 from tqdm import tqdm
 
-from ha2g_jax import __version__
+from ha2g_jax import metrics
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics import beat_align, beat_alignment, kinematics, srgr
+from ha2g_jax.metrics import beats, reconstruction
+from ha2g_jax.metrics.legacy_metrics import legacy_notes
+from ha2g_jax.metrics.metric import Score, Section, Statistic
+from ha2g_jax.metrics.row import SEED_FRAMES, Row
+from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.study.evaluation import row_statistics
+from ha2g_jax.study.evaluation import latents
+from ha2g_jax.study.evaluation.clip_result import ClipResult
 from ha2g_jax.study.evaluation.flags import flags
 from ha2g_jax.study.evaluation.intervals import DRAWS, LEVEL, Intervals, number, spread
-from ha2g_jax.study.evaluation.latent_statistics import NUM_HALVES, Statistic
-from ha2g_jax.study.evaluation.latents import check_autoencoder, score_latents
-from ha2g_jax.study.evaluation.legacy import legacy_scores
-from ha2g_jax.study.evaluation.metrics import FGD, FGD_SEEDED, HALF, METRICS, SANITY_ROWS, TRUTH
-from ha2g_jax.study.evaluation.performance import SEED_FRAMES, Performance
-from ha2g_jax.study.evaluation.row_statistics import RowScores
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and an evaluation without latents does without
     from ha2g_jax.study.evaluation.features import PoseFeatures
 
-# Metrics of which the difference between two methods is given.
-_PAIRED = (
-    *("beat_gain", "beat_f", FGD, FGD_SEEDED, "diversity_l1", "l1_diversity", "speed_hellinger", "acceleration"),
-    *("jerk", "joint_mae", "pck"),
-)
+Scores = dict[str, Score]  # name of a metric -> its score in one row
 
 
 # A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
 # each other: on a busy machine that took ten times as long.
 @threadpoolctl.threadpool_limits.wrap(limits=1)
 def evaluate(
-    rows: Mapping[str, Sequence[Performance]],
-    reference: Sequence[Performance],
+    rows: Mapping[str, Sequence[ClipResult]],
+    reference: Sequence[ClipResult],
     skeleton: Skeleton,
     *,
     training: Sequence[np.ndarray] | None = None,
@@ -47,128 +42,136 @@ def evaluate(
     draws: int = DRAWS,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """All scores of methods on the same clips; `table` prints them.
+    """Measure all registered metrics of methods on the same clips; `table` prints them.
 
-    The rows of `metrics.SANITY_ROWS` are always there. An interval is the 95 % percentile interval under
-    resampling of the sources; the same sources are drawn for all rows.
+    The rows of `sanity.SANITY_ROWS` are always there. An interval is the 95 % percentile interval under resampling of
+    the recordings; the same recordings are drawn for all rows.
 
     Args:
-        rows: performances of each method. A clip may have several, such as those of several seeds.
-        reference: the true motion, one performance of a clip, with its onsets.
-        skeleton: of all motion; its constants serve the legacy scores.
-        training: clips (T, bones, 3) of the training split, from which the mean pose, usual changes of angles and
-            limits of angles are taken; by default the reference itself.
-        autoencoder: gives the latents of FGD and diversity, which are left out without.
-        legacy: whether to add the section "legacy_v1"; for beat consistency the reference needs its audio.
-        seed: of everything random.
-        draws: of the bootstrap.
+        rows: clip results of each method. A clip may have several, such as those of several seeds.
+        reference: true motion, one clip result for each clip, with onsets.
+        skeleton: skeleton of all motion, whose constants serve the legacy scores.
+        training: clips (T, bones, 3) of the training split, from which the mean pose and reference statistics (usual
+            changes of angles, limits of angles) are taken; by default the reference itself.
+        autoencoder: pose auto-encoder that gives the latents of FGD and diversity, which are left out without.
+        legacy: whether to add the section "legacy_v1"; beat consistency then needs the sound of the reference.
+        seed: seed of everything random.
+        draws: number of draws of the bootstrap.
         notes: sentences about the motion, to be kept with the results.
 
     Returns:
-        Ready for JSON: "rows": {row: {metric: {"value", "low", "high"}}}, None where undefined, diversity with "sd"
-        over ten draws; "differences": {"METHOD - FIRST METHOD": the same of paired differences}; "counts": of clips and
-        rates, by row; "data", "settings", "autoencoder" (None without), "flags", "warnings" and "notes"; "legacy_v1"
-        on demand.
+        One section of results, ready for JSON: "rows": {row: {metric: {"value", "low", "high"}}}, None where undefined,
+        diversity with "sd" over ten draws; "differences": {"METHOD - FIRST METHOD": the same of paired differences};
+        "counts": counts of clips and rates, by row; "methods", "data", "settings", "autoencoder" (None without),
+        "flags", "warnings" and "notes"; "legacy_v1" on demand.
 
     Raises:
         UserError: no method, no clip that all have, or an auto-encoder of another skeleton or frame rate.
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")
-    fps = reference[0].fps
-    check_autoencoder(autoencoder, skeleton, fps)
-    clips = [clip.directions for clip in reference] if training is None else training
-    made = make_rows(rows, reference, row_statistics.mean_directions(clips), seed)
-    yardstick = row_statistics.make_yardstick(skeleton, clips, made.truth.directions, fps, seed)
-    num_steps = len(made.rows) * (2 if autoencoder is None else 3)
-    with tqdm(desc="evaluate", total=num_steps, unit="row", disable=None, leave=False) as progress:
-        scores: dict[str, RowScores] = {}
-        for name, row in made.rows.items():
-            scores[name] = row_statistics.measure(row, made.truth, made, yardstick)
-            progress.update()
-        latents = score_latents(made, autoencoder, seed, progress.update)
-        statistics = {name: _beside_truth(scores[name], scores[TRUTH]) for name in made.rows}
-        for name, found in latents.statistics.items():
-            statistics[name] |= found
-        intervals = Intervals(made.num_sources, draws, seed)
-        results: dict[str, dict[str, dict[str, float | None]]] = {name: {} for name in (*rows, *SANITY_ROWS)}
-        for name, own in statistics.items():
-            drawn = latents.draws.get(name, {})
-            results[name] = {key: intervals(own[key]) | drawn.get(key, {}) for key in METRICS if key in own}
-            progress.update()
-    results[HALF] = _halves(made, scores[TRUTH].speed_counts, latents.halves, seed)
-    return {
-        "version": __version__,
+    latents.check_autoencoder(autoencoder, skeleton, reference[0].fps)
+    made = make_rows(rows, reference, skeleton, training=training, autoencoder=autoencoder, seed=seed)
+    intervals = Intervals(made.reference.num_recordings, draws, seed)
+    found, scores = _measure_rows(made, intervals, has_legacy=legacy)
+    results: dict[str, dict[str, Any]] = {name: {} for name in (*rows, *SANITY_ROWS)} | found["rows"]
+    results[HALF] = _halves(made.truth)
+    section = {
         "methods": list(rows),
         "rows": results,
-        "differences": _differences({name: statistics[name] for name in rows}, intervals),
-        "counts": {name: {key: number(value) for key, value in score.counts.items()} for name, score in scores.items()},
+        "differences": _differences({name: scores[name] for name in rows}, intervals),
+        "counts": found["counts"],
         "data": {
             "clips": len(made.ids),
-            "sources": made.num_sources,
-            "seconds": round(sum(map(len, made.truth.directions)) / fps, 2),
-            "windows": latents.windows,
+            "recordings": made.reference.num_recordings,
+            "seconds": round(sum(map(len, made.truth.directions)) / made.reference.fps, 2),
+            "windows": latents.count_windows(made.truth),
             "skeleton": skeleton.name,
-            "fps": fps,
+            "fps": made.reference.fps,
         },
-        "settings": _settings(seed, draws, fps, has_training=training is not None),
-        "autoencoder": latents.autoencoder,
+        "settings": _settings(seed, draws, made.reference.fps, has_training=training is not None),
+        "autoencoder": latents.describe(made.truth, autoencoder),
         "flags": flags(results, list(rows)),
-        "warnings": [*_few_sources(made), *latents.warnings],
-        "notes": [*notes, *made.notes, *_silence(made), *latents.notes],
-        **({"legacy_v1": legacy_scores(made, skeleton, autoencoder, seed=seed)} if legacy else {}),
+        "warnings": [*_few_recordings(made), *latents.warnings(made.truth, autoencoder)],
+        "notes": [*notes, *made.notes, *_silence(made), *latents.notes(made.truth, autoencoder)],
     }
+    if legacy:
+        section["legacy_v1"] = {"rows": found["legacy_v1"], "notes": legacy_notes(made.truth)}
+    return section
 
 
-def _beside_truth(own: RowScores, truth: RowScores) -> dict[str, Statistic]:
-    """The statistics of a row with those that relate it to ground truth."""
-    ratios = {
-        f"{metric}_ratio": row_statistics.ratio(own.statistics[metric], truth.statistics[metric])
-        for metric in ("acceleration", "jerk")
-        if metric in own.statistics and metric in truth.statistics
-    }
-    speeds = row_statistics.speed_distance(own.speed_counts, truth.speed_counts)
-    return own.statistics | ratios | {"speed_hellinger": speeds}
+def _measure_rows(made: Rows, intervals: Intervals, *, has_legacy: bool) -> tuple[dict[str, Any], dict[str, Scores]]:
+    """Return scores with intervals by section and row, the counts by row, and the scores of "rows" themselves."""
+    found: dict[str, Any] = {"rows": {}, "legacy_v1": {}, "counts": {}}
+    scores = {}
+    with tqdm(desc="evaluate", total=len(made.rows), unit="row", disable=None, leave=False) as progress:
+        for name, row in made.rows.items():
+            scores[name] = measure(row, "rows")
+            found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
+            found["rows"][name] |= _draws(row, found["rows"][name])
+            found["counts"][name] = {key: number(value) for key, value in row.once(beats.clip_counts).items()}
+            if has_legacy:
+                found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
+            if row is not made.truth:
+                row.forget()
+            progress.update()
+    return found, scores
 
 
-def _differences(
-    statistics: Mapping[str, Mapping[str, Statistic]], intervals: Intervals
-) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Of every further method less the first one."""
-    (first, base), *others = statistics.items()
+def measure(row: Any, section: Section) -> Scores:
+    """Measure the metrics of a section of which a row has a score, in the order of the columns."""
+    scores = {name: metric.measure(row) for name, metric in metrics.of_section(section).items()}
+    return {name: score for name, score in scores.items() if score is not None}
+
+
+def _draws(row: Row, scores: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
+    """Return the scores whose value is the mean of random draws, with their standard deviation."""
+    found = {}
+    for name, score in scores.items():
+        draws = metrics.lookup(name).draws
+        values = draws(row) if draws else None
+        if values is not None:
+            found[name] = score | {"value": number(values.mean()), "sd": number(values.std(ddof=1))}
+    return found
+
+
+def _differences(scores: Mapping[str, Scores], intervals: Intervals) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Return the paired differences of every further method less the first one."""
+    (first, base), *others = scores.items()
+    paired = [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
     return {
         f"{name} - {first}": {
-            key: intervals(row_statistics.difference(own[key], base[key]))
-            for key in _PAIRED
+            key: intervals.of_statistic(_difference(own[key], base[key]))
+            for key in paired
             if key in own and key in base
         }
         for name, own in others
     }
 
 
-def _halves(
-    made: Rows, speed_counts: np.ndarray, distances: Mapping[str, np.ndarray], seed: int
-) -> dict[str, dict[str, float | None]]:
-    """Ground truth's one half against the other, over random halves of the sources."""
-    if made.num_sources < 2:
+def _difference(first: Score, second: Score) -> Statistic:
+    """Return one score less another of the same draw."""
+    if not callable(first) or not callable(second):
+        raise TypeError("a paired metric must measure a statistic")
+    return lambda counts: first(counts) - second(counts)
+
+
+def _halves(truth: Row) -> dict[str, dict[str, float | None]]:
+    """Return scores of one half of ground truth against the other, over random halves of the recordings."""
+    if truth.reference.num_recordings < 2:
         return {}
-    rng = np.random.default_rng(seed)
-    speeds = []
-    for _ in range(NUM_HALVES):
-        is_first = np.zeros(made.num_sources)
-        is_first[rng.permutation(made.num_sources)[: made.num_sources // 2]] = 1
-        sides = (np.tensordot(side, speed_counts, axes=1) for side in (is_first, 1 - is_first))
-        speeds.append(kinematics.histogram_distance(*sides))
-    found = {**distances, "speed_hellinger": np.array(speeds)}
-    return {name: spread(found[name]) for name in METRICS if name in found}
+    found = {
+        name: metric.halves(truth) for name, metric in metrics.of_section("rows").items() if metric.halves is not None
+    }
+    return {name: spread(values) for name, values in found.items() if values is not None}
 
 
-def _few_sources(made: Rows) -> list[str]:
-    if made.num_sources > 1:
+def _few_recordings(made: Rows) -> list[str]:
+    if made.reference.num_recordings > 1:
         return []
     return [
-        "all clips are of one source, so there are no intervals, no mismatched speech and no other half; give clips of "
-        "several recordings"
+        "all clips are of one recording, so there are no intervals, no mismatched speech and no other half; give clips "
+        "of several recordings"
     ]
 
 
@@ -183,23 +186,23 @@ def _silence(made: Rows) -> list[str]:
 
 
 def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[str, Any]:
-    """What the numbers depend on beside the motion."""
+    """Return what the numbers depend on beside the motion."""
     return {
         "first_frame": SEED_FRAMES,
         "seed": seed,
         "draws": draws,
         "level": LEVEL,
-        "usual_motion": "training" if has_training else "reference",
+        "reference_statistics": "training" if has_training else "reference",
         "beat_alignment": {
-            "sigma": beat_alignment.SIGMA,
-            "threshold": beat_alignment.THRESHOLD,
-            "silence_db": beat_alignment.SILENCE_DB,
-            "mismatches": row_statistics.NUM_MISMATCHES,
+            "sigma": beats.SIGMA,
+            "threshold": beats.THRESHOLD,
+            "silence_db": beats.SILENCE_DB,
+            "mismatches": beats.NUM_MISMATCHES,
         },
         "beat_align": {
-            "sigma": beat_align.SIGMA,
-            "threshold": beat_align.THRESHOLD,
-            "order": beat_align.order(fps),
+            "sigma": beats.rests.SIGMA,
+            "threshold": beats.rests.THRESHOLD,
+            "order": beats.rests.order(fps),
         },
-        "pck_delta": srgr.DELTA,
+        "pck_delta": reconstruction.DELTA,
     }

@@ -23,21 +23,21 @@ _BATCH = 256  # windows that are encoded at once; the last batch is filled up, s
 
 
 class PoseFeatures:
-    """A pose auto-encoder as `ha2g train` made it (HA2G, Table 9), in evaluation mode.
+    """Pose auto-encoder trained by `ha2g train` (HA2G, Table 9), in evaluation mode.
 
     Args:
         source: a workdir or a model folder.
 
     Attributes:
         id: SHA-256 of the weights. Distances in the latent spaces of two auto-encoders cannot be compared.
-        name: of its config.
-        data: name of the corpus that it was trained on.
-        latent_dim: values of a latent.
-        skeleton: whose mean direction vectors are subtracted.
-        fps: frames per second of its windows.
+        name: name of the config.
+        data: name of the corpus that the auto-encoder was trained on.
+        latent_dim: number of values of a latent.
+        skeleton: skeleton with the mean direction vectors that are subtracted.
+        fps: frames per second of the windows.
 
     Raises:
-        UserError: there is no model, or it is no pose auto-encoder.
+        UserError: there is no model, or the model is no pose auto-encoder.
     """
 
     def __init__(self, source: str | pathlib.Path):
@@ -57,14 +57,14 @@ class PoseFeatures:
         self.fps = float(loaded.config.data.fps)
 
     def __call__(self, windows: np.ndarray) -> np.ndarray:
-        """Latents (n, d) float64 of windows (n, 34, bones, 3) of unit direction vectors."""
+        """Return latents (n, d) float64 of windows (n, 34, bones, 3) of unit direction vectors."""
         if windows.shape[1:] != (WINDOW_FRAMES, self.skeleton.num_bones, 3):
             raise ValueError(f"windows of shape {windows.shape}")
         parts = [part.astype(np.float64) for part in self._batches(_encode, windows)]
         return np.concatenate([np.zeros((0, self.latent_dim)), *parts])
 
     def reconstruction_error(self, windows: np.ndarray) -> float:
-        """Mean |x - decode(encode(x))| over windows, frames and coordinates of mean-subtracted unit vectors."""
+        """Return the mean |x - decode(encode(x))| over all coordinates of mean-subtracted unit vectors."""
         errors = np.concatenate([np.zeros(0), *self._batches(_errors, windows)])
         return float(errors.mean()) if len(errors) else float("nan")
 
@@ -76,7 +76,7 @@ class PoseFeatures:
 
 
 def weights_id(variables: dict[str, Any]) -> str:
-    """SHA-256 of parameters and statistics as float32, in hexadecimal; the same in a workdir and in a model folder."""
+    """Return the SHA-256 of parameters and statistics as float32, the same for a workdir and for a model folder."""
     flat = traverse_util.flatten_dict(variables, sep="/")
     arrays = {str(name): np.ascontiguousarray(array, np.float32) for name, array in flat.items()}
     return hashlib.sha256(safetensors.numpy.save(arrays)).hexdigest()

@@ -1,9 +1,10 @@
-"""What a reader of an evaluation must be told: metrics that a sanity row wins, and motion that beats far too often."""
+"""Flags of an evaluation: metrics that a sanity row wins, and motion that beats far too often."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ha2g_jax.study.evaluation.metrics import HALF, METRICS, NEITHER, SANITY_ROWS, TRUTH
+from ha2g_jax import metrics
+from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS, TRUTH
 
 FAR = 2.0  # times as many beats as ground truth, or as few
 
@@ -11,33 +12,33 @@ _BY_CHANCE = (TRUTH, HALF)
 
 
 def flags(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
-    """Sentences, the metrics first.
+    """Return the flags as sentences, those of the metrics first.
 
     Args:
         rows: {row: {metric: {"value", "low", "high"}}}.
-        methods: names of the rows that are evaluated.
+        methods: names of the rows of methods.
     """
     return [*_won_metrics(rows), *_beat_rates(rows, methods)]
 
 
 def _won_metrics(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Metrics in which a sanity row is further in the "better" direction than ground truth."""
+    """Return a sentence for each metric in which a sanity row goes further in the "better" direction than truth."""
     sentences = []
-    for key, metric in METRICS.items():
+    for key, metric in metrics.of_section("rows").items():
         true = _value(rows[TRUTH], key)
-        if metric.better == NEITHER or true is None:
+        if metric.direction == "none" or true is None:
             continue
+        sign = 1 if metric.direction == "higher" else -1
         found = {name: _value(rows.get(name, {}), key) for name in SANITY_ROWS if name not in _BY_CHANCE}
         winners = [
             f"{name} ({value:.{metric.digits}f})"
             for name, value in found.items()
-            if value is not None and round(metric.better * (value - true), metric.digits) > 0
+            if value is not None and round(sign * (value - true), metric.digits) > 0
         ]
         if winners:
-            direction = "higher" if metric.better > 0 else "lower"
             sentences.append(
-                f"{metric.title}: {', '.join(winners)} {direction} than ground truth ({true:.{metric.digits}f}), so "
-                f"{direction} is not better"
+                f"{metric.heading}: {', '.join(winners)} {metric.direction} than ground truth "
+                f"({true:.{metric.digits}f}), so {metric.direction} is not better"
             )
     return sentences
 
@@ -48,7 +49,7 @@ def _beat_rates(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -
     for name in methods:
         rate = _value(rows[name], "beats_per_second")
         if true and rate is not None and not true / FAR <= rate <= true * FAR:
-            sentences.append(f"{name}: {rate:.2f} beats/s, ground truth {true:.2f}: far from it, whatever its F")
+            sentences.append(f"{name}: {rate:.2f} beats/s, ground truth {true:.2f}: far from it, whatever the F")
     return sentences
 
 

@@ -1,18 +1,21 @@
-"""What `ha2g evaluate` calls: folders of motion, or a checkpoint on a corpus, to results."""
+"""The inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or two folders of motion."""
 
 import os
 import pathlib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.study.evaluation.motion_folders import from_folders
-from ha2g_jax.study.evaluation.performance import from_corpus, training_motion
 
-SPLITS = ("test", "val")  # of which the first that there is is scored
+TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
 
 _TRAINING_CLIPS = 400  # whose motion sets the mean pose, usual changes and limits of angles
 
@@ -27,18 +30,19 @@ def evaluate_folders(
     joint_map: str = AUTO,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Scores the motion in a folder, made by any system, against that in another one, paired by names of files.
+    """Score the motion in a folder, made by any system, against that in another one, paired by names of files.
 
     Args:
         motion, reference: folders; see `motion_folders.from_folders`.
-        autoencoder: a workdir or a folder of a pose auto-encoder, for FGD and diversity.
+        autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
-        joint_map: see `motion_files`.
-        seed: of everything random.
+        joint_map: names of the joints, see `motion_files`.
+        seed: seed of everything random.
 
     Returns:
-        As `evaluation.evaluate`; the row of the motion is called as its folder.
+        As `make_results`, with one section under the name of the reference folder; the row of the motion has the name
+        of its folder.
 
     Raises:
         UserError: a folder, a file or the auto-encoder cannot be used.
@@ -47,9 +51,8 @@ def evaluate_folders(
     if skeleton is None and features is not None:
         skeleton = features.skeleton.name
     folders = from_folders(motion, reference, skeleton=skeleton, joint_map=joint_map, with_audio=legacy)
-    name = pathlib.Path(motion).resolve().name
-    results = evaluate(
-        {name: folders.motion},
+    section = evaluate(
+        {_folder_name(motion): folders.motion},
         folders.reference,
         folders.skeleton,
         autoencoder=features,
@@ -57,70 +60,142 @@ def evaluate_folders(
         seed=seed,
         notes=folders.notes,
     )
-    return {"motion": str(motion), "reference": str(reference), **results}
+    inputs = {"motion": str(motion), "reference": str(reference)}
+    return make_results(inputs, {_folder_name(reference): section})
 
 
 def evaluate_checkpoint(
     checkpoint: str | pathlib.Path,
     data: str | os.PathLike,
     *,
-    split: str | None = None,
+    splits: Sequence[str] | None = None,
     autoencoder: str | os.PathLike | None = None,
     legacy: bool = False,
     limit: int | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Scores what a checkpoint performs for the speech of a corpus against its true motion.
+    """Score the motion that a checkpoint makes for the speech of a corpus against its true motion.
 
     Args:
         checkpoint: "demo", a workdir or a model folder.
         data: "talk" or the folder of a corpus.
-        split: by default the first of `SPLITS` that has a clip.
-        autoencoder: a workdir or a folder of a pose auto-encoder, for FGD and diversity.
+        splits: splits to score; by default those of `TEST_SPLITS` that have a clip, or else "val". Of the training
+            split as many clips are scored as the largest other split has.
+        autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
-        limit: clips at most, drawn at random; all by default.
-        seed: of everything random.
+        limit: greatest number of clips of each split, drawn at random; all by default.
+        seed: seed of everything random.
 
     Returns:
-        As `evaluation.evaluate`; the row of the checkpoint is called "model".
+        As `make_results`, with one section for each split; the row of the checkpoint is called "model". On a corpus
+        with known causes a section has also "known_causes", see `talk.known_causes.score_known_causes`.
 
     Raises:
-        UserError: the checkpoint, the corpus, its split or the auto-encoder cannot be used.
+        UserError: the checkpoint, the corpus, a split or the auto-encoder cannot be used.
     """
     from ha2g_jax import synthesis
+    from ha2g_jax.study.talk.known_causes import has_known_causes, score_known_causes
 
     features = _features(autoencoder)
     model = synthesis.load(checkpoint)
     corpus = Corpus.open(build.talk_path(str(data)))
-    chosen = split or next((name for name in SPLITS if corpus.has_clips(name)), None)
-    if chosen is None:
-        raise UserError(f"{corpus.path} has no split {' or '.join(SPLITS)}; name one of {', '.join(corpus.splits)}")
-    motions, truth = from_corpus(model, corpus, chosen, seed=seed, limit=limit, with_audio=legacy)
+    limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
+    if limit is not None:
+        limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}
     training = None
     if corpus.has_clips(TRAIN):
         training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS, seed=seed)
-    results = evaluate(
-        {"model": motions},
-        truth,
-        corpus.skeleton,
-        training=training,
-        autoencoder=features,
-        legacy=legacy,
-        seed=seed,
-    )
-    names = {"checkpoint": str(checkpoint), "model": model.assets.hash, "corpus": corpus.metadata["name"]}
-    return {**names, "split": chosen, **results}
+    sections = {}
+    for name, most in limits.items():
+        motions, truth = from_corpus(model, corpus, name, seed=seed, limit=most, with_audio=legacy)
+        sections[name] = evaluate(
+            {"model": motions},
+            truth,
+            corpus.skeleton,
+            training=training,
+            autoencoder=features,
+            legacy=legacy,
+            seed=seed,
+        )
+    if has_known_causes(corpus):
+        known = score_known_causes(model, corpus, limits, seed)
+        sections = {name: section | {"known_causes": known[name]} for name, section in sections.items()}
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "data": str(data)}
+    inputs["corpus"] = corpus.metadata["name"]
+    return make_results(inputs, sections)
 
 
-def knows_strokes(data: str | os.PathLike) -> bool:
-    """Whether a corpus knows what caused its motion, so that `study.talk` can score it too.
+def evaluate_recording(
+    checkpoint: str | pathlib.Path, speech: str | os.PathLike, *, speaker: str | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """Score the motion that a checkpoint makes for a recording of speech.
+
+    Args:
+        checkpoint: "demo", a workdir or a model folder.
+        speech: file with sound.
+        speaker: speaker of the model for the style; drawn with `seed` by default.
+        seed: seed of the style and the start pose.
+
+    Returns:
+        As `make_results`, with one section under the name of the file, see `recording.score_recording`.
 
     Raises:
-        UserError: there is no corpus.
+        UserError: the checkpoint, the speech or the speaker cannot be used, or there are less than 10 s of speech.
     """
-    corpus = Corpus.open(build.talk_path(str(data)))
-    split = next((name for name in corpus.splits if corpus.has_clips(name)), None)
-    return split is not None and bool(corpus.clips(split).fields(0)["style"])
+    from ha2g_jax import synthesis
+    from ha2g_jax.study.evaluation.recording import score_recording
+
+    audio = read_audio(pathlib.Path(speech))
+    model = synthesis.load(checkpoint)
+    section = score_recording(model, audio, str(speech), speaker=speaker, seed=seed)
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": str(speech)}
+    return make_results(inputs, {pathlib.Path(speech).name: section})
+
+
+def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Put sections together to results, the one shape that `table` and JSON have.
+
+    Args:
+        inputs: name of each input -> what was given.
+        sections: name of a split, a folder or a file -> what `evaluate` or `score_recording` returns.
+
+    Returns:
+        {"version", "inputs", "metrics": {name: {"title", "unit", "direction"}} of all scores, "sections"}.
+
+    Raises:
+        UserError: a score has a name that no metric is registered under.
+    """
+    names = dict.fromkeys(name for section in sections.values() for name in _score_names(section))
+    found = {name: metrics.lookup(name) for name in names}
+    return {
+        "version": __version__,
+        "inputs": dict(inputs),
+        "metrics": {
+            name: {"title": metric.title, "unit": metric.unit, "direction": metric.direction}
+            for name, metric in found.items()
+        },
+        "sections": dict(sections),
+    }
+
+
+def _score_names(section: Mapping[str, Any]) -> list[str]:
+    parts = [section["rows"], section["differences"]]
+    parts += [section[part]["rows"] for part in ("legacy_v1", "known_causes", "recording") if part in section]
+    return [name for rows in parts for row in rows.values() for name in row]
+
+
+def _choose_splits(corpus: Corpus) -> list[str]:
+    chosen = [name for name in TEST_SPLITS if corpus.has_clips(name)]
+    if chosen:
+        return chosen
+    if corpus.has_clips(OTHER_SPLIT):
+        return [OTHER_SPLIT]
+    expected = ", ".join((*TEST_SPLITS, OTHER_SPLIT))
+    raise UserError(f"{corpus.path} has no clip in a split {expected}; name one of {', '.join(corpus.splits)}")
+
+
+def _folder_name(folder: str | os.PathLike) -> str:
+    return pathlib.Path(folder).resolve().name
 
 
 def _features(autoencoder: str | os.PathLike | None):

@@ -1,9 +1,9 @@
-"""One file of motion from any system as direction vectors of a skeleton: `.npz`, `.bvh` or `.json`.
+"""Files of motion from any system (`.npz`, `.bvh` or `.json`) as direction vectors of a skeleton.
 
-- `.npz` that `ha2g generate` wrote, taken as it is;
+- `.npz` written by `ha2g generate`, taken as it is;
 - `.npz` with the arrays `positions` (T, J, 3), `fps` and `joint_names` (J,), or `.json` with the same under the same
   names: any order of joints, more joints than the skeleton's, any right-handed axes. Motion with y down and the
-  person's left where the skeleton has it is taken as it is, other motion is turned as one rigid body;
+  person's left where the skeleton has it is taken as it is, other motion is rotated as one rigid body;
 - `.bvh` of any skeleton with a joint map.
 
 `borders`, the first frames of windows that the motion was joined from, may stand in the first three.
@@ -42,7 +42,7 @@ class FileMotion(NamedTuple):
     Attributes:
         directions: (T, bones, 3) float32 unit vectors at the frame rate that was asked for.
         fps: frames per second of the file.
-        borders: first frames of its windows, at the frame rate that was asked for.
+        borders: first frames of the windows of the motion, at the frame rate that was asked for.
     """
 
     directions: np.ndarray
@@ -60,13 +60,13 @@ class _Arrays(NamedTuple):
 def read_motion_file(
     path: pathlib.Path, skeleton: Skeleton, *, fps: float, joint_map: str = joint_maps.AUTO
 ) -> FileMotion:
-    """Reads a file of one of `SUFFIXES`.
+    """Read a file of one of `SUFFIXES`.
 
     Args:
-        path: the file.
-        skeleton: the joints wanted.
-        fps: frames per second wanted; other rates are interpolated on the sphere.
-        joint_map: of BVH, see `joint_maps`; with a map, arrays may have its names too.
+        path: path of the file.
+        skeleton: skeleton of the joints to be read.
+        fps: frames per second of the result; other rates are interpolated on the sphere.
+        joint_map: names of the joints of BVH, see `joint_maps`; with a map, arrays may have these names too.
 
     Raises:
         UserError: the file cannot be read, lacks joints of the skeleton, or has values that are no motion.
@@ -87,7 +87,7 @@ def read_motion_file(
 
 
 def find_skeleton(path: pathlib.Path, joint_map: str = joint_maps.AUTO) -> str:
-    """The first of our skeletons whose joints a file has.
+    """Return the name of the first skeleton whose joints a file has.
 
     Raises:
         UserError: none of them, or the file cannot be read.
@@ -100,7 +100,7 @@ def find_skeleton(path: pathlib.Path, joint_map: str = joint_maps.AUTO) -> str:
             except UserError:
                 continue
             return name
-        return SKELETONS[-1]  # whose error, when it is read, says what is missing
+        return SKELETONS[-1]  # the error at reading then says what is missing
     content = _read_content(path)
     if "directions" in content and "meta" in content:
         return Motion.load(path).meta["skeleton"]
@@ -181,7 +181,7 @@ def _choose_joints(arrays: _Arrays, skeleton: Skeleton, joint_map: str, path: pa
 
 
 def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> tuple[list[int], list[str]]:
-    """Where our joints are, and those that are nowhere."""
+    """Return the places of the skeleton's joints among the names, and the joints that are missing."""
     plain = {name.casefold(): index for index, name in reversed(list(enumerate(names)))}
     mapped = {} if joint_map == joint_maps.AUTO else joint_maps.load_map(joint_map).names
     places, missing = [], []
@@ -213,7 +213,7 @@ def _in_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, path: pathlib.P
 
 
 def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> None:
-    """Raises UserError where positions (T, joints, 3) are not finite or a bone has no length."""
+    """Raise UserError where positions (T, joints, 3) are not finite or a bone has no length."""
     if not np.isfinite(positions).all():
         frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
         raise UserError(
@@ -230,9 +230,9 @@ def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pa
         )
 
 
-def _at_rate(directions: np.ndarray, fps: float, wanted: float, borders: np.ndarray) -> FileMotion:
-    count = num_frames(len(directions) / fps, wanted)
-    places = tuple(sorted({round(border * wanted / fps) for border in borders.tolist()}))
-    if fps == wanted:
+def _at_rate(directions: np.ndarray, fps: float, new_fps: float, borders: np.ndarray) -> FileMotion:
+    count = num_frames(len(directions) / fps, new_fps)
+    places = tuple(sorted({round(border * new_fps / fps) for border in borders.tolist()}))
+    if fps == new_fps:
         return FileMotion(np.asarray(directions, np.float32), fps, places)
-    return FileMotion(resample(directions, fps, wanted, count), fps, places)
+    return FileMotion(resample(directions, fps, new_fps, count), fps, places)

@@ -13,31 +13,31 @@ from ha2g_jax.data.mocap.recordings import AUDIO_SUFFIXES
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.metrics.beat_alignment import audio_onsets
+from ha2g_jax.metrics.beats import audio_onsets
 from ha2g_jax.skeleton import Skeleton, load_skeleton
+from ha2g_jax.study.evaluation.clip_result import ClipResult
 from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file
-from ha2g_jax.study.evaluation.performance import Performance
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
 
 _GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
 _PAIRS_PER_PROCESS = 32  # a process takes seconds to start
 _SHOWN = 3
-_DIED = "a process that read the motion was killed, perhaps for want of memory; evaluate fewer files at once"
+_DIED = "a process that read the motion was killed, perhaps because memory ran out; evaluate fewer files at once"
 
 
 class Folders(NamedTuple):
-    """What two folders hold.
+    """The clips of two folders.
 
     Attributes:
-        motion: performances; several of one id are several motions for the same speech.
-        reference: performances of the same ids, one of each.
-        skeleton: of both.
+        motion: clip results to be evaluated; several of one id are several motions for the same speech.
+        reference: clip results of the true motion, one of each id.
+        skeleton: skeleton of both.
         notes: what was changed or left out, a sentence each.
     """
 
-    motion: list[Performance]
-    reference: list[Performance]
+    motion: list[ClipResult]
+    reference: list[ClipResult]
     skeleton: Skeleton
     notes: list[str]
 
@@ -46,7 +46,7 @@ class _Pair(NamedTuple):
     """Files of one clip, and how to read them."""
 
     name: str
-    source: str
+    recording: str
     motion: pathlib.Path
     reference: pathlib.Path
     audio: pathlib.Path | None
@@ -56,8 +56,8 @@ class _Pair(NamedTuple):
 
 
 class _Read(NamedTuple):
-    motion: Performance
-    reference: Performance
+    motion: ClipResult
+    reference: ClipResult
     rates: tuple[float, float]
     is_cut_to_sound: bool
 
@@ -70,10 +70,10 @@ def from_folders(
     joint_map: str = AUTO,
     with_audio: bool = False,
 ) -> Folders:
-    """Reads the files of two folders that have the same name, up to the suffix.
+    """Read the files of two folders that have the same name, up to the suffix.
 
-    Folders may have subfolders, which then must be alike; a subfolder is taken for the recording that its clips were
-    cut from, without subfolders every clip for a recording of its own. The sound of a clip is the file of sound with
+    Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
+    recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
     the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
     motion is brought to 15 frames per second, see `motion_files`.
 
@@ -81,8 +81,8 @@ def from_folders(
         motion: folder of the motion to be evaluated.
         reference: folder of the true motion.
         skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
-        joint_map: whose joint names the files have; see `motion_files`.
-        with_audio: whether the legacy scores are wanted.
+        joint_map: names of the joints of the files, see `motion_files`.
+        with_audio: whether the sound is kept, which the legacy scores need.
 
     Raises:
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
@@ -100,8 +100,8 @@ def from_folders(
     pairs = []
     for file, clip in clips.items():
         audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[file])) if key in sounds), None)
-        source = clip.rpartition("/")[0] or clip
-        pairs.append(_Pair(clip, source, motions[file], references[clip], audio, name, joint_map, with_audio))
+        recording = clip.rpartition("/")[0] or clip
+        pairs.append(_Pair(clip, recording, motions[file], references[clip], audio, name, joint_map, with_audio))
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
@@ -114,14 +114,14 @@ def from_folders(
 
 
 def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
-    """The clip of the reference that a file of motion is of, perhaps as one of several, such as talk.2 of talk."""
+    """Return the clip of the reference that a file of motion belongs to, such as talk for talk or talk.2."""
     clip, _, number = name.rpartition(".")
     clip = name if name in references or not number.isdecimal() else clip.removesuffix(_GENERATED)
     return clip if clip in references else None
 
 
 def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
-    """Files of motion by name; of several with one name the first kind of `SUFFIXES`, the others being its words."""
+    """Find files of motion by name; of several with one name the first kind of `SUFFIXES`, as others hold words."""
     if not folder.is_dir():
         raise UserError(f"no folder at {folder}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
@@ -156,27 +156,27 @@ def _read(pair: _Pair) -> _Read:
         read_motion_file(path, skeleton, fps=FPS, joint_map=pair.joint_map) for path in (pair.motion, pair.reference)
     )
     audio = None if pair.audio is None else read_audio(pair.audio)
-    onsets, heard = None, len(reference.directions)
+    onsets, num_frames = None, len(reference.directions)
     if audio is not None:
         onsets = audio_onsets(audio, len(audio) / SAMPLE_RATE)
-        heard = max(1, round(len(audio) / SAMPLE_RATE * FPS))
-    true = reference._replace(directions=reference.directions[:heard])
+        num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
+    true = reference._replace(directions=reference.directions[:num_frames])
     return _Read(
-        _performance(pair, motion),
-        _performance(pair, true, onsets, audio if pair.with_audio else None),
+        _clip_result(pair, motion),
+        _clip_result(pair, true, onsets, audio if pair.with_audio else None),
         (motion.fps, reference.fps),
-        heard < len(reference.directions) - 1,
+        num_frames < len(reference.directions) - 1,
     )
 
 
-def _performance(
+def _clip_result(
     pair: _Pair, motion: FileMotion, onsets: np.ndarray | None = None, audio: np.ndarray | None = None
-) -> Performance:
-    return Performance(pair.name, pair.source, motion.directions, FPS, onsets, audio, motion.borders)
+) -> ClipResult:
+    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders)
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
-    """What was done to all performances, and to their references, which `once` has once each."""
+    """Return sentences on what was done to all motion, and to the references, which `once` has once each."""
     notes = []
     for which, count in left_out.items():
         if count:

@@ -1,60 +1,107 @@
-"""The results of an evaluation as text for a terminal and as Markdown."""
+"""Results of an evaluation as text for a terminal and as Markdown."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ha2g_jax import metrics
 from ha2g_jax.errors import UserError
-from ha2g_jax.study.evaluation.metrics import LEGACY_METRICS, METRICS, SANITY_ROWS, Metric
+from ha2g_jax.metrics.metric import Metric
+from ha2g_jax.metrics.sanity import SANITY_ROWS, TRUTH
 
 CLOSER = "Closer to ground truth is better; no column is better for being higher or lower."
 
 _COLUMNS = 4  # of a part of the table, for 120 characters
 _NAME_WIDTH, _WIDTH = 24, 24
+_OTHER_PARTS = ("legacy_v1", "known_causes", "recording")
 
 
 def as_table(results: Mapping[str, Any]) -> str:
-    """What `evaluation.evaluate` returns, for a terminal: value [95 % interval] in each cell.
+    """Return results as text for a terminal, section by section.
+
+    Args:
+        results: return value of `inputs.make_results`.
 
     Raises:
-        UserError: a sanity row is missing.
+        UserError: a section lacks a sanity row, or has a score that is not registered.
     """
-    lines = _head(results)
-    for title, rows, metrics in _parts(results):
-        titles = "".join(f"{metric.title:>{_WIDTH}}" for metric in metrics.values())
-        lines += ["", title, " " * _NAME_WIDTH + titles]
-        for name, row in rows.items():
-            shown = name if len(name) <= _NAME_WIDTH else f"{name[: _NAME_WIDTH - 3]}..."
-            cells = (_cell(row.get(key), metric) for key, metric in metrics.items())
-            lines.append("".join([f"{shown:<{_NAME_WIDTH}}", *(f"{cell:>{_WIDTH}}" for cell in cells)]).rstrip())
-    return "\n".join([*lines, *_foot(results, "")])
+    parts = [_inputs(results)]
+    for name, section in results["sections"].items():
+        parts += ["", f"{name}:", section_table(section)]
+    return "\n".join(parts)
 
 
 def as_markdown(results: Mapping[str, Any]) -> str:
-    """What `evaluation.evaluate` returns, as Markdown.
+    """Return results as Markdown, section by section.
+
+    Args:
+        results: return value of `inputs.make_results`.
 
     Raises:
-        UserError: a sanity row is missing.
+        UserError: a section lacks a sanity row, or has a score that is not registered.
     """
-    lines = _head(results)
-    for title, rows, metrics in _parts(results):
-        lines += ["", f"**{title}**", "", _markdown_row(["", *(metric.title for metric in metrics.values())])]
-        lines.append(_markdown_row(["---", *("---:" for _ in metrics)]))
+    parts = [_inputs(results)]
+    for name, section in results["sections"].items():
+        parts += ["", f"## {name}", "", section_markdown(section).rstrip()]
+    return "\n".join(parts) + "\n"
+
+
+def section_table(section: Mapping[str, Any]) -> str:
+    """Return one section as text for a terminal: value [95 % interval] in each cell.
+
+    Args:
+        section: return value of `evaluate.evaluate` or `recording.score_recording`.
+
+    Raises:
+        UserError: a sanity row is missing, or a score is not registered.
+    """
+    lines = _head(section)
+    for title, rows, columns in _parts(section):
+        headings = "".join(f"{metric.heading:>{_WIDTH}}" for metric in columns.values())
+        lines += ["", title, " " * _NAME_WIDTH + headings]
         for name, row in rows.items():
-            lines.append(_markdown_row([name, *(_cell(row.get(key), metric) for key, metric in metrics.items())]))
-    return "\n".join([*lines, *_foot(results, "- ")]) + "\n"
+            shown = name if len(name) <= _NAME_WIDTH else f"{name[: _NAME_WIDTH - 3]}..."
+            cells = (_cell(row.get(key), metric) for key, metric in columns.items())
+            lines.append("".join([f"{shown:<{_NAME_WIDTH}}", *(f"{cell:>{_WIDTH}}" for cell in cells)]).rstrip())
+    return "\n".join([*lines, *_foot(section, "")])
 
 
-def _head(results: Mapping[str, Any]) -> list[str]:
-    if missing := [name for name in SANITY_ROWS if name not in results["rows"]]:
-        raise UserError(f"the results lack {', '.join(missing)}, rows without which they say nothing; evaluate again")
-    data, settings, encoder = results["data"], results["settings"], results["autoencoder"]
+def section_markdown(section: Mapping[str, Any]) -> str:
+    """Return one section as Markdown.
+
+    Args:
+        section: return value of `evaluate.evaluate` or `recording.score_recording`.
+
+    Raises:
+        UserError: a sanity row is missing, or a score is not registered.
+    """
+    lines = _head(section)
+    for title, rows, columns in _parts(section):
+        lines += ["", f"**{title}**", "", _markdown_row(["", *(metric.heading for metric in columns.values())])]
+        lines.append(_markdown_row(["---", *("---:" for _ in columns)]))
+        for name, row in rows.items():
+            lines.append(_markdown_row([name, *(_cell(row.get(key), metric) for key, metric in columns.items())]))
+    return "\n".join([*lines, *_foot(section, "- ")]) + "\n"
+
+
+def _inputs(results: Mapping[str, Any]) -> str:
+    return "; ".join(f"{name} {value}" for name, value in results["inputs"].items())
+
+
+def _head(section: Mapping[str, Any]) -> list[str]:
+    """Return lines on the data and the settings, after a check that no sanity row is missing."""
+    data, settings, encoder = section["data"], section["settings"], section["autoencoder"]
     windows = f", {data['windows']} windows" if data["windows"] else ""
     lines = [
-        f"{data['clips']} clips of {data['sources']} sources, {data['seconds']:.0f} s{windows}; {data['skeleton']} at "
-        f"{data['fps']:g} frames per second, from frame {settings['first_frame']} on; seed {settings['seed']}",
-        f"Value [{settings['level']:.0%} interval: {settings['draws']} draws of sources]. {CLOSER}",
+        f"{data['clips']} clips of {data['recordings']} recordings, {data['seconds']:.0f} s{windows}; "
+        f"{data['skeleton']} at {data['fps']:g} frames per second, from frame {settings['first_frame']} on; seed "
+        f"{settings['seed']}",
     ]
+    if "recording" in section:
+        return [*lines, f"Value [{settings['level']:.0%} interval]. There is no true motion to compare with."]
+    if missing := [name for name in SANITY_ROWS if name not in section["rows"]]:
+        raise UserError(f"the results lack {', '.join(missing)}, rows without which they say nothing; evaluate again")
+    lines.append(f"Value [{settings['level']:.0%} interval: {settings['draws']} draws of recordings]. {CLOSER}")
     if encoder:
         lines.append(
             f"Pose auto-encoder: SHA-256 {encoder['id'][:16]}, trained on {encoder['data'] or 'unknown data'}, "
@@ -64,20 +111,27 @@ def _head(results: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _parts(results: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Metric]]]:
-    """Title, rows and columns of each part of the table."""
-    yield from _divided(results["rows"], METRICS)
-    for title, rows, metrics in _divided(results["differences"], METRICS):
-        yield f"Paired differences. {title}", rows, metrics
-    if "legacy_v1" in results:
-        yield from _divided(results["legacy_v1"]["rows"], LEGACY_METRICS)
+def _parts(section: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Metric]]]:
+    """Yield title, rows and columns of each part of the table."""
+    yield from _divided(section["rows"])
+    for title, rows, columns in _divided(section["differences"]):
+        yield f"Paired differences. {title}", rows, columns
+    for part in _OTHER_PARTS:
+        if part in section:
+            for title, rows, columns in _divided(section[part]["rows"]):
+                yield title, {name: row for name, row in rows.items() if row.keys() & columns.keys()}, columns
 
 
-def _divided(
-    rows: dict[str, Any], metrics: Mapping[str, Metric]
-) -> Iterator[tuple[str, dict[str, Any], dict[str, Metric]]]:
-    """Groups of the metrics that some row has, in parts of about equal size."""
-    present = {key: metric for key, metric in metrics.items() if any(_has(row, key) for row in rows.values())}
+def _columns(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Metric]:
+    """Return the metrics that some row has a value of, in the order in which they are registered."""
+    scores = [(metrics.lookup(name), score) for row in rows.values() for name, score in row.items()]
+    present = {metric.name for metric, score in scores if score["value"] is not None}
+    return {name: metric for name, metric in metrics.METRICS.items() if name in present}
+
+
+def _divided(rows: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Metric]]]:
+    """Yield groups of the metrics that some row has, in parts of about equal size."""
+    present = _columns(rows)
     for group in dict.fromkeys(metric.group for metric in present.values()):
         keys = [key for key, metric in present.items() if metric.group == group]
         num_parts = -(-len(keys) // _COLUMNS)
@@ -85,10 +139,6 @@ def _divided(
         for start, end in itertools.pairwise(edges):
             title = group if not start else f"{group}, continued"
             yield title, rows, {key: present[key] for key in keys[start:end]}
-
-
-def _has(row: Mapping[str, Any], key: str) -> bool:
-    return key in row and row[key]["value"] is not None
 
 
 def _cell(score: Mapping[str, float | None] | None, metric: Metric) -> str:
@@ -105,30 +155,38 @@ def _cell(score: Mapping[str, float | None] | None, metric: Metric) -> str:
 
 
 def _rounded(value: float, digits: int) -> str:
-    """Fewer digits after the point for large numbers, so that cells keep their width; no minus before zero."""
+    """Format a value with fewer digits for large numbers, so that cells keep their width, and no minus before zero."""
     digits = max(0, digits - max(0, len(str(int(abs(value)))) - 1))
     return f"{value:.{digits}f}" if round(value, digits) else f"{0:.{digits}f}"
 
 
-def _foot(results: Mapping[str, Any], bullet: str) -> list[str]:
-    lines = [*_counts(results)]
-    legacy = results.get("legacy_v1", {}).get("notes", ())
+def _foot(section: Mapping[str, Any], bullet: str) -> list[str]:
+    lines = [*_counts(section), *_known_counts(section)]
+    others = [f"{part}: {note}" for part in _OTHER_PARTS if part in section for note in section[part]["notes"]]
     for title, sentences in (
-        ("Flags", results["flags"]),
-        ("Warnings", results["warnings"]),
-        ("Notes", [*results["notes"], *(f"legacy_v1: {note}" for note in legacy)]),
+        ("Flags", section["flags"]),
+        ("Warnings", section["warnings"]),
+        ("Notes", [*section["notes"], *others]),
     ):
         if sentences:
             lines += ["", f"{title}:", *([""] if bullet else []), *(f"{bullet or '  '}{text}" for text in sentences)]
     return lines
 
 
-def _counts(results: Mapping[str, Any]) -> Sequence[str]:
-    """A line on the sound: clips used, silent and still, by row where rows differ."""
-    counts = {name: count for name, count in results["counts"].items() if count}
+def _known_counts(section: Mapping[str, Any]) -> Sequence[str]:
+    """Return a line on what the scores of known causes are of."""
+    if "known_causes" not in section:
+        return []
+    counts = section["known_causes"]["counts"]
+    return ["", "Known causes: " + ", ".join(f"{count} {name}" for name, count in counts.items())]
+
+
+def _counts(section: Mapping[str, Any]) -> Sequence[str]:
+    """Return a line on the sound: clips used, silent and still, by row where rows differ."""
+    counts = {name: count for name, count in section["counts"].items() if count}
     if not counts:
         return []
-    truth = next(iter(counts.values())) if "ground truth" not in counts else counts["ground truth"]
+    truth = counts.get(TRUTH) or next(iter(counts.values()))
     still = ", ".join(f"{name} {count['num_still']:.0f}" for name, count in counts.items() if count["num_still"])
     rate = truth["onsets_per_second"]
     return [

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.study.evaluation.metrics import METRICS
+from ha2g_jax import metrics
 from ha2g_jax.study.reproduction.claims import LEVEL
 from ha2g_jax.study.reproduction.figure import chart, sweep_table
 from ha2g_jax.study.reproduction.paper_tables import TABLE_12, Table
@@ -97,8 +97,8 @@ Difference: first row less second, seed by seed, with the t interval of the pair
 leaves 0 out on the side that the paper claims; *not held*: on the other side; *undecided*: it covers 0, or there is \
 one seed. Where the paper calls two rows about as good, an interval that leaves 0 out means *not held*. A verdict is \
 about other trainings scored on this speech; what other speech could change is in the tables above."""
-# Metrics that the evaluation may have remarks about, but that no table of the report contains.
-_UNSHOWN = {metric.title for key, metric in METRICS.items() if key not in SHOWN}
+# Metrics that the evaluation may remark on and no table here shows.
+_UNSHOWN = {metric.heading for key, metric in metrics.of_section("rows").items() if key not in SHOWN}
 
 
 def as_markdown(results: Results, chart: str | None = None) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 from ha2g_jax.study.reproduction.claims import Spread, over_seeds
 
 MODEL, TRUTH = "model", "ground truth"
-_Z = 1.96  # standard errors on both sides of a mean that contain 95 %
 
 
 class Estimate(NamedTuple):
@@ -46,15 +45,12 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
     """Look up one number in the scores that `run_scores` stored.
 
     Args:
-        scores: scores of one run.
-        split: name of a split of the corpus.
-        metric: metric of `study.evaluation`, including "legacy_..."; or "talk.NAME" with a score of `study.talk` or one
-            of its gains; or "talk.floor", the better of the two floors of the hand shapes, or "talk.above_floor", the
-            difference of the row from it.
-        row: `MODEL`, or a row that is scored with every model.
-
-    Returns:
-        The number with its interval, or None where it is undefined.
+        scores: of one run.
+        split: of the corpus.
+        metric: name of a metric of `study.evaluation`, "legacy_..." included; or "talk.NAME" with one of the known
+            causes; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
+            the row is above it.
+        row: `MODEL`, or one that stands beside every model.
     """
     result = scores["splits"][split]
     if metric.startswith("legacy_"):
@@ -66,13 +62,11 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
     talk = result.get("talk")
     if talk is None:
         return None
-    if name.endswith("_gain"):
-        return _normal(talk[name]) if row == MODEL else None
     if name not in ("floor", "above_floor"):
-        return _normal(talk["rows"].get(row, {}).get(name))
+        return _interval(talk["rows"].get(row, {}).get(name))
     floors = [talk["rows"].get(floor, {}).get("semantic_recall") for floor in ("majority", "shuffled")]
     values = [floor["value"] for floor in floors if floor and floor["value"] is not None]
-    shown = _normal(talk["rows"].get(row, {}).get("semantic_recall"))
+    shown = _interval(talk["rows"].get(row, {}).get("semantic_recall"))
     if not values or shown is None:
         return None
     floor = max(values)
@@ -99,14 +93,6 @@ def _interval(values: Mapping[str, float | None] | None) -> Estimate | None:
     if values is None or values["value"] is None:
         return None
     return Estimate(values["value"], values.get("low"), values.get("high"))
-
-
-def _normal(values: Mapping[str, float | None] | None) -> Estimate | None:
-    """Return a value with the interval of its standard error over clips."""
-    if values is None or values["value"] is None:
-        return None
-    value, error = values["value"], values["error"]
-    return Estimate(value, None, None) if error is None else Estimate(value, value - _Z * error, value + _Z * error)
 
 
 def _mean(bounds: Sequence[float | None]) -> float | None:

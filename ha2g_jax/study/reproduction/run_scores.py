@@ -1,8 +1,7 @@
-"""Scores of one run of a table: those of `study.evaluation`, draws of diversity, the sweep of Figure 3, and Talk's."""
+"""All scores of one run of a table, stored beside the run: `study.evaluation`, draws, the sweep, known causes."""
 
 import json
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,28 +9,22 @@ import numpy as np
 from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.files.whole_file import whole_file
-from ha2g_jax.metrics import beat_alignment
-from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.metrics import beats, diversity
+from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.study.evaluation import evaluate
+from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
-from ha2g_jax.study.evaluation.latent_statistics import choose_cut, diversity_draws, encode
-from ha2g_jax.study.evaluation.performance import SEED_FRAMES, from_corpus, training_motion
-from ha2g_jax.study.evaluation.rows import Row, Rows, make_rows
+from ha2g_jax.study.evaluation.rows import Rows, make_rows
 from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, scores_path
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
-from ha2g_jax.study.talk.evaluate import score
+from ha2g_jax.study.talk.known_causes import score_known_causes
 
 _SEED = 0  # seed of all random draws of an evaluation, so that all rows and runs are scored alike
 _TRAINING_CLIPS = 200  # clips from which the mean changes and limits of angles are computed
 
 
 def score_run(run: Run, plan: Plan, request: Request) -> None:
-    """Score the checkpoint of a run on the splits of a plan and store the scores, unless they are stored already.
-
-    Args:
-        run: run to score.
-        plan: plan of the table.
-        request: request of the user.
+    """Score the checkpoint of a run on the splits of a plan and store the scores; do nothing where they are stored.
 
     Raises:
         UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
@@ -61,43 +54,38 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
             seed=_SEED,
             draws=plan.draws,
         )
-        rows = make_rows({MODEL: motions}, truth, corpus.skeleton.mean_directions, _SEED)
+        rows = make_rows({MODEL: motions}, truth, corpus.skeleton, training=training, autoencoder=features, seed=_SEED)
         scores["splits"][split] = {
             "evaluation": found,
-            "draws": _draws(rows, features),
-            "sweep": _sweep(rows, corpus.skeleton, training, corpus.fps),
+            "draws": _draws(rows),
+            "sweep": _sweep(rows),
         }
     if request.data == "talk":
-        known = score(model, corpus, plan.splits, _SEED)
+        known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED)
         for split in plan.splits:
-            scores["splits"][split]["talk"] = known["splits"][split]
-        scores["probe"] = known["probe"]
+            scores["splits"][split]["talk"] = known[split]
     return scores
 
 
-def _draws(rows: Rows, features: PoseFeatures) -> dict[str, list[float | None]]:
-    """Return the diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
-    cut = choose_cut([len(directions) for directions in rows.truth.directions])
-    if cut is None:
-        return {MODEL: [], TRUTH: []}
-    latents = {name: encode(rows.rows[name], rows.members, cut, features) for name in (MODEL, TRUTH)}
-    return {name: _numbers(diversity_draws(own, _SEED).l1) for name, own in latents.items()}
+def _draws(rows: Rows) -> dict[str, list[float | None]]:
+    """Return diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
+    found = {name: diversity.row_draws(rows.rows[name]) for name in (MODEL, TRUTH)}
+    return {name: [] if draws is None else _numbers(draws.l1) for name, draws in found.items()}
 
 
-def _sweep(
-    rows: Rows, skeleton: Skeleton, training: Sequence[np.ndarray], fps: float
-) -> dict[str, dict[str, list[float | None]]]:
-    """Return F of the model and of ground truth for their own and for mismatched speech, by threshold (Figure 3)."""
-    change = beat_alignment.mean_angle_change(skeleton, training)
+def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
+    """Return F of the model and of ground truth with the own and with mismatched speech, by threshold (Figure 3)."""
+    reference = rows.reference
+    change = beats.mean_angle_change(reference.skeleton, reference.training)
 
     def sweep(row: Row) -> dict[str, list[float | None]]:
-        heard = {number: onsets for number, onsets in enumerate(row.onsets) if onsets is not None}
-        rates = beat_alignment.angle_change_rates(skeleton, [row.directions[number] for number in heard], change)
-        found = beat_alignment.sweep(
+        sounds = {number: onsets for number, onsets in enumerate(row.onsets) if onsets is not None}
+        rates = beats.angle_change_rates(reference.skeleton, [row.directions[number] for number in sounds], change)
+        found = beats.sweep(
             rates,
-            list(heard.values()),
-            rows.sources[row.numbers[list(heard)]],
-            fps,
+            list(sounds.values()),
+            reference.recordings[row.numbers[list(sounds)]],
+            reference.fps,
             first_frame=SEED_FRAMES,
             seed=_SEED,
         )

@@ -1,1 +1,1 @@
-"""Scores of a checkpoint on the Talk corpus, whose causes are known, and of recordings, where they are not."""
+"""Scores of a model against the known causes of the motion of the Talk corpus."""

@@ -1,11 +1,11 @@
-"""Does the audio encoder hear the word? A linear probe for the word's class on frozen f_high.
+"""Linear probe for the class of a word on frozen f_high: whether the audio encoder represents the word.
 
-Beside the recall of the hand shapes it separates "did not hear" from "did not move": a probe above its floor with
-hands at theirs blames the decoder. The probe is outside of the objective; no label reaches the model.
+Beside the recall of the hand shapes it separates the encoder from the decoder: a probe above its floor with hands at
+theirs points to the decoder. The probe is outside of the objective; no label reaches the model.
 """
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,16 +16,18 @@ from sklearn.preprocessing import StandardScaler
 
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import lexicon
-from ha2g_jax.metrics.jackknife import Estimate, jackknife
+from ha2g_jax.metrics.known_causes import Predictions
+
+__all__ = ["Predictions", "ProbeWords", "collect_words", "predict"]
 
 
-class Heard(NamedTuple):
-    """Words that carry a gesture, and what the encoder makes of them.
+class ProbeWords(NamedTuple):
+    """Words that carry a gesture, with their audio features.
 
     Attributes:
         features: (n, 32) f_high at the onset of each word.
         classes: (n,) class of each word.
-        clips: (n,) id of the clip each word is in.
+        clips: (n,) id of the clip of each word.
     """
 
     features: np.ndarray
@@ -33,11 +35,11 @@ class Heard(NamedTuple):
     clips: np.ndarray
 
 
-def hear(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> Heard:
-    """The gesture-bearing words of clips.
+def collect_words(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> ProbeWords:
+    """Collect the gesture-bearing words of clips.
 
     Args:
-        clips: each with its f_high, (T, 32).
+        clips: clips, each with f_high (T, 32).
         fps: frames per second of f_high.
     """
     features, classes, ids = [], [], []
@@ -48,18 +50,18 @@ def hear(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> Heard:
                 features.append(high[frame])
                 classes.append(name)
                 ids.append(clip.id)
-    return Heard(np.array(features), np.array(classes), np.array(ids))
+    return ProbeWords(np.array(features), np.array(classes), np.array(ids))
 
 
-def accuracy(train: Heard, splits: dict[str, Heard]) -> dict[str, dict[str, Estimate]]:
-    """Accuracy of multinomial logistic regression, fitted to the words of training clips only, and its floor.
+def predict(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict[str, tuple[Predictions, Predictions]]:
+    """Predict the classes of words by multinomial logistic regression, fitted to the words of training clips only.
 
     Args:
         train: words to fit to, of at least two classes.
-        splits: words to score on.
+        splits: name of each split -> words to predict.
 
     Returns:
-        Per split `accuracy`, and `majority`: that of naming the most frequent class of `train` each time.
+        {split: the predictions, and those of the most frequent class of `train` each time}, of splits with words.
     """
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
     with warnings.catch_warnings():
@@ -69,14 +71,10 @@ def accuracy(train: Heard, splits: dict[str, Heard]) -> dict[str, dict[str, Esti
     names, counts = np.unique(train.classes, return_counts=True)
     most = names[np.argmax(counts)]
     return {
-        split: {
-            "accuracy": _share(model.predict(heard.features) == heard.classes, heard.clips),
-            "majority": _share(heard.classes == most, heard.clips),
-        }
-        for split, heard in splits.items()
-        if len(heard.classes)
+        split: (
+            Predictions(model.predict(words.features) == words.classes, words.clips),
+            Predictions(words.classes == most, words.clips),
+        )
+        for split, words in splits.items()
+        if len(words.classes)
     }
-
-
-def _share(is_right: np.ndarray, clips: np.ndarray) -> Estimate:
-    return jackknife(is_right, lambda part: float(np.mean(part)), clips)

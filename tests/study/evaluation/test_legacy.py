@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics import frechet
+from ha2g_jax.metrics.legacy import legacy_distance, legacy_errors
+from ha2g_jax.metrics.sanity import HALF, JITTER, MEAN_POSE, SANITY_ROWS
+from ha2g_jax.study.evaluation.clip_result import ClipResult
 from ha2g_jax.study.evaluation.evaluate import evaluate
-from ha2g_jax.study.evaluation.metrics import HALF, JITTER, MEAN_POSE, SANITY_ROWS
-from ha2g_jax.study.evaluation.performance import Performance
 
 
 @pytest.fixture(scope="module")
 def legacy(skeleton, perform, features):
-    def with_clicks(clip: Performance) -> Performance:
+    def with_clicks(clip: ClipResult) -> ClipResult:
         audio = np.zeros(16000 * 8, np.float32)
         for onset in clip.onsets if clip.onsets is not None else ():
             start = int(onset * 16000)
@@ -32,6 +32,7 @@ def test_it_is_apart_and_complete(legacy):
     assert not any(key.startswith("legacy") for row in legacy["rows"].values() for key in row)
     assert set(rows["late"]) == {
         *("legacy_bc_paper", "legacy_bc_fixed", "legacy_fgd", "legacy_diversity", "legacy_feature_distance"),
+        *("legacy_joint_mae", "legacy_acceleration"),
     }
 
 
@@ -41,8 +42,12 @@ def test_whole_batches_from_the_first_frame_are_scored(legacy, skeleton, perform
         for clips in (perform(12, 119, delay=0.25), perform(12, 119))
     ]
     late, true = (features(each)[:32] for each in windows)  # 36 windows, one batch of 32
-    expected = frechet.legacy_distance(late, true)
+    expected = legacy_distance(late, true)
     assert legacy["legacy_v1"]["rows"]["late"]["legacy_fgd"]["value"] == pytest.approx(expected, rel=1e-6)
+    errors = legacy_errors(*windows)
+    assert legacy["legacy_v1"]["rows"]["late"]["legacy_joint_mae"]["value"] == pytest.approx(errors.joint_mae, rel=1e-6)
+    found = legacy["legacy_v1"]["rows"]["late"]["legacy_acceleration"]["value"]
+    assert found == pytest.approx(errors.acceleration, rel=1e-6)
 
 
 def test_old_rules_pass_over_still_motion_and_favour_jitter(legacy):

@@ -91,7 +91,7 @@ def test_subfolders_are_recordings(write):
     names = ["x/a", "x/b", "y/a"]
     folders = from_folders(write("motion", names), write("reference", names))
     assert [clip.id for clip in folders.reference] == names
-    assert [clip.source for clip in folders.reference] == ["x", "x", "y"]
+    assert [clip.recording for clip in folders.reference] == ["x", "x", "y"]
 
 
 def test_words_beside_motion_are_no_motion(write, tmp_path):
@@ -120,9 +120,12 @@ def test_folders_are_evaluated_with_one_call(write):
         write_sound(reference / f"{name}.wav")
     (reference / "c.wav").unlink()
     results = evaluate_folders(motion, reference, legacy=True)
-    assert "1 of 6 clips have no sound, such as c," in results["notes"][-2]
-    assert results["methods"] == ["mine"]
-    assert results["rows"]["mine"]["beat_gain"]["value"] is not None
-    assert results["rows"]["ground truth"]["joint_mae"]["value"] == 0
-    assert results["legacy_v1"]["rows"]["mine"]["legacy_bc_fixed"]["value"] is not None
+    assert results["inputs"] == {"motion": str(motion), "reference": str(reference)}
+    assert list(results["sections"]) == ["reference"]
+    section = results["sections"]["reference"]
+    assert "1 of 6 clips have no sound, such as c," in section["notes"][-2]
+    assert section["methods"] == ["mine"]
+    assert section["rows"]["mine"]["beat_gain"]["value"] is not None
+    assert section["rows"]["ground truth"]["joint_mae"]["value"] == 0
+    assert section["legacy_v1"]["rows"]["mine"]["legacy_bc_fixed"]["value"] is not None
     assert "mean pose" in as_table(results)

@@ -1,0 +1,116 @@
+"""The `ha2g evaluate` command: arguments only; it calls one function of the package."""
+
+import argparse
+import json
+import pathlib
+from typing import Any
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import SKELETONS
+
+_DESCRIPTION = """\
+Score the motion of one of three inputs, with intervals, beside rows that show what each score is worth:
+
+  --checkpoint MODEL --data CORPUS     motion that a model makes for the test speech of a corpus
+  --checkpoint MODEL --speech FILE     motion that a model makes for one recording
+  --motion DIR --reference DIR         motion made by any system, against true motion
+
+All three give results of one shape: text, --markdown or --json. On the Talk corpus, whose causes are known, the scores
+against strokes, words and styles are a further part of each section. An option that does not apply is an error."""
+
+# The options of each input, beside --seed, --json and --markdown, which all have.
+_OPTIONS = {
+    "--checkpoint with --data": ("checkpoint", "data", "split", "autoencoder", "legacy"),
+    "--checkpoint with --speech": ("checkpoint", "speech"),
+    "--motion with --reference": ("motion", "reference", "skeleton", "joint_map", "autoencoder", "legacy"),
+}
+_CORPUS, _SPEECH, _FOLDERS = _OPTIONS
+
+
+def add_command(commands: Any) -> None:
+    """Add `evaluate` to the commands of a parser."""
+    command = commands.add_parser(
+        "evaluate",
+        help="scores of a checkpoint on a corpus or a recording, or of any folder of motion",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    model = command.add_argument_group("a checkpoint on a corpus or a recording")
+    model.add_argument("--checkpoint", help="'demo', a workdir or a model folder (default: demo)")
+    model.add_argument("--data", help="'talk' or the folder of a corpus (default: talk)")
+    model.add_argument(
+        "--split",
+        nargs="+",
+        help="splits of --data, a section each (default: test and test_unseen_speakers, or val without them)",
+    )
+    model.add_argument("--speech", type=pathlib.Path, help="a recording of speech, in place of --data")
+    folders = command.add_argument_group("folders of motion")
+    folders.add_argument("--motion", type=pathlib.Path, metavar="DIR", help="motion made by any system")
+    folders.add_argument(
+        "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
+    )
+    folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of the two folders (default: found out)")
+    folders.add_argument(
+        "--joint-map", help="joint names of .bvh files: auto, mixamo, zeroeggs, beat, ha2g or a YAML file"
+    )
+    scores = command.add_argument_group("scores")
+    scores.add_argument(
+        "--autoencoder",
+        type=pathlib.Path,
+        help="a trained pose auto-encoder, for FGD and diversity (not with --speech)",
+    )
+    scores.add_argument(
+        "--legacy", action="store_const", const=True, help="add the scores by the field's old rules (not with --speech)"
+    )
+    scores.add_argument("--seed", type=int, default=0, help="seed of everything random (default: 0)")
+    form = command.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print the results as JSON")
+    form.add_argument("--markdown", action="store_true", help="print the results as Markdown")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Evaluate what the arguments name and print the results.
+
+    Raises:
+        UserError: an option does not apply to the input, or the input cannot be evaluated.
+    """
+    kind = _input_of(arguments)
+    _refuse_others(arguments, kind)
+    from ha2g_jax.study.evaluation import inputs
+    from ha2g_jax.study.evaluation.table import as_markdown, as_table
+
+    if kind == _SPEECH:
+        results = inputs.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)
+    else:
+        options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
+        if kind == _FOLDERS:
+            options |= {"skeleton": arguments.skeleton, "joint_map": arguments.joint_map or "auto"}
+            results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
+        else:
+            checkpoint, data = arguments.checkpoint or "demo", arguments.data or "talk"
+            results = inputs.evaluate_checkpoint(checkpoint, data, splits=arguments.split, **options)
+    if arguments.json:
+        print(json.dumps(results, indent=1, allow_nan=False))
+    else:
+        print((as_markdown if arguments.markdown else as_table)(results))
+
+
+def _input_of(arguments: argparse.Namespace) -> str:
+    if arguments.motion is None and arguments.reference is None:
+        return _CORPUS if arguments.speech is None else _SPEECH
+    if arguments.motion is None or arguments.reference is None:
+        raise UserError("--motion and --reference go together; give both folders")
+    return _FOLDERS
+
+
+def _refuse_others(arguments: argparse.Namespace, kind: str) -> None:
+    """Refuse options that the input does not have."""
+    every = dict.fromkeys(name for names in _OPTIONS.values() for name in names)
+    given = [name for name in every if getattr(arguments, name) is not None and name not in _OPTIONS[kind]]
+    if given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise UserError(
+            f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out, or give "
+            "another input (see ha2g evaluate --help)"
+        )

@@ -1,0 +1,131 @@
+"""The registered beat metrics of a row: alignment with the speech, rates, and the alignment of BEAT."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.metrics.beats import rests
+from ha2g_jax.metrics.beats.alignment import Alignment, align
+from ha2g_jax.metrics.beats.angle_change import angle_change_rates, mean_angle_change
+from ha2g_jax.metrics.beats.mismatched import mismatched
+from ha2g_jax.metrics.beats.stops import make_clips
+from ha2g_jax.metrics.beats.summary import summary
+from ha2g_jax.metrics.metric import BEATS, Metric, Statistic
+from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_by_recording, mean_over_clips
+from ha2g_jax.skeleton import directions_to_positions
+
+NUM_MISMATCHES = 5  # other clips whose sound makes the chance level of a clip
+
+
+class RowAlignment(NamedTuple):
+    """Beat alignment of the motions of a row that have sound.
+
+    Attributes:
+        own: alignment of n motions with their own sound.
+        floor: (n,) F with mismatched speech, NaN for a silent clip.
+        members: (n,) index of each motion's recording.
+        num_recordings: number of recordings of the table.
+    """
+
+    own: Alignment
+    floor: np.ndarray
+    members: np.ndarray
+    num_recordings: int
+
+
+def row_alignment(row: Row) -> RowAlignment | None:
+    """Align the motions of a row with their sound; None where no motion has sound."""
+    with_sound = [index for index, onsets in enumerate(row.onsets) if onsets is not None]
+    if not with_sound:
+        return None
+    reference, numbers = row.reference, row.numbers[with_sound]
+    rates = angle_change_rates(
+        reference.skeleton, [row.directions[index] for index in with_sound], reference.once(_usual_change)
+    )
+    onsets = [np.asarray(row.onsets[index], np.float64) for index in with_sound]
+    clips = make_clips(rates, onsets, reference.fps, first_frame=SEED_FRAMES)
+    own = align(clips)
+    floor = mismatched(clips, reference.recordings[numbers], num=NUM_MISMATCHES, seed=reference.seed)
+    floor = np.where(own.is_silent, np.nan, floor)
+    return RowAlignment(own, floor, row.members[with_sound], reference.num_recordings)
+
+
+def clip_counts(row: Row) -> dict[str, float]:
+    """Return the numbers of silent, still and scored clips of a row, and rates; empty without sound."""
+    found = row.once(row_alignment)
+    if found is None:
+        return {}
+    values = summary(found.own, found.floor)
+    names = ("num_used", "num_silent", "num_still", "num_silent_still", "onsets_per_second", "pooled_f")
+    return {name: getattr(values, name) for name in names}
+
+
+def _usual_change(reference: Reference) -> np.ndarray:
+    return mean_angle_change(reference.skeleton, reference.training)
+
+
+def _usual_speeds(reference: Reference) -> np.ndarray:
+    joints = rests.upper_body(reference.skeleton)
+    positions = [
+        directions_to_positions(reference.skeleton, np.asarray(clip, np.float64)) for clip in reference.training
+    ]
+    return rests.mean_speeds([clip[:, joints] for clip in positions], reference.fps, first_frame=0)
+
+
+def _mean(values: Callable[[RowAlignment], np.ndarray]) -> Callable[[Row], Statistic | None]:
+    """Return a measure: the mean over clips with sound of one value each, every clip one vote."""
+
+    def measure(row: Row) -> Statistic | None:
+        found = row.once(row_alignment)
+        return None if found is None else mean_by_recording(values(found), found.members, found.num_recordings)
+
+    return measure
+
+
+def _rate(is_silent: bool) -> Callable[[Row], Statistic | None]:
+    """Return a measure: the motion beats per second of the clips with onsets, or of the silent ones."""
+
+    def measure(row: Row) -> Statistic | None:
+        found = row.once(row_alignment)
+        if found is None:
+            return None
+        own = found.own
+        rates = np.where(own.is_silent == is_silent, own.num_beats / np.maximum(own.seconds, 1e-9), np.nan)
+        return mean_by_recording(rates, found.members, found.num_recordings, own.seconds)
+
+    return measure
+
+
+def _rest_alignment(row: Row) -> Statistic | None:
+    """Return the BEAT alignment of a row; None where no clip has an onset."""
+    reference = row.reference
+    joints, speeds = rests.upper_body(reference.skeleton), reference.once(_usual_speeds)
+    values = [
+        np.nan
+        if onsets is None
+        else rests.beat_align(positions[:, joints], onsets, speeds, reference.fps, first_frame=SEED_FRAMES)
+        for positions, onsets in zip(row.positions, row.onsets, strict=True)
+    ]
+    return None if np.isnan(values).all() else mean_over_clips(row, values)
+
+
+BEAT_METRICS = (
+    Metric(
+        "beat_gain",
+        "beat gain",
+        "",
+        "higher",
+        BEATS,
+        3,
+        _mean(lambda found: found.own.f - found.floor),
+        is_paired=True,
+    ),
+    Metric("beat_f", "F", "", "higher", BEATS, 3, _mean(lambda found: found.own.f), is_paired=True),
+    Metric("beat_f_mismatched", "F mismatched", "", "none", BEATS, 3, _mean(lambda found: found.floor)),
+    Metric("beat_recall", "R", "", "higher", BEATS, 3, _mean(lambda found: found.own.recall)),
+    Metric("beat_precision", "Q", "", "higher", BEATS, 3, _mean(lambda found: found.own.precision)),
+    Metric("beats_per_second", "beats", "/s", "none", BEATS, 2, _rate(is_silent=False)),
+    Metric("beats_per_second_in_silence", "silent beats", "/s", "none", BEATS, 2, _rate(is_silent=True)),
+    Metric("beat_align", "BEAT alignment", "", "higher", BEATS, 3, _rest_alignment),
+)

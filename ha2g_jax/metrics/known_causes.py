@@ -1,0 +1,168 @@
+"""Scores of a motion whose causes are known: strokes met, hand shapes at words, the style that was asked for."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.canonical import correlation
+from ha2g_jax.metrics.jackknife import Estimate, jackknife
+from ha2g_jax.metrics.metric import KNOWN_CAUSES, PROBE, Metric
+
+SHAPE_WINDOW = (-0.1, 0.2)  # seconds around the moment of the gesture in which a hand shape should be seen
+
+
+class CauseRow(NamedTuple):
+    """What is found in n motions whose causes are known; a row may lack any part of it, which is then empty.
+
+    Attributes:
+        counts: (n, 4) rows of `beats.Matches`.
+        mismatched: (k n, 4) the same of k motions for other clips, clip by clip: the chance level.
+        seconds: (n,) length of what is scored.
+        clips: (n,) id of each clip.
+        shapes: (words, 2) class of the hand shape that is shown and class of the word, of each gesture-bearing word.
+        word_clips: (words,) id of the clip of each word.
+        seen: (n, 2) amplitude and handedness that are seen.
+        asked: (n, 2) amplitude and handedness that were asked for.
+        speakers: (n,) name of each clip's speaker.
+    """
+
+    counts: np.ndarray = np.zeros((0, 4))
+    mismatched: np.ndarray = np.zeros((0, 4))
+    seconds: np.ndarray = np.zeros(0)
+    clips: np.ndarray = np.zeros(0, str)
+    shapes: np.ndarray = np.zeros((0, 2), int)
+    word_clips: np.ndarray = np.zeros(0, str)
+    seen: np.ndarray = np.zeros((0, 2))
+    asked: np.ndarray = np.zeros((0, 2))
+    speakers: np.ndarray = np.zeros(0, str)
+
+
+class Predictions(NamedTuple):
+    """Whether the class of each word is predicted (n,), and the id of each word's clip (n,)."""
+
+    is_right: np.ndarray
+    clips: np.ndarray
+
+
+def hand_shape(
+    flexions: np.ndarray, shapes: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
+) -> int:
+    """Return the shape that a hand takes at a word: the nearest template to the mean flexion over a short window.
+
+    Args:
+        flexions: (T, hands, 5) flexion of the fingers, 0 straight and 1 closed, of the hands that should gesture.
+        shapes: (classes, 5) flexions of each template.
+        time: time in seconds at which the gesture of the word should be seen.
+        fps: frames per second of `flexions`.
+        window: seconds before and after `time`.
+
+    Returns:
+        Index of the template with the least Euclidean distance, summed over hands.
+    """
+    frames = np.arange(len(flexions)) / fps - time
+    seen = (frames >= window[0]) & (frames <= window[1])
+    if not seen.any():
+        seen = np.abs(frames) == np.abs(frames).min()
+    mean = flexions[seen].mean(axis=0)
+    return int(np.argmin(np.linalg.norm(mean[None] - shapes[:, None], axis=-1).sum(axis=-1)))
+
+
+def expected_match(predicted: np.ndarray, true: np.ndarray) -> float:
+    """Return the ratio of words that match when the predictions are shuffled: sum over classes of p(c) q(c)."""
+    names = np.unique(np.concatenate([predicted, true]))
+    return float(sum(np.mean(predicted == name) * np.mean(true == name) for name in names))
+
+
+def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
+    """Measure amplitude and handedness of a motion, as they can be seen.
+
+    Args:
+        wrists: (T, 2, 3) positions of the left and the right wrist in metres.
+        fps: frames per second.
+
+    Returns:
+        Mean speed of the faster wrist in m/s, and (right - left) / (right + left) of the mean speeds, 0 at rest. (Of
+        simple measures of amplitude this one follows the style of the teacher of the Talk corpus best: r = 0.79.)
+    """
+    speeds = np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * fps
+    left, right = speeds.mean(axis=0)
+    return float(speeds.max(axis=1).mean()), float((right - left) / (right + left)) if right + left else 0.0
+
+
+def gain(
+    own: np.ndarray, mismatched: np.ndarray, clips: np.ndarray, statistic: Callable[[np.ndarray], float] = beats.f1
+) -> Estimate:
+    """Compute a score less the chance level, with the standard error of the paired difference, by clip.
+
+    Args:
+        own: (clips, 4) rows of `beats.Matches`.
+        mismatched: (k clips, 4) the same of k motions for other clips, clip by clip.
+        clips: (clips,) ids of the clips.
+        statistic: `beats.f1` or another function of such rows.
+
+    Returns:
+        The difference; NaN without a chance level.
+    """
+    if not len(mismatched):
+        return Estimate(np.nan, np.nan)
+    floor = mismatched.reshape(len(own), -1, own.shape[1]).mean(axis=1)
+    both = np.stack([own, floor], axis=1)
+    return jackknife(both, lambda pair: statistic(pair[:, 0]) - statistic(pair[:, 1]), np.asarray(clips))
+
+
+def _of_counts(statistic: Callable[[np.ndarray], float]) -> Callable[[CauseRow], Estimate | None]:
+    """Return a measure of matched strokes, with the standard error by clip."""
+    return lambda row: jackknife(row.counts, statistic, row.clips) if len(row.counts) else None
+
+
+def _gain(statistic: Callable[[np.ndarray], float]) -> Callable[[CauseRow], Estimate | None]:
+    """Return a measure of matched strokes less the chance level; None for a row without one."""
+    return lambda row: gain(row.counts, row.mismatched, row.clips, statistic) if len(row.mismatched) else None
+
+
+def _rate(row: CauseRow) -> Estimate | None:
+    samples = np.stack([row.counts[:, 2], row.seconds], axis=1)
+    if not len(samples):
+        return None
+    return jackknife(samples, lambda rows: float(rows[:, 0].sum() / rows[:, 1].sum()), row.clips)
+
+
+def _recall(row: CauseRow) -> Estimate | None:
+    if not len(row.shapes) and not len(row.counts):
+        return None
+    return jackknife(row.shapes, lambda pairs: float(np.mean(pairs[:, 0] == pairs[:, 1])), row.word_clips)
+
+
+def _style(column: int) -> Callable[[CauseRow], Estimate | None]:
+    """Return a measure: correlation over clips of what is asked for with what is seen, the error by speaker."""
+
+    def measure(row: CauseRow) -> Estimate | None:
+        pairs = np.stack([row.seen[:, column], row.asked[:, column]], axis=1)
+        return jackknife(pairs, correlation, row.speakers) if len(pairs) else None
+
+    return measure
+
+
+def _accuracy(row: Predictions) -> Estimate:
+    return jackknife(row.is_right, lambda part: float(np.mean(part)), row.clips)
+
+
+def _metric(name: str, title: str, measure: Callable[[CauseRow], Estimate | None], unit: str = "") -> Metric:
+    return Metric(name, title, unit, "higher", KNOWN_CAUSES, 2, measure, "known_causes")
+
+
+CAUSE_METRICS = (
+    _metric("beat_f1", "beat F1", _of_counts(beats.f1)),
+    _metric("beat_f1_gain", "beat F1 gain", _gain(beats.f1)),
+    _metric("beat_f1_strict", "strict F1", _of_counts(beats.strict_f1)),
+    _metric("beat_f1_strict_gain", "strict F1 gain", _gain(beats.strict_f1)),
+    _metric("stroke_recall", "recall", _of_counts(beats.recall)),
+    _metric("stroke_precision", "precision", _of_counts(beats.precision)),
+    Metric("strokes_per_second", "strokes", "/s", "none", KNOWN_CAUSES, 2, _rate, "known_causes"),
+    _metric("semantic_recall", "hand shape", _recall),
+    _metric("style_amplitude", "amplitude r", _style(0)),
+    _metric("style_handedness", "handedness r", _style(1)),
+)
+PROBE_ACCURACY = Metric("probe_accuracy", "accuracy", "", "higher", PROBE, 2, _accuracy, "known_causes")

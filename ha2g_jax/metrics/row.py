@@ -1,0 +1,171 @@
+"""What a metric measures: the motions of one row of a table, and what all rows of the table are compared with."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ha2g_jax.metrics.metric import Statistic
+from ha2g_jax.skeleton import Skeleton, directions_to_positions
+
+SEED_FRAMES = 4  # M of the paper: poses given to the models, so not scored
+
+Value = TypeVar("Value")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Remembers:
+    """Something that keeps what was computed from it."""
+
+    _found: dict[Callable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False)
+
+    def once(self, function: Callable[[Any], Value]) -> Value:
+        """Return function(self), computed at the first call only, so that metrics do not repeat work.
+
+        Args:
+            function: a function of this object, defined at the top level of a module.
+        """
+        if function not in self._found:
+            self._found[function] = function(self)
+        return self._found[function]
+
+    def forget(self) -> None:
+        """Drop what was computed, to free memory."""
+        self._found.clear()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reference(_Remembers):
+    """What all rows of a table have in common; the first axis is the clips.
+
+    Attributes:
+        skeleton: skeleton of all motion.
+        fps: frames per second of all motion.
+        directions: true motion (T, bones, 3) of each clip, unit vectors.
+        onsets: seconds of the onsets of the sound of each clip, None without sound.
+        borders: first frames of the windows that the true motion was joined from, mostly none.
+        audio: samples of each clip at 16 kHz, None where unknown; the legacy rules need them.
+        recordings: (n,) name of the recording that each clip was cut from.
+        members: (n,) index of each clip's recording among the sorted recordings.
+        training: clips (T, bones, 3) that reference statistics, such as the usual change of an angle, are taken from.
+        encode: function of windows (n, window, bones, 3) to latents (n, d), None without a pose auto-encoder.
+        window: number of frames of such a window.
+        seed: seed of everything random.
+    """
+
+    skeleton: Skeleton
+    fps: float
+    directions: list[np.ndarray]
+    onsets: list[np.ndarray | None]
+    borders: list[np.ndarray]
+    audio: list[np.ndarray | None]
+    recordings: np.ndarray
+    members: np.ndarray
+    training: Sequence[np.ndarray]
+    encode: Callable[[np.ndarray], np.ndarray] | None = None
+    window: int = 34
+    seed: int = 0
+
+    @property
+    def num_recordings(self) -> int:
+        """Number of recordings that the clips were cut from."""
+        return int(self.members.max()) + 1
+
+    @property
+    def truth(self) -> "Row":
+        """The row of ground truth."""
+        return self.once(_true_row)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Row(_Remembers):
+    """The motions of one row; the first axis is the motions, of which a clip may have several.
+
+    Attributes:
+        reference: what the row is compared with.
+        directions: (T, bones, 3) of each motion, as long as its clip.
+        numbers: (n,) index of the clip that each motion is of.
+        onsets: seconds of the onsets that each motion is scored with, None without sound.
+        borders: first frames of the windows that each motion was joined from.
+        has_counterpart: whether the true motion of the clip is what the motion should be like.
+    """
+
+    reference: Reference
+    directions: list[np.ndarray]
+    numbers: np.ndarray
+    onsets: list[np.ndarray | None]
+    borders: list[np.ndarray]
+    has_counterpart: bool = True
+
+    @property
+    def members(self) -> np.ndarray:
+        """(n,) index of the recording of each motion."""
+        return self.reference.members[self.numbers]
+
+    @property
+    def num_scored(self) -> np.ndarray:
+        """(n,) number of frames after the seed pose."""
+        return np.array([len(directions) - SEED_FRAMES for directions in self.directions], float)
+
+    @property
+    def positions(self) -> list[np.ndarray]:
+        """Joint positions (T, joints, 3) of each motion, in metres."""
+        return self.once(_positions)
+
+    @property
+    def true_positions(self) -> list[np.ndarray]:
+        """Joint positions of the true motion of each motion's clip."""
+        return [self.reference.truth.positions[number] for number in self.numbers]
+
+
+def mean_over_clips(row: Row, values: Sequence[float] | np.ndarray, weights: np.ndarray | None = None) -> Statistic:
+    """Return the mean of one value of each motion of a row, for any draw of recordings.
+
+    Args:
+        row: row of n motions.
+        values: (n,) values; NaN where a motion has none, which is left out.
+        weights: (n,) weights of the motions, such as `row.num_scored`; all alike by default.
+    """
+    return mean_by_recording(values, row.members, row.reference.num_recordings, weights)
+
+
+def mean_by_recording(
+    values: Sequence[float] | np.ndarray, members: np.ndarray, num_recordings: int, weights: np.ndarray | None = None
+) -> Statistic:
+    """Return the mean of values (n,) that are not NaN, for any draw of the recordings (n,) that they belong to."""
+    values = np.asarray(values, np.float64)
+    weights = np.where(np.isnan(values), 0.0, 1.0 if weights is None else weights)
+    sums = np.bincount(members, weights * np.where(np.isnan(values), 0, values), num_recordings)
+    totals = np.bincount(members, weights, num_recordings)
+    return ratio_of_sums(sums, totals)
+
+
+def ratio_of_sums(sums: np.ndarray, totals: np.ndarray) -> Statistic:
+    """Return the ratio of two sums by recording, (recordings,) each, for any draw; NaN where the second is 0."""
+
+    def statistic(counts: np.ndarray) -> float:
+        total = counts @ totals
+        return float(counts @ sums / total) if total > 0 else np.nan
+
+    return statistic
+
+
+def ratio(first: Statistic, second: Statistic) -> Statistic:
+    """Return one score over another of the same draw; NaN where the second is 0."""
+
+    def statistic(counts: np.ndarray) -> float:
+        divisor = second(counts)
+        return first(counts) / divisor if divisor else np.nan
+
+    return statistic
+
+
+def _true_row(reference: Reference) -> Row:
+    numbers = np.arange(len(reference.directions))
+    return Row(reference, reference.directions, numbers, reference.onsets, reference.borders)
+
+
+def _positions(row: Row) -> list[np.ndarray]:
+    skeleton = row.reference.skeleton
+    return [directions_to_positions(skeleton, np.asarray(clip, np.float64)) for clip in row.directions]

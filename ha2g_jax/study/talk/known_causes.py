@@ -1,0 +1,160 @@
+"""Scores of a model on the Talk corpus, whose causes are known, with a ceiling and floors beside every model."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.talk import teacher
+from ha2g_jax.data.talk.style import Style
+from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY
+from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.study.evaluation.clip_result import check_fit, sample
+from ha2g_jax.study.evaluation.intervals import score_as_json
+from ha2g_jax.study.generation import encode_high, generate_clip, model_windows
+from ha2g_jax.study.identity import clip_identity
+from ha2g_jax.study.talk import probe, scores
+from ha2g_jax.study.talk.scores import Trial, Truth
+from ha2g_jax.synthesis import Model
+
+MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
+MAJORITY, SHUFFLED = "majority", "shuffled"
+MISMATCHES = 5  # motions for other clips that make the floor of a clip
+
+_MAX_PROBE_CLIPS = 400
+_NOTE = "intervals against known causes are 1.96 standard errors by clip, of the style by speaker"
+
+
+def has_known_causes(corpus: Corpus) -> bool:
+    """Return whether a corpus knows what caused the motion of its clips, as a Talk corpus does."""
+    split = next((name for name in corpus.splits if corpus.has_clips(name)), None)
+    return split is not None and bool(corpus.clips(split).fields(0)["style"])
+
+
+def score_known_causes(
+    model: Model, corpus: Corpus, limits: Mapping[str, int | None], seed: int = 0
+) -> dict[str, dict[str, Any]]:
+    """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
+
+    Each split has the rows "model", "model, no words" (of a model that reads words: without the transcript), "teacher"
+    (the ceiling: the teacher with other noise), "mean pose", "mismatched speech" (the model's motion for up to
+    `MISMATCHES` clips of other recordings), "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the
+    ratio of the strokes caused by the sound that a motion beat meets within 0.1 s; precision is the ratio of the motion
+    beats that meet a beat of the true motion, whatever causes it. In the strict F1 a motion beat that is caused by a
+    word is wrong. A gain is the model's F1 less that of mismatched speech, with the error of the paired difference. The
+    accuracy of the linear probe on frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
+
+    The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
+
+    Args:
+        model: model of the skeleton and the frame rate of the corpus.
+        corpus: a corpus with known causes.
+        limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
+        seed: seed of start poses, of the teacher's noise and of the samples of clips.
+
+    Returns:
+        {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "counts", "notes"}}; the error is a
+        standard error by clip, for the style by speaker, None where undefined.
+
+    Raises:
+        UserError: no such split; a corpus without known strokes or of another skeleton or frame rate.
+    """
+    check_fit(model, corpus)
+    chosen = {}
+    for name, limit in limits.items():
+        clips = corpus.clips(name)
+        chosen[name] = [clips[index] for index in sample(len(clips), limit, seed)]
+    _check_causes(corpus, chosen)
+    num_clips = sum(map(len, chosen.values()))
+    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
+    with tqdm(desc="known causes", total=num_clips + num_probed, unit="clip", disable=None, leave=False) as progress:
+        results = {name: _score_split(model, corpus, clips, seed, progress) for name, clips in chosen.items()}
+        accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
+    for name, (own, majority) in accuracies.items():
+        for row, predictions in ((MODEL, own), (MAJORITY, majority)):
+            accuracy = score_as_json(PROBE_ACCURACY.measure(predictions))
+            results[name]["rows"].setdefault(row, {})[PROBE_ACCURACY.name] = accuracy
+    return results
+
+
+def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
+    for name, clips in chosen.items():
+        if not all(clip.strokes and clip.style for clip in clips):
+            raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
+
+
+def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, progress: tqdm) -> dict[str, Any]:
+    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model_windows(model).seed_frames
+    trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
+
+    def add(name: str, truth: Truth, directions: np.ndarray) -> None:
+        trials[name].append(Trial(truth, scores.observe(skeleton, directions, fps)))
+
+    truths = [scores.known_truth(skeleton, clip, fps) for clip in clips]
+    for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
+        style = clip_identity(model, clip)
+        directions = generate_clip(model, clip, style, seed + index)
+        add(MODEL, truth, directions)
+        if model.reads_words:
+            add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
+        again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
+        add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
+        add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
+        progress.update()
+    own = trials[MODEL]
+    trials[MISMATCHED] = [
+        Trial(truth, own[other].observed)
+        for truth, row in zip(truths, _partners(clips, seed), strict=True)
+        for other in row
+    ]
+    made = {name: scores.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
+    if MODEL in made and MISMATCHED in made:
+        made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
+    words = scores.word_shapes(own, fps, first_frame)
+    rows = {name: scores.measure_causes(row) for name, row in made.items()}
+    rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(words), strict=True))
+    return {
+        "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
+        "counts": {
+            "clips": len(clips),
+            "speakers": len({clip.speaker for clip in clips}),
+            "strokes": int(made[MODEL].counts[:, 0].sum()) if MODEL in made else 0,
+            "words": len(words),
+        },
+        "notes": [_NOTE],
+    }
+
+
+def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
+    """Return for each clip the same number of clips of other recordings, drawn at random."""
+    order = np.random.default_rng(seed).permutation(len(clips)).tolist()
+    others = []
+    for index, clip in enumerate(clips):
+        place = order.index(index)
+        following = order[place + 1 :] + order[:place]
+        others.append([other for other in following if clips[other].recording != clip.recording][:MISMATCHES])
+    fewest = min(map(len, others), default=0)
+    return [row[:fewest] for row in others]
+
+
+def _probe(
+    model: Model, corpus: Corpus, chosen: Mapping[str, Sequence[Clip]], seed: int, progress: tqdm
+) -> dict[str, tuple[probe.Predictions, probe.Predictions]]:
+    training = corpus.clips(TRAIN)
+    probed = sample(len(training), _MAX_PROBE_CLIPS, seed)
+    words = {
+        name: probe.collect_words(_with_features(model, clips, progress), model.fps) for name, clips in chosen.items()
+    }
+    fitted = (training[index] for index in probed)
+    return probe.predict(probe.collect_words(_with_features(model, fitted, progress), model.fps), words)
+
+
+def _with_features(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
+    """Yield the clips with f_high."""
+    for clip in clips:
+        yield clip, encode_high(model, clip)
+        progress.update()

@@ -1,0 +1,230 @@
+"""Deliberate stops at the onsets score, stillness and jitter do not, and silence is counted apart."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.beats import Clip, align, angle_change_rate, make_clips, mismatched, summary, sweep
+from ha2g_jax.skeleton import load_skeleton, normalize
+
+SKELETON = load_skeleton("ted_expressive")
+FPS = 15
+
+
+def swinging_arms(angles: np.ndarray) -> np.ndarray:
+    """Direction vectors (..., T, 42, 3) of the mean pose with both arms, hands included, turned by angles (..., T).
+
+    The axis is square to clavicle and upper arm, so that the angle between them changes by as much.
+    """
+    pose = normalize(SKELETON.mean_directions.astype(np.float64))
+    motion = np.broadcast_to(pose, (*angles.shape, *pose.shape)).copy()
+    cosine, sine = np.cos(angles)[..., None, None], np.sin(angles)[..., None, None]
+    for side in ("left", "right"):
+        shoulder, elbow = SKELETON.bone(f"{side}_shoulder"), SKELETON.bone(f"{side}_elbow")
+        arm = [index for index, (_, child) in enumerate(SKELETON.bones) if SKELETON.paths[child, elbow]]
+        axis = normalize(np.cross(pose[shoulder], pose[elbow]))[None]
+        along = axis * (pose[arm] @ axis.T)
+        turned = (pose[arm] - along) * cosine + np.cross(axis, pose[arm]) * sine + along
+        motion[..., arm, :] = turned
+    return motion
+
+
+def stopping_angles(stops: np.ndarray, num_frames: int, fps: float = FPS) -> np.ndarray:
+    """Angles (T,) that turn back at each stop and nowhere else, fastest halfway; half a second to the first one."""
+    time = np.arange(num_frames) / fps
+    moments = np.concatenate([[min(0, *stops) - 0.5], stops, [max(num_frames / fps, *stops) + 0.5]])
+    after = np.clip(np.searchsorted(moments, time, side="right"), 1, len(moments) - 1)
+    part = (time - moments[after - 1]) / (moments[after] - moments[after - 1])
+    return 0.4 * np.where(after % 2, 1, -1) * np.cos(np.pi * part)
+
+
+def synthetic_motions(num: int, num_frames: int = 34, seed: int = 0) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Motions (num, T, 42, 3) by name, and onsets of each clip, about 3.9 a second, in pairs.
+
+    The motions stop on every second onset, the first of its pair; sway at 1 Hz, without and with tiny jitter; are white
+    jitter; are frozen.
+    """
+    rng = np.random.default_rng(seed)
+    gaps = rng.uniform([[0.2, 0.06]], [[0.57, 0.2]], (num, 12 + num_frames // 4, 2)).reshape(num, -1)
+    sounds = np.cumsum(gaps, axis=1) - 2
+    stops = [times[(times > -0.6) & (times < num_frames / FPS + 0.6)] for times in sounds[:, ::2]]
+    time, shape = np.arange(num_frames) / FPS, (num, num_frames, SKELETON.num_bones, 3)
+    sway = swinging_arms(0.4 * np.sin(2 * np.pi * (time[None] + rng.random((num, 1)))))
+    jitter = normalize(SKELETON.mean_directions[None, None] + rng.normal(0, 0.1, shape))
+    motions = {
+        "stops": swinging_arms(np.stack([stopping_angles(times, num_frames) for times in stops])),
+        "sway": sway,
+        "sway with jitter": normalize(sway + rng.normal(0, 0.01, shape)),
+        "white jitter": jitter,
+        "frozen": np.repeat(jitter[:, :1], num_frames, axis=1),
+    }
+    return motions, [times[(times >= 0) & (times < num_frames / FPS)] for times in sounds]
+
+
+def clip(beats, onsets, start: float = 0.0, end: float = 4.0) -> Clip:
+    return Clip(np.array(beats, float), np.array(onsets, float), start, end)
+
+
+def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rules():
+    motions, onsets = synthetic_motions(300)
+    found, gain, error, legacy = {}, {}, {}, {}
+    for name, motion in motions.items():
+        clips = make_clips(angle_change_rate(SKELETON, motion), onsets, FPS)
+        alignment = align(clips)
+        floor = mismatched(clips, np.arange(300))
+        gains = alignment.f - floor
+        found[name], error[name] = summary(alignment, floor), gains.std() / math.sqrt(300)
+        gain[name] = found[name].gain
+        legacy[name] = [beats.legacy_bc(SKELETON, motion, onsets, variant=x) for x in beats.VARIANTS]
+    assert found["white jitter"].f > 0.6  # yet all of it by chance:
+    for name in ("white jitter", "sway", "sway with jitter"):
+        assert abs(gain[name]) < 1.96 * error[name] < 0.025
+    assert gain["stops"] > 0.2 and gain["stops"] > 20 * error["stops"]
+    assert found["white jitter"].beats_per_second > 1.8 * found["stops"].beats_per_second > 1.8
+    frozen = found["frozen"]
+    assert frozen.recall == frozen.precision == frozen.f == frozen.mismatched == frozen.gain == 0
+    assert frozen.num_used == frozen.num_still == 300 and frozen.pooled_f == frozen.beats_per_second == 0
+    for jitter, stops in zip(legacy["white jitter"], legacy["stops"], strict=True):
+        assert jitter > stops + 0.01
+    assert all(map(math.isnan, legacy["frozen"]))
+
+
+@pytest.mark.parametrize("fps", [15, 24, 30, 60])
+@pytest.mark.parametrize("shift", [0.0, 0.2, 0.45, 0.7])
+def test_beats_lie_where_the_arms_stop(fps, shift):
+    stops = 0.6 * np.arange(-1, 9) + shift / fps  # without a shift right on a frame, but for 24 fps
+    motion = swinging_arms(stopping_angles(stops, round(4 * fps), fps))
+    found = beats.stop_beats(angle_change_rate(SKELETON, motion, fps=fps), fps)
+    np.testing.assert_allclose(found * fps, stops[(stops > 0.5) & (stops < 3.9)] * fps, atol=0.1)
+
+
+def test_beats_lie_near_uneven_stops():
+    stops = np.cumsum(np.random.default_rng(2).uniform(0.35, 0.7, 12)) + 0.2
+    motion = swinging_arms(stopping_angles(stops, int(15 * stops[-1]) + 6))
+    found = beats.stop_beats(angle_change_rate(SKELETON, motion), FPS)
+    np.testing.assert_allclose(found * FPS, stops * FPS, atol=0.6)
+
+
+def test_minima_must_rise_on_both_sides_after_the_seed_poses():
+    rate = np.ones(20)
+    rate[[2, 4]] = 0  # the seed poses, and the first step that is scored
+    rate[8] = 0.9
+    rate[11], rate[12] = 0.98, 0.99
+    rate[15], rate[16] = 0.96, 0.97  # 0.04 on both sides, one of them in two steps
+    np.testing.assert_allclose(beats.stop_beats(rate, 10), [0.85, 1.55 + 0.05 * 0.03 / 0.05])
+    assert len(beats.stop_beats(rate, 10, threshold=0.01)) == 3
+    assert beats.stop_beats(rate, 10, first_frame=0)[0] == pytest.approx(0.25)
+    assert len(beats.stop_beats(rate[:5], 10)) == len(beats.stop_beats(rate[:0], 10)) == 0
+
+
+def test_clips_of_any_length_are_those_of_each_alone():
+    rng = np.random.default_rng(0)
+    rates = [rng.uniform(0, 2, length) for length in (33, 0, 3, 60, 5, 7, 33)]
+    onsets = [np.sort(rng.uniform(0, 3, 4)) for _ in rates]
+    fps = np.array([15, 15, 30, 25, 15, 15, 60.0])
+    clips = make_clips(rates, onsets, fps)
+    for rate, heard, speed, made in zip(rates, onsets, fps, clips, strict=True):
+        np.testing.assert_allclose(made.beats, beats.stop_beats(rate, speed), atol=1e-12)
+        assert made.onsets is heard
+        assert (made.start, made.end) == pytest.approx((4 / speed, (len(rate) + 1) / speed))
+    assert sum(len(made.beats) for made in clips) > 20
+    assert make_clips([], [], 15) == []
+
+
+def test_alignment_is_that_of_a_plain_loop():
+    rng = np.random.default_rng(5)
+    clips = [
+        clip(rng.uniform(0, 5, rng.integers(0, 6)), rng.uniform(0, 5, rng.integers(1, 6)), 0.5, 4.5) for _ in range(80)
+    ]
+    alignment = align(clips, sigma=0.2)
+    for index, each in enumerate(clips):
+        moves, onsets = ([x for x in times if 0.5 <= x < 4.5] for times in (each.beats, each.onsets))
+        values = [math.nan] * 3
+        if onsets:
+            r, q = (
+                sum(max((math.exp(-((x - y) ** 2) / 0.08) for y in others), default=0) for x in times)
+                / max(len(times), 1)
+                for times, others in ((onsets, moves), (moves, onsets))
+            )
+            values = [r, q, 2 * r * q / (r + q) if r + q else 0]
+        found = [alignment.recall[index], alignment.precision[index], alignment.f[index]]
+        np.testing.assert_allclose(found, values, atol=1e-9)
+        assert (alignment.num_onsets[index], alignment.num_beats[index]) == (len(onsets), len(moves))
+    assert alignment.is_silent.any() and (alignment.num_beats == 0).any()
+    np.testing.assert_array_equal(alignment.take(np.array([7, 7, 2])).f, alignment.f[[7, 7, 2]])
+
+
+def test_a_known_distance_scores_as_known():
+    alignment = align([clip([1.1, 3.0], [1.0, 2.0, 3.0])])
+    heard, meant = np.exp(-0.5) + np.exp(-0.5 * 9**2) + 1, np.exp(-0.5) + 1
+    assert alignment.recall[0] == pytest.approx(heard / 3) and alignment.precision[0] == pytest.approx(meant / 2)
+    assert alignment.f[0] == pytest.approx(2 * heard / 3 * meant / 2 / (heard / 3 + meant / 2))
+
+
+def test_silence_is_counted_and_left_out():
+    clips = [
+        clip([1.0], [1.0, 2.0]),
+        clip([], [1.0]),
+        clip([1.0, 2.0, 3.0], []),
+        clip([1.0, 2.0], [9.0]),
+        clip([], [], end=8.0),
+    ]
+    alignment = align(clips)
+    assert np.isnan(alignment.f).tolist() == alignment.is_silent.tolist() == [False, False, True, True, True]
+    result = summary(alignment, mismatched(clips, np.arange(5)))
+    counts = (result.num_used, result.num_silent, result.num_still, result.num_silent_still)
+    assert counts == (2, 3, 1, 1)
+    assert result.f == pytest.approx(1 / 3, abs=1e-6)  # F of 2/3 and 0
+    assert (result.recall, result.precision) == pytest.approx((0.25, 0.5))
+    assert result.pooled_recall == pytest.approx(1 / 3) and result.pooled_precision == pytest.approx(1)
+    assert result.pooled_f == pytest.approx(0.5)
+    assert result.gain == pytest.approx(result.f - result.mismatched)
+    assert result.onsets_per_second == pytest.approx(3 / 8) and result.beats_per_second == pytest.approx(1 / 8)
+    assert result.silent_beats_per_second == pytest.approx(5 / 16)
+    silent = summary(align(clips[2:]), mismatched(clips[2:], np.arange(3)))
+    assert math.isnan(silent.f) and math.isnan(silent.gain) and math.isnan(silent.pooled_f)
+    assert (silent.num_used, silent.num_silent) == (0, 3)
+    assert summary(align([]), np.zeros(0)).num_used == 0
+
+
+def test_sweep_over_thresholds_is_each_threshold_alone():
+    motions, onsets = synthetic_motions(30)
+    rates = angle_change_rate(SKELETON, motions["sway with jitter"])
+    sources = np.arange(30) // 2
+    found = sweep(rates, onsets, sources, FPS, num=3, seed=4)
+    np.testing.assert_allclose(found.thresholds, np.linspace(0.01, 0.3, 30))
+    assert found.own_by_clip.shape == found.mismatched_by_clip.shape == (30, 30)
+    for index in (0, 2, 29):
+        clips = make_clips(rates, onsets, FPS, threshold=found.thresholds[index])
+        alone = summary(align(clips), mismatched(clips, sources, 3, 4))
+        swept = (found.own[index], found.mismatched[index], found.beats_per_second[index])
+        assert swept == pytest.approx((alone.f, alone.mismatched, alone.beats_per_second))
+        assert found.own_by_clip[index].mean() == pytest.approx(alone.f)
+    assert (np.diff(found.beats_per_second) <= 0).all() and found.beats_per_second[-1] < found.beats_per_second[0]
+
+
+def test_onsets_of_clicks_and_none_under_the_floor():
+    audio = np.random.default_rng(0).normal(0, 1e-4, 3 * 16000).astype(np.float32)
+    for time in (0.5, 1.25, 2.0):
+        audio[round(time * 16000) :][:800] += np.hanning(800).astype(np.float32)
+    found = beats.audio_onsets(audio, 3.0)
+    distances = np.abs(found[:, None] - np.array([0.5, 1.25, 2.0])[None])
+    assert distances.min(axis=0).max() < 0.08 and distances.min(axis=1).max() < 0.08
+    np.testing.assert_array_equal(beats.audio_onsets(audio, 1.6), found[found < 1.6])
+    assert len(beats.audio_onsets(0.1 * audio, 3.0))
+    for silence in (0.001 * audio, 0 * audio, audio[:4000], audio[:0]):
+        assert len(beats.audio_onsets(silence, 3.0)) == 0
+    assert len(beats.audio_onsets(audio, 0.4)) == 0  # what is loud comes later
+    assert beats.audio_onsets(audio[8000:9500], 3.0).max(initial=0) < 0.1  # shorter than a spectrum
+
+
+def test_inputs_are_not_modified():
+    motions, onsets = synthetic_motions(8)
+    before = motions["stops"].tobytes(), [times.tobytes() for times in onsets]
+    rates = angle_change_rate(SKELETON, motions["stops"])
+    clips = make_clips(rates, onsets, FPS)
+    summary(align(clips), mismatched(clips, np.arange(8)))
+    beats.mean_angle_change(SKELETON, motions["stops"])
+    assert before == (motions["stops"].tobytes(), [times.tobytes() for times in onsets])

@@ -1,0 +1,55 @@
+"""Hand shapes, style and chance levels with known answers."""
+
+import numpy as np
+import pytest
+
+from ha2g_jax.data.talk import anatomy, lexicon
+from ha2g_jax.metrics import canonical, known_causes
+from ha2g_jax.skeleton import load_skeleton
+
+NAMES = list(lexicon.HAND_SHAPES)
+SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_pose_of_a_template_is_read_back_as_its_class(name):
+    skeleton = load_skeleton("ted_expressive")
+    fingers = np.tile(SHAPES[NAMES.index(name)], (15, 2, 1))
+    body = anatomy.Body(np.zeros((15, 3)), np.zeros((15, 3)), np.zeros((15, 2)), np.full((15, 2, 7), 20.0), fingers)
+    flexions = anatomy.finger_flexions(skeleton, anatomy.body_directions(skeleton, body))
+    np.testing.assert_allclose(flexions, fingers, atol=1e-5)
+    for hands in ([0], [1], [0, 1]):
+        assert NAMES[known_causes.hand_shape(flexions[:, hands], SHAPES, 0.5, 15)] == name
+
+
+def test_a_shape_counts_only_at_its_moment():
+    flexions = np.tile(SHAPES[NAMES.index("open")], (60, 1, 1))
+    flexions[30:36] = SHAPES[NAMES.index("fist")]
+    shown = [NAMES[known_causes.hand_shape(flexions, SHAPES, time, 15)] for time in (1.0, 2.1, 3.0)]
+    assert shown == ["open", "fist", "open"]
+
+
+def test_a_moment_past_the_end_sees_the_last_pose():
+    flexions = np.tile(SHAPES[NAMES.index("open")], (15, 1, 1))
+    flexions[-1] = SHAPES[NAMES.index("fist")]
+    assert NAMES[known_causes.hand_shape(flexions, SHAPES, 5.0, 15)] == "fist"
+
+
+def test_expected_match_is_the_mean_over_shuffles():
+    rng = np.random.default_rng(0)
+    predicted, true = rng.integers(0, 3, 50), rng.integers(1, 5, 50)
+    shuffled = np.mean([np.mean(rng.permutation(predicted) == true) for _ in range(4000)])
+    assert known_causes.expected_match(predicted, true) == pytest.approx(shuffled, abs=0.01)
+
+
+def test_movement_of_a_swinging_right_hand():
+    wrists = np.zeros((31, 2, 3))
+    wrists[:, 1, 0] = np.arange(31) * 0.02
+    assert known_causes.movement(wrists, 15) == pytest.approx((0.3, 1.0))
+    assert known_causes.movement(np.zeros((31, 2, 3)), 15) == (0, 0)
+
+
+def test_correlation_is_pearsons():
+    pairs = np.random.default_rng(0).normal(size=(20, 2))
+    assert canonical.correlation(pairs) == pytest.approx(np.corrcoef(pairs[:, 0], pairs[:, 1])[0, 1])
+    assert np.isnan(canonical.correlation(np.ones((5, 2))))

@@ -1,0 +1,41 @@
+"""One table of metrics: every name once, and what is not in it is an error."""
+
+import subprocess
+import sys
+
+import pytest
+
+from ha2g_jax import metrics
+from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.metric import Metric
+
+
+def test_every_metric_is_complete_and_stands_under_its_name():
+    for name, metric in metrics.METRICS.items():
+        assert isinstance(metric, Metric) and metric.name == name
+        assert metric.title and metric.group and callable(metric.measure)
+        assert metric.direction in ("higher", "lower", "none") and metric.digits >= 0
+
+
+def test_no_two_columns_of_a_section_have_one_heading():
+    for section in ("rows", "legacy_v1", "known_causes", "recording"):
+        found = metrics.of_section(section)
+        headings = [metric.heading for metric in found.values()]
+        assert headings and len(set(headings)) == len(headings)
+
+
+def test_a_heading_has_the_unit():
+    headings = {name: metrics.METRICS[name].heading for name in ("beats_per_second", "acceleration", "beat_f")}
+    assert headings == {"beats_per_second": "beats/s", "acceleration": "acc. m/s²", "beat_f": "F"}
+
+
+def test_a_name_that_is_not_registered_is_an_error():
+    assert metrics.lookup("fgd").title == "FGD"
+    with pytest.raises(UserError, match="no metric is registered as 'hand_speed'; add it to METRICS"):
+        metrics.lookup("hand_speed")
+
+
+def test_metrics_start_no_accelerator_library():
+    code = "import sys, ha2g_jax.metrics; print([name for name in ('jax', 'librosa', 'scipy') if name in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
