@@ -22,9 +22,12 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import build
 from ha2g_jax.methods.method import example_batch
+from ha2g_jax.metrics import METRICS
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.study.evaluation.clip_result import ClipResult
+from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.synthesis import Model
 from ha2g_jax.train.inputs import open_corpus, open_windows
 from ha2g_jax.train.objective import build_objective, init_state
@@ -120,11 +123,6 @@ def data_set():
 
 
 def metric():
-    from ha2g_jax.study.evaluation.clip_result import ClipResult
-
-    from ha2g_jax.metrics import METRICS
-    from ha2g_jax.study.evaluation.evaluate import evaluate
-
     random = np.random.default_rng(0)
     waves = 0.3 * np.sin(np.arange(90)[:, None, None] / 3 + random.uniform(0, 6, (1, SKELETON.num_bones, 3)))
     directions = normalize((SKELETON.mean_directions + waves).astype(np.float32))
