@@ -6,7 +6,6 @@ python extended_package.py COMMANDS prints {recipe: "" or what failed} as JSON.
 import functools
 import importlib.util
 import json
-import os
 import pathlib
 import sys
 import traceback
@@ -175,5 +174,4 @@ def main():
 
 
 if __name__ == "__main__":
-    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
     main()

@@ -41,7 +41,7 @@ def apply(recipe, folder):
 
 
 def copy_sources(folder):
-    """Copy the sources, whose assets no recipe changes and so are linked."""
+    """Copy the sources that recipes change or add to."""
     for name in FOLDERS:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
 
