@@ -134,7 +134,7 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored = _YOUNGER | msgpack.unpackb(record)
+        stored: dict[str, Any] = _YOUNGER | msgpack.unpackb(record)
         fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
         fields["positions"] = _unpack(fields["positions"])
         if fields["confidence"] is not None:

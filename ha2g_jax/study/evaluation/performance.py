@@ -127,7 +127,7 @@ def generated(
             model, clip.audio, style, seed + index, words=clip.words, start=start
         )
         borders = tuple(range(stride, len(directions) - seed_frames, stride))
-        return Performance(clip.id, clip.talk or clip.id, directions, corpus.fps, borders=borders)
+        return Performance(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=borders)
 
     return _each_clip(corpus, split, seed, limit, "performing", perform)
 

@@ -161,7 +161,7 @@ def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
     for index, clip in enumerate(clips):
         place = order.index(index)
         following = order[place + 1 :] + order[:place]
-        others.append([other for other in following if clips[other].talk != clip.talk][:MISMATCHES])
+        others.append([other for other in following if clips[other].recording != clip.recording][:MISMATCHES])
     fewest = min(map(len, others), default=0)
     return [row[:fewest] for row in others]
 
