@@ -34,7 +34,8 @@ def test_a_run_may_move_to_another_machine(workdir, config, name, value):
 
 def test_differing_settings_are_named(workdir, config):
     config.seed, config.loss.ha2g.weights.gan = 1, 0.5
-    with pytest.raises(UserError, match=r"loss\.ha2g\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"):
+    found = r"loss\.ha2g\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"
+    with pytest.raises(UserError, match=found):
         checks.check_workdir(workdir, config)
 
 
