@@ -71,7 +71,7 @@ def trimodal(config: Config, size: str) -> None:
 
 
 def autoencoder(config: Config, size: str) -> None:
-    """Set up the pose auto-encoder of FGD; its networks are the same at every size, so that distances can be compared."""
+    """Set up the pose auto-encoder of FGD, whose networks have one size, so that distances can be compared."""
     weights = {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001}
     _rename(config, "autoencoder", "total", weights, audio="none")
     config.model.identity.kind = "none"
