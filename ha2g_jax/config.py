@@ -1,8 +1,8 @@
-"""The configuration of a run, as the paper has it, and its smaller sizes.
+"""The configuration of a run: the settings of the paper, and smaller sizes.
 
-`experiments/configs/*.py` start from `paper()` and change what their data set needs. A config is one
-`ml_collections.ConfigDict`; it lives at the edge (launcher, command line, checkpoint). Inside, modules take
-their own fields and functions take arguments.
+`experiments/configs/*.py` start from `paper()` and change the settings for their data set. A config is one
+`ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that build networks and
+objectives read it; elsewhere modules take their own fields and functions take arguments.
 """
 
 from typing import Any, TypeAlias
@@ -12,12 +12,16 @@ import ml_collections
 from ha2g_jax import config_renames
 from ha2g_jax.errors import UserError
 
-# An ml_collections.ConfigDict, whose settings have no types that a checker could know.
+# An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
 
 
 def paper(skeleton: str) -> Config:
-    """HA2G at the size and with the settings of the paper, for data on `skeleton`."""
+    """Return the config of HA2G with the sizes and settings of the paper.
+
+    Args:
+        skeleton: name of the skeleton of the data, "ted_expressive" or "ted_gesture".
+    """
     config = ml_collections.ConfigDict()
     config.name = "ha2g"
     config.method = "ha2g"  # a name in ha2g_jax.methods.TRAINABLE
@@ -28,16 +32,16 @@ def paper(skeleton: str) -> Config:
     config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
     config.data.num_frames = 34  # N
     config.data.num_seed_frames = 4  # M
-    config.data.num_reference_images = 4  # images of a speaker that E_ID looks at; M as well, in the paper
+    config.data.num_reference_images = 4  # images of a speaker that E_ID takes; equal to M in the paper
     config.data.fps = 15
     config.data.image_size = 224
-    config.data.jitter = 0  # most frames by which a training window may start late, at random
-    config.data.mirror = 0.0  # fraction of training windows that are mirrored: left is right, with another identity
-    config.data.gain_db = 0.0  # a training window is made quieter by up to so many dB, at random
+    config.data.jitter = 0  # largest number of frames by which a training window starts late, at random
+    config.data.mirror = 0.0  # fraction of training windows that are mirrored left to right, with another identity
+    config.data.gain_db = 0.0  # largest number of dB by which a training window is made quieter, at random
     config.data.noise = 0.0  # fraction of training windows with noise in the speech
-    config.data.noise_snr_db = (10.0, 40.0)  # least and most dB by which the speech is louder than the noise
-    config.data.workers = 0  # processes that read and decode clips; 0 for threads of this one
-    config.data.cache_gib = 8.0  # memory for the decoded clips of a split, of all workers of this host
+    config.data.noise_snr_db = (10.0, 40.0)  # range of the signal-to-noise ratio in dB
+    config.data.workers = 0  # processes that read and decode clips; 0 for threads of this process
+    config.data.cache_gib = 8.0  # GiB of memory for the decoded clips of a split, for all workers of this host
 
     config.model = ml_collections.ConfigDict()
     config.model.recompute = False  # compute activations of ResNets again in the backward pass instead of keeping them
@@ -46,11 +50,11 @@ def paper(skeleton: str) -> Config:
     config.model.audio.resnet_se = ml_collections.ConfigDict(
         {"blocks": (3, 4, 6, 3), "channels": (32, 64, 128, 256), "stem_stride": (1, 1)}
     )
-    config.model.audio.weights = ""  # of "whisper": a Hugging Face folder, openai/whisper-tiny.en for one
-    config.model.audio.whisper = ml_collections.ConfigDict(  # sizes of that encoder, by default those of tiny
+    config.model.audio.weights = ""  # for "whisper": a Hugging Face folder, such as openai/whisper-tiny.en
+    config.model.audio.whisper = ml_collections.ConfigDict(  # sizes of the encoder, by default those of tiny
         {"num_mels": 80, "d_model": 384, "layers": 4, "heads": 6, "ffn_dim": 1536}
     )
-    config.model.audio.levels = ("low", "mid", "high")  # those that the style coordinator blends
+    config.model.audio.levels = ("low", "mid", "high")  # levels that the style coordinator blends
     config.model.audio.feature_dim = 32
     config.model.text = ml_collections.ConfigDict()
     config.model.text.embedding_dim = 300
@@ -64,7 +68,7 @@ def paper(skeleton: str) -> Config:
     config.model.identity.images = ml_collections.ConfigDict({"width": 64})  # channels of the first stage
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
-    config.model.inferer.levels = ()  # stages, by the level's number from 1; all by default
+    config.model.inferer.levels = ()  # numbers of the levels of the motion, from 1; () for all
     config.model.inferer.coordinator = "levels"  # or "tied": the same blend of audio for all levels
     config.model.inferer.hidden_dim = 300
     config.model.inferer.layers = 4
@@ -73,7 +77,7 @@ def paper(skeleton: str) -> Config:
     config.model.discriminator.hidden_dim = 64
     config.model.discriminator.layers = 1
 
-    config.loss = ml_collections.ConfigDict()  # a part for the method, by its name
+    config.loss = ml_collections.ConfigDict()  # one part, named after the method
     config.loss.ha2g = ml_collections.ConfigDict()
     config.loss.ha2g.weights = ml_collections.ConfigDict(
         {"gan": 1.0, "huber": 200.0, "physical": 0.1, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
@@ -81,7 +85,7 @@ def paper(skeleton: str) -> Config:
     config.loss.ha2g.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
     config.loss.ha2g.huber_delta = 0.1  # D8
     config.loss.ha2g.temperature = 0.07
-    config.loss.ha2g.negatives = ("low", "mid", "high")  # levels of the audio in the denominator of Eq. 2
+    config.loss.ha2g.negatives = ("low", "mid", "high")  # audio levels in the denominator of Eq. 2
     config.loss.ha2g.style_clip = 1000.0
 
     config.train = ml_collections.ConfigDict()
@@ -91,27 +95,30 @@ def paper(skeleton: str) -> Config:
     config.train.discriminator_learning_rate = 1e-4
     config.train.betas = (0.5, 0.999)
     config.train.schedule = "constant"  # or "cosine": both rates fall to 0 at the last step
-    config.train.clip_norm = 0.0  # a network's gradient is cut to this norm; 0 leaves it as it is
+    config.train.clip_norm = 0.0  # largest norm of the gradient of a network; 0 for no limit
     config.train.ema = 0.0  # decay of the running average of the generator; 0 for no average
-    config.train.dtype = "float32"  # or "bfloat16": of activations; parameters, statistics and losses stay float32
-    config.train.accumulate = 1  # parts that a batch is computed in; the same update in less memory
-    config.train.warmup_epochs = 10  # D9: epochs before the GAN term
+    config.train.dtype = "float32"  # of activations, or "bfloat16"; parameters, statistics and losses stay float32
+    config.train.accumulate = 1  # number of parts of a batch; the same update in less memory
+    config.train.warmup_epochs = 10  # D9: epochs before the GAN term is used
     config.train.log_every = 50
     config.train.validate_every = 1000
     config.train.checkpoint_every = 1000
-    config.train.keep = 2  # latest checkpoints to keep, besides the best
-    config.train.best_by = "loss/huber"  # which mean over the validation split decides on the best checkpoint
-    config.train.sample_every = 0  # steps between videos of a validation clip; 0 for none
-    config.train.wandb = ""  # project of Weights & Biases to report to; "" for none
-    config.train.devices = 0  # how many to use; 0 for all
+    config.train.keep = 2  # number of latest checkpoints to keep, besides the best
+    config.train.best_by = "loss/huber"  # the best checkpoint has the least mean of this over the validation split
+    config.train.sample_every = 0  # steps between videos of a validation clip; 0 for no videos
+    config.train.wandb = ""  # project of Weights & Biases; "" for no report
+    config.train.devices = 0  # number of devices to use; 0 for all
     return config
 
 
 def from_json(values: dict[str, Any]) -> Config:
-    """Return the config that was stored as `values`, locked; settings younger than it have the values of `paper`.
+    """Return a stored config, locked; settings that were added later have the values of `paper`.
 
-    Old names of settings are read, see `config_renames`. A model folder stores neither losses
-    nor settings of training, so that the config of one has neither.
+    Old names of settings are read, see `config_renames`. A model folder stores neither losses nor settings of training,
+    so that its config has neither.
+
+    Args:
+        values: plain values of config.json.
 
     Raises:
         KeyError, TypeError, AttributeError: `values` are not a config.
@@ -122,7 +129,7 @@ def from_json(values: dict[str, Any]) -> Config:
     for method in set(config.loss) - set(stored):
         del config.loss[method]
     for method in config.loss:
-        config.loss[method].weights = ml_collections.ConfigDict()  # a term that is not stored was not there
+        config.loss[method].weights = ml_collections.ConfigDict()  # a term that is not stored did not exist
     config.update(values)
     if "train" not in values:
         del config.train
@@ -130,7 +137,7 @@ def from_json(values: dict[str, Any]) -> Config:
 
 
 def small(config: Config) -> Config:
-    """A size that two CPU cores train in about an hour."""
+    """Return the config with sizes that two CPU cores train in about an hour."""
     config.data.image_size = 32
     config.model.audio.resnet_se.blocks = (1, 1, 1, 1)
     config.model.audio.resnet_se.channels = (16, 32, 64, 128)
@@ -151,7 +158,7 @@ def small(config: Config) -> Config:
 
 
 def study(config: Config) -> Config:
-    """A size of which two CPU cores train dozens of runs in some hours, to compare methods and ablations."""
+    """Return the config with sizes for dozens of runs in some hours on two CPU cores, to compare methods."""
     config = small(config)
     config.model.inferer.layers = 1
     config.train.steps = 1000
@@ -164,7 +171,7 @@ def study(config: Config) -> Config:
 
 
 def debug(config: Config) -> Config:
-    """The smallest size of everything, for tests: seconds, not minutes."""
+    """Return the config with the smallest sizes, for tests of some seconds."""
     config = small(config)
     config.data.image_size = 32
     config.model.audio.resnet_se.channels = (8, 8, 16, 32)
@@ -188,7 +195,11 @@ SIZES = {"paper": lambda config: config, "small": small, "study": study, "debug"
 
 
 def sized(config: Config, size: str) -> Config:
-    """The config at one of `SIZES`, "" for the paper's.
+    """Return the config at one of `SIZES`.
+
+    Args:
+        config: settings of the paper, which are changed.
+        size: name of the size; "" for that of the paper.
 
     Raises:
         UserError: there is no such size.

@@ -1,9 +1,9 @@
-"""The one exception that a user's mistake raises."""
+"""The exception that a mistake of the user raises."""
 
 
 class UserError(Exception):
-    """Bad input from outside: a file, a flag, a checkpoint.
+    """An input from outside, such as a file, a flag or a checkpoint, that cannot be used.
 
-    The message is one line: what was found, what was expected, what to do next.
-    The command line prints it without a traceback and exits with code 2.
+    The message is one line: what was found, what was expected, what to do. The command line prints it without a
+    traceback and exits with code 2.
     """

@@ -1,4 +1,4 @@
-"""Starts a training run from the command line: absl flags and ml_collections' configs with overrides."""
+"""Start a training run from the command line, by absl flags and ml_collections configs with overrides."""
 
 import pathlib
 import re
@@ -18,23 +18,23 @@ from ha2g_jax.errors import UserError
 _USAGE = """\
 usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--profile]
 
-Trains the model of a config. The same command continues a run that was stopped.
+Train the model of a config. The same command continues a run that was stopped.
 
-  --config FILE[:SIZE]   such as experiments/configs/talk.py:small; sizes are paper, small, study, debug
-  --workdir DIR          where checkpoints, metrics.jsonl and config.json go
-  --config.KEY=VALUE     changes one setting, such as --config.train.batch_size=64
-  --profile              writes a trace of a few steps to DIR/profile
+  --config FILE[:SIZE]   config, such as experiments/configs/talk.py:small; sizes are paper, small, study, debug
+  --workdir DIR          folder for checkpoints, metrics.jsonl and config.json
+  --config.KEY=VALUE     change one setting, such as --config.train.batch_size=64
+  --profile              write a trace of a few steps to DIR/profile
 
-Several processes train one model when each is started with the same command and
-  --coordinator HOST:PORT   where all reach process 0; any port that is free there
-  --num_processes N         how many there are
-  --process_id I            which this one is, from 0
-Slurm's srun needs none of them, see docs/scaling.md.
+To train one model with several processes, start each with the same command and
+  --coordinator HOST:PORT   address at which all processes reach process 0; any port that is free there
+  --num_processes N         number of processes
+  --process_id I            number of this process, from 0
+Under Slurm's srun none of these is needed, see docs/scaling.md.
 """
 
 
 class Arguments(NamedTuple):
-    """What the flags say."""
+    """Values of the flags."""
 
     config: Config
     workdir: str
@@ -45,13 +45,13 @@ class Arguments(NamedTuple):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one training from flags; returns its exit code.
+    """Run one training from flags and return its exit code.
 
     Args:
-        argv: name of the program, then its flags; by default those of this process.
+        argv: name of the program, then the flags; by default those of this process.
 
     Raises:
-        UserError: a flag, config or data set that cannot be used, or processes that do not come together.
+        UserError: a flag, a config or the data cannot be used, or the processes of the run did not all join.
     """
     argv = list(sys.argv if argv is None else argv)
     if {"--help", "-help", "-h"} & set(argv[1:]):
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     arguments = _parse(argv)
 
-    from ha2g_jax.train import hosts  # JAX starts here, after the flags were read
+    from ha2g_jax.train import hosts  # this imports JAX, after the flags were read
 
     hosts.start(arguments.coordinator, arguments.num_processes, arguments.process_id)
 
@@ -74,14 +74,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
-    """The config of "FILE" or "FILE:SIZE", locked.
+    """Return the config of a file, locked.
 
     Args:
-        spec: path of a Python file with `get_config(size)`, and a size.
-        overrides: such as "--config.train.steps=10".
+        spec: "FILE" or "FILE:SIZE", the path of a Python file with a function `get_config(size)`, and a size.
+        overrides: flags such as "--config.train.steps=10".
 
     Raises:
-        UserError: no such file or size, or an override that does not fit.
+        UserError: there is no such file or size, or an override does not fit.
     """
     return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides]).config
 
@@ -102,7 +102,7 @@ def _parse(argv: list[str]) -> Arguments:
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
-    except (KeyError, AttributeError) as error:  # ml_collections' for a key that the config does not have
+    except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
     except (flags.Error, TypeError, ValueError) as error:
         raise UserError(_one_line(error)) from error
@@ -121,9 +121,9 @@ def _parse(argv: list[str]) -> Arguments:
 
 
 def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
-    """The value of --config, "" without one, and the other arguments.
+    """Return the value of --config, "" without one, and the other arguments.
 
-    `config_flags` would read the file by a way that Python is about to remove, and report a missing one late.
+    `config_flags` would read the file through a deprecated function of Python, and report a missing file late.
     """
     for index, argument in enumerate(argv):
         if match := re.fullmatch(r"--?config=(.*)", argument):
@@ -134,17 +134,17 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
 
 
 def _read(spec: str) -> Config:
-    """What `get_config` of "FILE[:SIZE]" gives."""
+    """Return the config that `get_config` of "FILE[:SIZE]" returns."""
     path, _, size = spec.partition(":")
     if not pathlib.Path(path).is_file():
         raise UserError(f"no config file {path!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
     try:
         get_config = runpy.run_path(path).get("get_config")
     except SyntaxError as error:
-        raise UserError(f"{path} is no Python file ({_one_line(error)}); see experiments/configs") from error
+        raise UserError(f"{path} is not a Python file ({_one_line(error)}); see experiments/configs") from error
     config = get_config(*([size] if size else [])) if get_config else None
     if not isinstance(config, ml_collections.ConfigDict):
-        raise UserError(f"{path} has no get_config(size) that gives a ConfigDict; see experiments/configs")
+        raise UserError(f"{path} has no function get_config(size) that returns a ConfigDict; see experiments/configs")
     values, renamed = config_renames.with_new_names(config.to_dict())
     config_renames.warn(renamed, path)
     return ml_collections.ConfigDict(values) if renamed else config
@@ -165,6 +165,6 @@ def _with_new_names(argv: list[str], method: str) -> list[str]:
 
 
 def _one_line(error: Exception) -> str:
-    # ml_collections quotes the message of a misspelt key, line breaks and all.
+    # ml_collections quotes the message about a misspelt key, including its line breaks.
     message = str(error).replace("\\n", ". ").replace("\\'", "").replace("'", "")
     return " ".join(message.split())

@@ -40,7 +40,7 @@ CYCLE = (
 HOSTILE = {
     "empty bvh": ("import-bvh", "a.bvh", b""),
     "endless header": ("import-bvh", "a.bvh", CYCLE.encode()),
-    "a picture": ("import-bvh", "a.bvh", b"\x89PNG\r\n\x1a\n" + bytes(range(256))),
+    "an image": ("import-bvh", "a.bvh", b"\x89PNG\r\n\x1a\n" + bytes(range(256))),
     "empty npz": ("import-smplx", "a.npz", b""),
     "zip bomb": ("import-smplx", "a.npz", zip_bomb()),
     "pickled objects": ("import-smplx", "a.npz", pickled()),
@@ -54,11 +54,11 @@ HOSTILE = {
 @pytest.mark.parametrize(("command", "name", "content"), HOSTILE.values(), ids=HOSTILE)
 def test_a_file_that_cannot_be_used(command, name, content, tmp_path, capfd):
     """One line that names the file, and nothing that looks like a corpus."""
-    source = tmp_path / "source"
-    path = source / name
+    src = tmp_path / "src"
+    path = src / name
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
-    assert run(command, source, tmp_path / "corpus") == 2
+    assert run(command, src, tmp_path / "corpus") == 2
     printed = capfd.readouterr()
     errors = [line for line in printed.err.splitlines() if line.startswith("ha2g: ")]
     assert len(errors) == 1
@@ -69,10 +69,10 @@ def test_a_file_that_cannot_be_used(command, name, content, tmp_path, capfd):
 
 @pytest.mark.parametrize("command", ["import-ted", "import-bvh", "import-smplx", "build-video"])
 def test_nothing_to_import(command, tmp_path, capsys):
-    for source in (tmp_path / "nowhere", tmp_path):
-        assert run(command, source, tmp_path / "corpus") == 2
+    for src in (tmp_path / "nowhere", tmp_path):
+        assert run(command, src, tmp_path / "corpus") == 2
         error = capsys.readouterr().err
-        assert error.count("\n") == 1 and str(source) in error
+        assert error.count("\n") == 1 and str(src) in error
     assert not list(tmp_path.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""Assets of a trained model beside its weights: skeleton, vocabulary, styles of its speakers, start poses."""
+"""Assets of a trained model beside its weights: skeleton, vocabulary, styles of its speakers, seed poses."""
 
 import dataclasses
 from typing import Any
@@ -21,8 +21,8 @@ class Assets:
         skeleton: skeleton with the statistics of the training split.
         vocabulary: words of the training split.
         speakers: name -> (style_dim,) float32 style, in the order of the speakers' indices.
-        seed_poses: (K, M, bones, 3) float32 unit vectors, calm starts to generate from.
-        hash: hash of the weights, "" before there are any.
+        seed_poses: (K, M, bones, 3) float32 unit vectors, calm poses that generation starts from.
+        hash: hash of the weights, "" before training.
     """
 
     skeleton: Skeleton
@@ -33,7 +33,7 @@ class Assets:
 
 
 def to_json(assets: Assets) -> dict[str, Any]:
-    """Return plain values that `from_json` reads back exactly."""
+    """Return assets as plain values, from which `from_json` restores them exactly."""
     return {
         "schema_version": SCHEMA_VERSION,
         "skeleton": {"name": assets.skeleton.name}
@@ -47,6 +47,9 @@ def to_json(assets: Assets) -> dict[str, Any]:
 
 def from_json(values: dict[str, Any]) -> Assets:
     """Return the assets that `to_json` wrote.
+
+    Args:
+        values: plain values of `to_json`.
 
     Raises:
         KeyError, TypeError, ValueError: the values are not assets.

@@ -1,8 +1,9 @@
-"""Checkpoints of a run: the training state and a small record, in Orbax' format, whole or not there at all.
+"""Checkpoints of a run: the training state and a small record, written completely or not at all in the format of Orbax.
 
-They are written while training goes on. Orbax fills a folder with a temporary name and renames it when all is in it, so
-that a run killed half-way leaves nothing that counts as a checkpoint. The last file written holds the SHA-256 of the
-others: what a disk, a copy or a network lost later is found before it is used (`sha256sum -c SHA256SUMS` finds it too).
+They are written in the background while training continues. Orbax fills a folder with a temporary name and renames it
+when it is complete, so that a run that is killed meanwhile leaves nothing that counts as a checkpoint. The last file
+written contains the SHA-256 sums of the others, so that damage by a disk, a copy or a network is found before a
+checkpoint is used (`sha256sum -c SHA256SUMS` finds it too).
 """
 
 import contextlib
@@ -25,12 +26,18 @@ from ha2g_jax.checkpoint import checksums, orbax_errors
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
 
-_NONE, _ALL_DAMAGED = -1, -2  # in place of a step, when the first process tells the others
-_REMOVALS = 10  # attempts
+_NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place of a step
+_REMOVALS = 10  # attempts to remove temporary folders
 
 
 class Restored(NamedTuple):
-    """What a checkpoint holds: `record` is plain values, such as the state of the input iterator."""
+    """Content of a checkpoint.
+
+    Attributes:
+        step: number of steps taken.
+        state: training state.
+        record: plain values, such as the sums of the log.
+    """
 
     step: int
     state: TrainState
@@ -38,42 +45,42 @@ class Restored(NamedTuple):
 
 
 class Checkpoints:
-    """The checkpoints in one folder, each in a folder named after its step.
+    """Checkpoints in one folder, each in a subfolder named after its step.
 
-    Where there are several processes, all of them call `save`, `restore` and `restore_newest` at the same steps.
-    Nothing is made or removed before the first `save`, so that a run's checkpoints can be read while it goes on.
+    If there are several processes, all of them call `save`, `restore` and `restore_newest` at the same steps. Nothing
+    is created or removed before the first `save`, so that the checkpoints of a run can be read while the run continues.
 
     Args:
-        folder: where they are; shared by all processes.
-        keep: how many; older ones are removed once a newer one is whole.
+        folder: folder of the checkpoints, shared by all processes.
+        keep: number of checkpoints to keep; older ones are removed once a newer one is complete.
     """
 
     def __init__(self, folder: pathlib.Path, keep: int = 1):
         self._folder = folder.absolute()
         self._keep = keep
         self._manager: ocp.CheckpointManager | None = None
-        self._writing: int | None = None  # the step being written, or the last that was
+        self._writing: int | None = None  # step that is being written or was written last
         self._size = 0
         orbax_errors.hide_echoes()
 
     def steps(self) -> list[int]:
-        """The steps that there are whole checkpoints of, in ascending order."""
+        """Return the steps of the complete checkpoints, in ascending order."""
         if not self._folder.is_dir():
             return []
         return sorted(int(path.name) for path in self._folder.iterdir() if path.name.isdecimal() and path.is_dir())
 
     def save(self, step: int, state: TrainState, record: dict[str, Any]) -> None:
-        """Begins to write the checkpoint of a step; does nothing where there is a whole one.
+        """Start to write the checkpoint of a step; do nothing if there is an undamaged one already.
 
-        Returns as soon as `state` may be given up. Waits for the checkpoint that was begun before.
+        This waits for the previous checkpoint to be written, and returns as soon as `state` may be donated.
 
         Args:
             step: number of steps taken.
-            state: everything that training carries along.
-            record: plain values.
+            state: training state.
+            record: plain values to store with it.
 
         Raises:
-            UserError: this checkpoint or the one before cannot be written, because the disk is full for instance.
+            UserError: this checkpoint or the previous one cannot be written, for example because the disk is full.
         """
         self.wait()
         if step in self.steps() and self._is_whole_or_set_aside(step):
@@ -88,29 +95,29 @@ class Checkpoints:
         self._writing = step
         with self._blaming_the_disk():
             self._manager = self._manager or self._open()
-            self._manager.save(step, args=args, force=True)  # without it Orbax skips some steps in silence
+            self._manager.save(step, args=args, force=True)  # without `force` Orbax skips some steps silently
 
     def wait(self) -> None:
-        """Returns when what was saved is on the disk.
+        """Wait until the last checkpoint is on the disk.
 
         Raises:
-            UserError: it could not be written.
+            UserError: the checkpoint could not be written.
         """
         if self._manager:
             with self._blaming_the_disk():
                 self._manager.wait_until_finished()
 
     def check(self) -> None:
-        """Like `wait`, but returns at once while something is being written; costs nothing.
+        """Raise the error of the last checkpoint, if there was one, without waiting for it to be written.
 
         Raises:
-            UserError: it could not be written.
+            UserError: the checkpoint could not be written.
         """
         if self._manager and not self._manager.is_saving_in_progress():
             self.wait()
 
     def close(self) -> None:
-        """Waits, then frees what was held.
+        """Wait until the last checkpoint is on the disk, then release all resources.
 
         Raises:
             UserError: the last checkpoint could not be written.
@@ -121,12 +128,15 @@ class Checkpoints:
             self._manager = None
 
     def restore(self, step: int, like: TrainState) -> tuple[TrainState, dict[str, Any]]:
-        """The state and the record of a step.
+        """Read the state and the record of a step.
 
         Args:
             step: one of `steps()`.
-            like: arrays, or their shapes, types and shardings, in the places where the state's are to be. Their
-                devices need not be those that the state was saved from.
+            like: tree of arrays, or of shapes with types and shardings, that the restored state is to have. The
+                devices may be other ones than those that the state was saved from.
+
+        Returns:
+            The state and the record.
 
         Raises:
             UserError: the checkpoint is damaged or of another model.
@@ -135,14 +145,14 @@ class Checkpoints:
         return self._read_state(step, like), self._read(step, "record")
 
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Read the variables of the generator to evaluate and to ship, and the record; the rest of the state is left.
+        """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
 
         Args:
             step: one of `steps()`.
             shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
 
         Returns:
-            The variables as numpy arrays, the running average where there is one, and the record.
+            The variables as numpy arrays, those of the running average if there is one, and the record.
 
         Raises:
             UserError: the checkpoint is damaged or of another model.
@@ -169,16 +179,19 @@ class Checkpoints:
         return jax.tree.map(np.asarray, found[name]), self._read(step, "record")
 
     def restore_newest(self, like: TrainState) -> Restored | None:
-        """The newest checkpoint that is whole, None where there is none at all.
+        """Read the newest undamaged checkpoint.
 
-        Damaged ones that are newer are named on stderr and renamed to STEP.damaged, so that the run can write them
-        again and nothing is lost that a person may want to look at.
+        Newer checkpoints that are damaged are named on stderr and renamed to STEP.damaged, so that the run can write
+        these steps again and the files can still be examined.
 
         Args:
             like: see `restore`.
 
+        Returns:
+            The content of the checkpoint, None if there is no checkpoint at all.
+
         Raises:
-            UserError: there are checkpoints, but all of them are damaged, or the newest whole one is of another model.
+            UserError: all checkpoints are damaged, or the newest undamaged one is of another model.
         """
         self.wait()
         step = self._agree(self._look)
@@ -191,7 +204,10 @@ class Checkpoints:
         return None if step == _NONE else Restored(step, self._read_state(step, like), self._read(step, "record"))
 
     def record(self, step: int) -> dict[str, Any]:
-        """The record of a step alone.
+        """Read the record of a step without its state.
+
+        Args:
+            step: one of `steps()`.
 
         Raises:
             UserError: the checkpoint is damaged.
@@ -209,13 +225,13 @@ class Checkpoints:
             return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
 
     def _read(self, step: int, item: str) -> dict[str, Any]:
-        return json.loads((self._folder / str(step) / item / "metadata").read_text())  # where Orbax puts JSON
+        return json.loads((self._folder / str(step) / item / "metadata").read_text())  # Orbax stores JSON there
 
     def _open(self) -> ocp.CheckpointManager:
         options = ocp.CheckpointManagerOptions(
             max_to_keep=self._keep,
             cleanup_tmp_directories=True,
-            lightweight_initialize=True,  # it would stumble over damaged ones
+            lightweight_initialize=True,  # otherwise damaged checkpoints would make it fail
             async_options=ocp.AsyncOptions(post_finalization_callback=self._write_checksums),
             multiprocessing_options=ocp.options.MultiprocessingOptions(
                 barrier_sync_key_prefix=self._folder.name  # latest and best may be written at the same time
@@ -228,12 +244,12 @@ class Checkpoints:
         checksums.write(folder)
 
     def _temporary(self) -> list[pathlib.Path]:
-        """Folders of the step at hand that are not whole yet."""
+        """Return the folders of the current step that are not complete yet."""
         return list(self._folder.glob(f"{self._writing}{ocp.utils.TMP_DIR_SUFFIX}*"))
 
     def _remove_temporary(self) -> None:
-        # Other threads of Orbax may not know yet that it is over, and make the folder again. What one of them makes
-        # even later, the next start removes.
+        # Other threads of Orbax may still be running and create the folder again. A folder that is created even later
+        # is removed at the next start.
         for _ in range(_REMOVALS):
             for folder in self._temporary():
                 shutil.rmtree(folder, ignore_errors=True)
@@ -248,19 +264,19 @@ class Checkpoints:
             if jax.process_index() == 0:
                 self._remove_temporary()
             left = (
-                f"{self._folder.name}/{self.steps()[-1]} is whole"
+                f"{self._folder.name}/{self.steps()[-1]} is complete"
                 if self.steps()
-                else f"{self._folder.name} has none before it"
+                else f"{self._folder.name} has no earlier one"
             )
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
-                f"cannot write checkpoint {self._folder / str(self._writing)} ({orbax_errors.reason(error)}; it takes "
-                f"{self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); {left}: free some space, and the same "
+                f"cannot write checkpoint {self._folder / str(self._writing)} ({orbax_errors.reason(error)}; it needs "
+                f"{self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); {left}: free some space, then the same "
                 "command continues"
             ) from error
 
     def _look(self) -> int:
-        """The newest step that is whole; damaged ones that are newer are set aside."""
+        """Return the newest undamaged step, after renaming newer ones that are damaged."""
         damaged: dict[int, str] = {}
         for step in reversed(self.steps()):
             if reason := _damage(self._folder / str(step)):
@@ -274,18 +290,18 @@ class Checkpoints:
     def _is_whole_or_set_aside(self, step: int) -> bool:
         def look() -> int:
             if reason := _damage(self._folder / str(step)):
-                self._set_aside(step, reason, "writing it anew")
+                self._set_aside(step, reason, "writing it again")
             return not reason
 
         return bool(self._agree(look))
 
     def _agree(self, look: Callable[[], int]) -> int:
-        """What `look` gives on the first process; the others may see a shared disk as it was, and go by that."""
+        """Return on all processes what `look` returns on the first; others may see an older state of a shared disk."""
         answer = look() if jax.process_index() == 0 else 0
         if jax.process_count() > 1:
             answer = int(multihost_utils.broadcast_one_to_all(np.int32(answer)))
         if self._manager:
-            self._manager.reload()  # it remembers what was there
+            self._manager.reload()  # it caches the list of checkpoints
         return answer
 
     def _set_aside(self, step: int, reason: str, consequence: str) -> None:
@@ -295,7 +311,8 @@ class Checkpoints:
             number += 1
             name = f"{step}.damaged-{number}"
         path.rename(path.with_name(name))
-        tqdm.tqdm.write(f"checkpoint {path} is damaged ({reason}) and now named {name}; {consequence}", file=sys.stderr)
+        line = f"checkpoint {path} is damaged ({reason}) and was renamed to {name}; {consequence}"
+        tqdm.tqdm.write(line, file=sys.stderr)
 
     def _check(self, step: int) -> None:
         path = self._folder / str(step)
@@ -309,9 +326,9 @@ class Checkpoints:
 def _blaming_the_version(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
-    except Exception as error:  # Orbax raises that very class, among many
+    except Exception as error:  # Orbax raises many classes, this one among them
         raise UserError(
-            f"checkpoint {path} cannot be read though it is whole ({orbax_errors.reason(error)}); install the "
+            f"checkpoint {path} is undamaged but cannot be read ({orbax_errors.reason(error)}); install the "
             "version of Orbax that wrote it"
         ) from error
 
@@ -325,7 +342,11 @@ def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str
 
 
 def on_one_device(state: Any) -> Any:
-    """The shapes of a state as `Checkpoints.restore` takes them, placed on the first device."""
+    """Return the shapes of a state on the first device of this process, as `Checkpoints.restore` takes them.
+
+    Args:
+        state: tree of arrays or shapes.
+    """
     sharding = jax.sharding.SingleDeviceSharding(jax.local_devices()[0])
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), state)
 
@@ -336,7 +357,7 @@ def _copy(state: TrainState) -> TrainState:
 
 
 def _arrays(state: Any) -> dict[str, str]:
-    """The type and shape of each array, by its name."""
+    """Return the type and shape of each array, by name."""
     leaves = jax.tree_util.tree_leaves_with_path(state)
     return {
         jax.tree_util.keystr(path, simple=True, separator="/"): f"{leaf.dtype}{list(leaf.shape)}"
@@ -345,7 +366,7 @@ def _arrays(state: Any) -> dict[str, str]:
 
 
 def _damage(folder: pathlib.Path) -> str:
-    """What is wrong with a checkpoint in a few words, "" where nothing is."""
+    """Describe the damage of a checkpoint in a few words; return "" if there is none."""
     try:
         return checksums.damage(folder)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Finds out whether the files of a folder are those that were written: SHA256SUMS, as `sha256sum -c` reads it."""
+"""Checksums of the files of a folder in SHA256SUMS, which `sha256sum -c` can read too."""
 
 import hashlib
 import pathlib
@@ -7,18 +7,25 @@ CHECKSUMS = "SHA256SUMS"
 
 
 def write(folder: pathlib.Path) -> None:
-    """Adds SHA256SUMS to a folder, which covers all files in the folders of `folder`, not those beside them."""
+    """Write SHA256SUMS into a folder; it covers all files in subfolders, not files in the folder itself.
+
+    Args:
+        folder: folder of a checkpoint.
+    """
     (folder / CHECKSUMS).write_text(_listing(_digests(folder)))
 
 
 def damage(folder: pathlib.Path) -> str:
-    """What is wrong with a folder in a few words, "" where nothing is: files are changed, missing or added.
+    """Describe in a few words which file of a folder was changed, removed or added; return "" if none was.
+
+    Args:
+        folder: folder of a checkpoint.
 
     Raises:
         OSError: a file cannot be read.
     """
     if not folder.is_dir():
-        return "it is not there"
+        return "there is no such folder"
     if not (folder / CHECKSUMS).is_file():
         return f"{CHECKSUMS} is missing"
     text, found = (folder / CHECKSUMS).read_bytes().decode(errors="replace"), _digests(folder)

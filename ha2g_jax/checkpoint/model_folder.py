@@ -1,8 +1,8 @@
-"""The shipped form of a model: a folder of config.json, assets.json and model.safetensors; no pickle.
+"""Model folders, the form in which models are shipped: config.json, assets.json and model.safetensors; no pickle.
 
-The config has what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A model is named by
-"demo", by such a folder, or by the workdir of a training run, whose best checkpoint on the validation split is taken.
-WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a checkpoint exactly.
+The config contains what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A model is named
+by "demo", by such a folder, or by the workdir of a training run, which stands for its best checkpoint on the validation
+split. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a particular checkpoint.
 """
 
 import contextlib
@@ -34,11 +34,18 @@ BEST, LATEST, FAILED = "best", "latest", "failed"
 RUN = "run.json"
 CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
 
-_HALF_PRECISION_ABOVE = 20_000_000  # bytes; what a package should not exceed
+_HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
 
 
 class LoadedModel(NamedTuple):
-    """A trained generator: `variables` are its {"params", "batch_stats"} as numpy arrays."""
+    """A trained generator.
+
+    Attributes:
+        spec: networks and sizes.
+        variables: {"params", "batch_stats"} of the generator as numpy arrays.
+        assets: skeleton, vocabulary, styles and seed poses.
+        config: settings that the networks are built from.
+    """
 
     spec: Spec
     variables: dict[str, Any]
@@ -47,16 +54,19 @@ class LoadedModel(NamedTuple):
 
 
 def load(spec: str | pathlib.Path) -> LoadedModel:
-    """Load the model named by "demo", a model folder, a workdir or a checkpoint in it.
+    """Load a model.
+
+    Args:
+        spec: "demo", a model folder, a workdir, or a checkpoint in a workdir.
 
     Raises:
-        UserError: there is none, or it is damaged; in one line.
+        UserError: there is no model, or it is damaged.
     """
     if spec == "demo":
         folder = importlib.resources.files("ha2g_jax") / "assets" / "demo"
         with importlib.resources.as_file(folder) as path:
             if not path.is_dir():
-                raise UserError("this installation has no demo model; install ha2g-jax again or name a --checkpoint")
+                raise UserError("the demo model is not installed; install ha2g-jax again or name a --checkpoint")
             return _load_folder(path)
     path = pathlib.Path(spec)
     if (path / WEIGHTS).is_file():
@@ -69,12 +79,21 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
 
 
 def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: dict[str, Any]) -> pathlib.Path:
-    """Write a model folder, whole or not at all; the hash of the weights goes into its assets.
+    """Write a model folder, completely or not at all; its assets contain the hash of the weights.
 
-    Weights are float32, or float16 where that would be more than 20 MB.
+    Weights are float32, or float16 if float32 would take more than 20 MB.
+
+    Args:
+        folder: folder to write, which does not exist or is empty.
+        config: settings of the model; losses and settings of training are left out.
+        assets: assets of the model.
+        variables: {"params", "batch_stats"} of the generator.
+
+    Returns:
+        The folder.
 
     Raises:
-        UserError: there is something in `folder` already.
+        UserError: `folder` exists and is not empty.
     """
     folder = pathlib.Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -94,13 +113,30 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
 
 
 def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Write the model of a workdir, or of one checkpoint in it, as a model folder; return the folder."""
+    """Write the model of a workdir as a model folder.
+
+    Args:
+        workdir: workdir of a run, or a checkpoint in it.
+        out: folder to write, which does not exist or is empty.
+
+    Returns:
+        The model folder.
+
+    Raises:
+        UserError: as `load` and `save`.
+    """
     model = load(workdir)
     return save(out, model.config, model.assets, model.variables)
 
 
 def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> None:
-    """Write the config and the assets of a model, config.json and assets.json."""
+    """Write the config and the assets of a model as config.json and assets.json.
+
+    Args:
+        folder: model folder or workdir, which exists.
+        config: settings of the model.
+        assets: assets of the model.
+    """
     for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
         temporary = folder / f"{name}.new"
         temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
@@ -108,12 +144,15 @@ def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> N
 
 
 def config_to_json(config: Config) -> dict[str, Any]:
-    """Return the config as plain values, as config.json has it."""
+    """Return a config as the plain values of config.json."""
     return json.loads(config.to_json())
 
 
 def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
-    """Read the config and assets of a model folder or a workdir.
+    """Read the config and the assets of a model folder or a workdir.
+
+    Args:
+        folder: model folder or workdir.
 
     Raises:
         UserError: one of the files is missing or damaged.
@@ -137,7 +176,7 @@ def _load_folder(folder: pathlib.Path) -> LoadedModel:
     if _hash(data) != assets.hash:
         raise UserError(
             f"{folder / WEIGHTS} has hash {_hash(data)}, {ASSETS} says {assets.hash}: "
-            "the files are of two models; export or download it again"
+            "the files belong to two models; export or download the model again"
         )
     flat = {name: array.astype(np.float32) for name, array in flat.items()}
     variables = {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
@@ -145,8 +184,8 @@ def _load_folder(folder: pathlib.Path) -> LoadedModel:
 
 
 def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
-    """Load the checkpoint that `path`, the workdir or a folder below it, stands for."""
-    from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does without
+    """Load the checkpoint that `path`, a workdir or a folder in it, stands for."""
+    from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does not need it
 
     config, assets = read_description(workdir)
     spec = _build(workdir, config, assets)
@@ -157,7 +196,7 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
         if checkpoints and steps and number in ("", *steps):
             break
     else:
-        raise UserError(f"no checkpoint in {path} yet; train longer, or use an older run")
+        raise UserError(f"no checkpoint in {path} yet; train longer, or use another run")
     variables, record = checkpoints.restore_model(int(number or steps[-1]), variable_shapes(spec))
     checkpoints.close()
     with _blame(workdir / name):
@@ -201,7 +240,7 @@ def _to_bytes(variables: dict[str, Any]) -> bytes:
 
 
 def _flatten(variables: Any) -> dict[str, Any]:
-    """Nested dicts as one, with names such as "params/audio/stem/kernel"."""
+    """Return nested dicts as one dict, with names such as "params/audio/stem/kernel"."""
     return dict(traverse_util.flatten_dict(variables, sep="/"))
 
 
@@ -211,11 +250,13 @@ def _hash(data: bytes) -> str:
 
 @contextlib.contextmanager
 def _blame(path: pathlib.Path):
-    """Turns what goes wrong while a file is read into one line that names it."""
+    """Turn an error during the reading of a file into a `UserError` that names the file."""
     try:
         yield
     except FileNotFoundError:
         raise UserError(f"{path} is missing; export or download the model again") from None
     except (ValueError, KeyError, TypeError, AttributeError, OSError, safetensors.SafetensorError) as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(f"{path} is damaged or of another version ({reason}); export or download it again") from error
+        raise UserError(
+            f"{path} is damaged or of another version ({reason}); export or download the model again"
+        ) from error

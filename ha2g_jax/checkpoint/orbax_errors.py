@@ -1,4 +1,4 @@
-"""What Orbax says when a checkpoint cannot be written or read, made short."""
+"""Shorten the errors and warnings of Orbax about checkpoints that cannot be written or read."""
 
 import functools
 import logging
@@ -9,7 +9,11 @@ from typing import Any
 
 
 def reason(error: Exception) -> str:
-    """The cause of an error in a few words: TensorStore gives it among paths and line numbers."""
+    """Return the cause of an error in a few words, which TensorStore reports among paths and line numbers.
+
+    Args:
+        error: exception that Orbax raised.
+    """
     if match := re.search(r"os_error_code='(\d+)'", str(error)):
         return os.strerror(int(match[1]))
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -18,7 +22,7 @@ def reason(error: Exception) -> str:
 
 @functools.cache
 def hide_echoes() -> None:
-    """Keeps what Orbax raises from being printed as well, with tracebacks, and its warnings about being waited for."""
+    """Keep Orbax from printing the exceptions that it raises, and its warnings that it is being waited for."""
 
     def is_news(record: logging.LogRecord) -> bool:
         is_echo = record.exc_info or record.levelno <= logging.WARNING
@@ -29,7 +33,7 @@ def hide_echoes() -> None:
     previous = sys.unraisablehook
 
     def hook(unraisable: Any) -> None:
-        if str(unraisable.exc_value) != "Event loop is closed":  # where writes are cut short
+        if str(unraisable.exc_value) != "Event loop is closed":  # raised when a write is interrupted
             previous(unraisable)
 
     sys.unraisablehook = hook

@@ -15,20 +15,21 @@ class Network(flax.struct.PyTreeNode):
 
     @property
     def variables(self) -> dict[str, Any]:
-        """Variables as `module.apply` takes them."""
+        """Variables {"params", "batch_stats"} for `module.apply`."""
         return {"params": self.params, "batch_stats": self.batch_stats}
 
 
 class TrainState(flax.struct.PyTreeNode):
-    """The networks after `step` steps: those of Eq. 6, or a generator alone.
+    """Networks after `step` steps: those of Eq. 6, or a generator alone.
 
     Attributes:
         step: () int32 number of steps taken.
-        generator, discriminator: networks as they are trained; None for a method without a discriminator.
-        average: {"params", "batch_stats"} of the generator, their running mean over the steps; None where the
-            objective keeps none.
-        is_finite: () bool, whether the losses and gradient norms of all steps were finite. Once one was not, no
-            step changes anything: the state stays as it was before that step.
+        generator: network that generates poses.
+        discriminator: network of the adversarial loss; None for a method without one.
+        average: running mean over the steps of {"params", "batch_stats"} of the generator; None for an objective
+            without an average.
+        is_finite: () bool, whether the losses and gradient norms of all steps were finite. Once one was not, no step
+            changes the state any more, which stays as it was before that step.
     """
 
     step: jax.Array
@@ -39,5 +40,5 @@ class TrainState(flax.struct.PyTreeNode):
 
     @property
     def model(self) -> dict[str, Any]:
-        """Variables of the generator to evaluate and to ship: their average where there is one."""
+        """Variables of the generator to evaluate and to ship: the average if there is one."""
         return self.generator.variables if self.average is None else self.average

@@ -12,9 +12,13 @@ from ha2g_jax.errors import UserError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs one command; returns its exit code.
+    """Run one command and return its exit code.
 
-    1 if `doctor` or `data validate` find trouble, 2 for a user's mistake, 130 for Ctrl-C.
+    Args:
+        argv: arguments; by default those of this process.
+
+    Returns:
+        0; 1 if `doctor` or `data validate` find an error; 2 for a mistake of the user; 130 for Ctrl-C.
     """
     argv = sys.argv[1:] if argv is None else argv
     try:
@@ -31,14 +35,14 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("ha2g: interrupted", file=sys.stderr)
         return 128 + signal.SIGINT
-    except BrokenPipeError:  # whoever read the output has seen enough, as `| head` has
+    except BrokenPipeError:  # the reader of the output has stopped reading, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141  # as a shell says of SIGPIPE
+        return 141  # the exit code of SIGPIPE in a shell
     return code
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="ha2g", description="Speech in, gestures out.")
+    parser = argparse.ArgumentParser(prog="ha2g", description="Generate gestures from speech.")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     generate.add_command(commands)
@@ -47,21 +51,21 @@ def _parser() -> argparse.ArgumentParser:
 
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
 
-    doctor = commands.add_parser("doctor", help="what a run needs: devices, versions, memory, data, one step timed")
+    doctor = commands.add_parser("doctor", help="check devices, versions, memory and data, and time one step")
     doctor.add_argument("--config", help="FILE[:SIZE] (default: the smallest model, without data)")
-    doctor.add_argument("--json", action="store_true")
+    doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
     doctor.set_defaults(run=_doctor)
 
-    describe = commands.add_parser("describe", help="shapes and parameter counts of every module")
+    describe = commands.add_parser("describe", help="print shapes and parameter counts of every module")
     describe.add_argument("--config", required=True, help="FILE[:SIZE]")
-    describe.add_argument("--json", action="store_true")
+    describe.add_argument("--json", action="store_true", help="print JSON instead of a table")
     describe.set_defaults(run=_describe)
 
     evaluate.add_command(commands)
 
-    model = commands.add_parser("export-model", help="a workdir's model as a small folder (safetensors and JSON)")
-    model.add_argument("workdir", type=pathlib.Path)
-    model.add_argument("out", type=pathlib.Path)
+    model = commands.add_parser("export-model", help="write the model of a workdir as a folder of safetensors and JSON")
+    model.add_argument("workdir", type=pathlib.Path, help="workdir of ha2g train, or a checkpoint in it")
+    model.add_argument("out", type=pathlib.Path, help="folder to write")
     model.set_defaults(run=_export_model)
 
     data.add_commands(commands)

@@ -1,4 +1,4 @@
-"""`python -m ha2g_jax.cli` is `ha2g`."""
+"""Run the `ha2g` command by `python -m ha2g_jax.cli`."""
 
 import sys
 

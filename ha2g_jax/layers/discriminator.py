@@ -11,14 +11,14 @@ _SLOPE = 0.2
 
 
 class Discriminator(nn.Module):
-    """Poses of a window to one logit: three convolutions, a bidirectional GRU, two linear maps.
+    """Discriminator of the poses of a window: three convolutions, a bidirectional GRU, two linear maps.
 
-    At the paper's size 34 x 126 poses become 28 x 8, then 28 x 64 (directions summed), 28 and 1.
+    At the size of the paper 34 x 126 poses become 28 x 8, then 28 x 64 (directions summed), 28 and 1.
 
     Attributes:
-        hidden_dim: of the GRU.
-        layers: of the GRU; Table 8 prints no number, 1 is ours, the authors' release has 4.
-        dropout: between the layers of the GRU.
+        hidden_dim: number of values of the state of the GRU in one direction.
+        layers: number of layers of the GRU; Table 8 states none, we use 1, and the authors' release has 4.
+        dropout: dropout rate between the layers of the GRU.
     """
 
     hidden_dim: int = 64
@@ -27,7 +27,7 @@ class Discriminator(nn.Module):
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
-        """Maps mean-subtracted poses (B, N, pose_dim) to logits (B,); the sigmoid belongs to the loss."""
+        """Map mean-subtracted poses (B, N, pose_dim) to logits (B,); the loss applies the sigmoid."""
         x = _conv(16, name="conv_1")(poses)
         x = nn.leaky_relu(BatchNorm(name="norm_1")(x, train=train), _SLOPE)
         x = _conv(8, name="conv_2")(x)

@@ -6,16 +6,16 @@ from flax import linen as nn
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import BiGRU
 
-# The slope that was meant; the authors' releases pass True for it, which makes the activation the identity.
+# The intended slope; the authors' releases pass True instead, which makes the activation the identity.
 _SLOPE = 0.01
 
 
 class FrameDecoder(nn.Module):
-    """What is known of each frame to its pose: a bidirectional GRU, then a linear map to half its width and one more.
+    """Decoder of the features of each frame to a pose: a bidirectional GRU and two linear maps.
 
     Attributes:
-        pose_dim: values of a flat pose.
-        hidden_dim, layers, dropout: of the GRU.
+        pose_dim: number of values of a flat pose.
+        hidden_dim, layers, dropout: settings of the GRU, see `BiGRU`; the first linear map has half its width.
     """
 
     pose_dim: int
@@ -25,7 +25,7 @@ class FrameDecoder(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, N, inputs) to poses (B, N, pose_dim)."""
+        """Map features (B, N, inputs) to poses (B, N, pose_dim)."""
         hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
         hidden = nn.Dense(self.hidden_dim // 2, kernel_init=initializers.LINEAR, name="linear_1")(hidden)
         hidden = nn.leaky_relu(hidden, _SLOPE)

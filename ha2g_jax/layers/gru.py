@@ -1,4 +1,4 @@
-"""The one recurrence of the project: a gated recurrent unit with PyTorch's equations.
+"""Gated recurrent units with the equations of PyTorch, the only recurrence of the project.
 
     r_t = sigmoid(W_r x_t + b_r + U_r h_(t-1) + c_r)
     z_t = sigmoid(W_z x_t + b_z + U_z h_(t-1) + c_z)
@@ -6,7 +6,7 @@
     h_t = (1 - z_t) * n_t + z_t * h_(t-1)
 
 Rows of the stacked weights are in the order reset r, update z, new n. The second bias c_n lies inside the
-product with r, which is why Linen's cell, which has one bias only, is not used.
+product with r. The cell of Linen has only one bias and is therefore not used.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from flax import linen as nn
 
 
 class Gates(NamedTuple):
-    """One array a gate. A CPU vectorises separate arrays, but not slices of one: 4 times the speed forward."""
+    """One array for each gate. A CPU vectorises separate arrays but not slices of one: 4 times the speed forward."""
 
     reset: jax.Array
     update: jax.Array
@@ -31,20 +31,20 @@ def gru_scan(
     hidden_biases: Sequence[jax.Array],
     is_real: Sequence[jax.Array] | None = None,
 ) -> tuple[jax.Array, ...]:
-    """Runs independent GRUs side by side in one scan, from a zero state.
+    """Run independent GRUs side by side in one scan, from a zero state.
 
-    The directions of a bidirectional GRU share the scan, so that it takes N steps and not 2 N. Products are taken
-    in the type of the gates, but the state and the kernels' gradients, which add up over the steps, are float32.
+    The directions of a bidirectional GRU share the scan, so that it takes N steps and not 2 N. Products are computed in
+    the type of the gates, but the state and the gradients of the kernels, which are summed over the steps, are float32.
 
     Args:
-        gates: per GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.
-        hidden_kernels: per GRU and gate (h, h), the transpose of U.
-        hidden_biases: per GRU (h,), c_n.
-        is_real: per GRU (N, B, 1), False where a step is padding, which leaves the state as it was; None for no
-            padding at all.
+        gates: for each GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.
+        hidden_kernels: for each GRU and gate (h, h), the transpose of U.
+        hidden_biases: for each GRU (h,), c_n.
+        is_real: for each GRU (N, B, 1), False where a step is padding, which does not change the state; None if there
+            is no padding.
 
     Returns:
-        Per GRU (N, B, h), the states h_t.
+        For each GRU (N, B, h), the states h_t.
     """
 
     def step(states, frame):
@@ -76,7 +76,7 @@ def _float32(tree: Any) -> Any:
 
 
 def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
-    """One GRU's parameters in a module, named as in `torch.nn.GRU`; they start uniform in +-1/sqrt(h)."""
+    """Return the parameters of one GRU in a module, named as in `torch.nn.GRU`; they start uniform in +-1/sqrt(h)."""
     bound = hidden_dim**-0.5
 
     def uniform(key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
@@ -92,7 +92,7 @@ def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tu
 
 
 def _prepare(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, Gates, jax.Array]:
-    """What `gru_scan` takes for one GRU on x (N, B, inputs): gates, hidden kernels, hidden bias."""
+    """Return the gates, hidden kernels and hidden bias of one GRU on x (N, B, inputs), as `gru_scan` takes them."""
     input_weight, hidden_weight, input_bias, hidden_bias = weights
     outside, inside = jnp.split(hidden_bias, [2 * hidden_weight.shape[1]])
     bias = input_bias + jnp.concatenate([outside, jnp.zeros_like(inside)])
@@ -105,13 +105,13 @@ def _prepare(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, Gates
 class BiGRU(nn.Module):
     """A bidirectional GRU of several layers whose two directions are summed at the end.
 
-    Between the layers the directions are concatenated, and dropout acts there only. Parameters have the
-    names and shapes of `torch.nn.GRU`, such as `weight_ih_l0` (3 h, inputs) and `bias_hh_l1_reverse` (3 h,).
+    Between the layers the directions are concatenated, and dropout acts only there. Parameters have the names and
+    shapes of `torch.nn.GRU`, such as `weight_ih_l0` (3 h, inputs) and `bias_hh_l1_reverse` (3 h,).
 
     Attributes:
-        hidden_dim: h, values of one direction's state.
+        hidden_dim: number of values of the state of one direction, h.
         layers: number of layers.
-        dropout: rate of the dropout between layers.
+        dropout: dropout rate between the layers.
     """
 
     hidden_dim: int
@@ -119,7 +119,7 @@ class BiGRU(nn.Module):
     dropout: float = 0.0
 
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, N, inputs) to (B, N, hidden_dim); uses the stream "dropout" in training."""
+        """Map (B, N, inputs) to (B, N, hidden_dim); uses the stream "dropout" in training."""
         forward, backward = self.states(x, train=train)[-1]
         return forward + backward
 
@@ -127,16 +127,16 @@ class BiGRU(nn.Module):
     def states(
         self, x: jax.Array, *, is_real: jax.Array | None = None, train: bool
     ) -> tuple[tuple[jax.Array, jax.Array], ...]:
-        """The states of every layer, for sequences that may end early.
+        """Return the states of every layer, for sequences that may end early.
 
         Args:
-            x: (B, N, inputs).
-            is_real: (B, N), False at the steps after a sequence's end. There the forward state stays as it was, so
-                that its last one is final, and the backward state is 0 until the sequence begins at its end.
-            train: uses the stream "dropout".
+            x: (B, N, inputs) input of every step.
+            is_real: (B, N), False at steps after the end of a sequence. There the forward state does not change, so
+                that the last one is the final state, and the backward state is 0.
+            train: whether to run in training mode, which uses the random stream "dropout".
 
         Returns:
-            Per layer the forward and the backward states, each (B, N, hidden_dim).
+            For each layer the forward and the backward states, each (B, N, hidden_dim).
         """
         x = jnp.swapaxes(x, 0, 1)
         if is_real is not None:
@@ -168,7 +168,7 @@ class GRU(nn.Module):
     """A GRU of several layers that runs forward in time, without dropout and with the parameters of `torch.nn.GRU`.
 
     Attributes:
-        hidden_dim: h, values of a state.
+        hidden_dim: number of values of a state, h.
         layers: number of layers.
     """
 
@@ -177,7 +177,7 @@ class GRU(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Maps (B, N, inputs) to the states of the last layer, (B, N, hidden_dim)."""
+        """Map (B, N, inputs) to the states of the last layer, (B, N, hidden_dim)."""
         x = jnp.swapaxes(x, 0, 1)
         for layer in range(self.layers):
             gates, kernels, bias = _prepare(x, _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}"))
@@ -189,9 +189,9 @@ class GRUCells(nn.Module):
     """One step of a GRU of several layers that runs forward in time, with the parameters of `torch.nn.GRU`.
 
     Attributes:
-        hidden_dim: h, values of a state.
+        hidden_dim: number of values of a state, h.
         layers: number of layers.
-        dropout: rate of the dropout between layers.
+        dropout: dropout rate between the layers.
     """
 
     hidden_dim: int
@@ -200,7 +200,13 @@ class GRUCells(nn.Module):
 
     @nn.compact
     def __call__(self, states: tuple[jax.Array, ...], x: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
-        """Maps h_(t-1), per layer (B, hidden_dim) in float32, and x_t (B, inputs) to h_t; uses the stream "dropout"."""
+        """Return the states h_t of one step; training uses the random stream "dropout".
+
+        Args:
+            states: h_(t-1), for each layer (B, hidden_dim) float32.
+            x: (B, inputs) input x_t.
+            train: whether to run in training mode.
+        """
         after: list[jax.Array] = []
         for layer, state in enumerate(states):
             if layer:

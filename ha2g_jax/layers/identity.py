@@ -9,13 +9,13 @@ from ha2g_jax.layers.resnet import ResNet18
 
 
 class ImageIdentity(nn.Module):
-    """Reference frames to the distribution of f_id (HA2G, supplement B).
+    """Encoder of reference images to the distribution of f_id (HA2G, supplement B).
 
-    Decision D6: one ResNet-18 for the M frames, whose feature maps are averaged, flattened and mapped linearly.
+    Decision D6: one ResNet-18 encodes all M images; the feature maps are averaged, flattened and mapped linearly.
 
     Attributes:
-        width: channels of the ResNet's first stage.
-        feature_dim: values of f_id.
+        width: channels of the first stage of the ResNet.
+        feature_dim: number of values of f_id.
         is_recomputed: see `recompute.run`.
     """
 
@@ -24,23 +24,23 @@ class ImageIdentity(nn.Module):
     is_recomputed: bool = False
 
     @nn.compact
-    def __call__(self, frames: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps RGB images (B, M, S, S, 3) of values 0 to 255 to mean and log-variance, each (B, feature_dim)."""
-        batch, count = frames.shape[:2]
-        images = frames.reshape(batch * count, *frames.shape[2:]) / 127.5 - 1  # float32 where frames are uint8
-        x = ResNet18(self.width, self.is_recomputed, name="resnet")(images, train=train)
+    def __call__(self, images: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Map RGB images (B, M, S, S, 3) of values 0 to 255 to mean and log-variance, each (B, feature_dim)."""
+        batch, count = images.shape[:2]
+        flat = images.reshape(batch * count, *images.shape[2:]) / 127.5 - 1  # float32 for images of uint8
+        x = ResNet18(self.width, self.is_recomputed, name="resnet")(flat, train=train)
         x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
-        # Channel-major, as PyTorch flattens (C, H, W).
+        # Channels first, as PyTorch flattens (C, H, W).
         return _heads(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)
 
 
 class SpeakerIdentity(nn.Module):
-    """A table of speakers with the outputs of `ImageIdentity`, for data sets without images.
+    """Table of speakers with the outputs of `ImageIdentity`, for data sets without images.
 
     Attributes:
-        num_speakers: rows of the table.
-        feature_dim: values of f_id.
-        has_hidden: whether a linear map lies between the table and the two heads, as in Trimodal.
+        num_speakers: number of rows of the table.
+        feature_dim: number of values of f_id.
+        has_hidden: whether there is a linear map between the table and the two heads, as in Trimodal.
     """
 
     num_speakers: int
@@ -49,10 +49,10 @@ class SpeakerIdentity(nn.Module):
 
     @nn.compact
     def __call__(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
-        """Maps speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
-        del train  # The table has no training behaviour; the argument is that of `ImageIdentity`.
+        """Map speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
+        del train  # the argument exists because `ImageIdentity` has it
         normal = nn.initializers.normal(1.0)
-        # The rows' gradients are summed over the batch in float32.
+        # The gradients of the rows are summed over the batch in float32.
         table = nn.Embed(
             self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=normal, name="embedding"
         )

@@ -1,4 +1,4 @@
-"""Batch normalisation with PyTorch's numbers, in training and in evaluation."""
+"""Batch normalisation with the numbers of PyTorch, in training and in evaluation."""
 
 import jax
 import jax.numpy as jnp
@@ -9,16 +9,16 @@ _MOMENTUM = 0.1
 
 
 class BatchNorm(nn.Module):
-    """Normalises each channel (last axis) over all other axes, as `torch.nn.BatchNorm*d`.
+    """Normalise each channel (last axis) over all other axes, as `torch.nn.BatchNorm*d`.
 
-    Training normalises by the biased variance of the batch and moves the running statistics by a tenth
-    towards the batch's mean and *unbiased* variance; Linen's layer keeps the biased one. Statistics are
-    float32. Under `jit` with the batch split over devices the means are over the global batch.
+    Training normalises by the biased variance of the batch, and moves the running statistics by a tenth towards the
+    mean and the *unbiased* variance of the batch; the layer of Linen keeps the biased variance. Statistics are float32.
+    Under `jit` with the batch split over devices they are those of the global batch.
     """
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (..., channels) to the same shape; in training the collection "batch_stats" must be mutable."""
+        """Map (..., channels) to the same shape; in training the collection "batch_stats" must be mutable."""
         channels = x.shape[-1]
         scale = self.param("scale", nn.initializers.ones, (channels,))
         bias = self.param("bias", nn.initializers.zeros, (channels,))

@@ -12,10 +12,10 @@ _STAGES = (2, 2, 2, 2)
 
 
 class ResNet18(nn.Module):
-    """Images to a feature map at a 32nd of their size.
+    """Encoder of images to feature maps at 1/32 of their size.
 
     Attributes:
-        width: channels of the first stage, doubled at each next one; 64 in the paper.
+        width: channels of the first stage, doubled at each following stage; 64 in the paper.
         is_recomputed: see `recompute.run`.
     """
 
@@ -24,7 +24,7 @@ class ResNet18(nn.Module):
 
     @nn.compact
     def __call__(self, images: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, S, S, 3) to (B, S / 32, S / 32, 8 * width), sizes rounded up."""
+        """Map images (B, S, S, 3) to features (B, S / 32, S / 32, 8 * width), sizes rounded up."""
         run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
         x = run(self, images, method="_stem")
         for stage, blocks in enumerate(_STAGES):
@@ -37,19 +37,19 @@ class ResNet18(nn.Module):
     def _stem(self, images: jax.Array, *, train: bool) -> jax.Array:
         x = _conv(self.width, 7, 2, name="conv")(images)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
-        # Flax declares the padding as a string only, but takes pairs.
+        # Flax declares the padding as a string but also accepts pairs.
         return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
 
 
 class ResidualBlock(nn.Module):
-    """conv, BN, ReLU, conv, BN, add, ReLU; the shortcut is a 1x1 conv and BN where the shape changes."""
+    """Residual block: conv, BN, ReLU, conv, BN, add, ReLU; the shortcut is a 1x1 conv and BN if the shape changes."""
 
     channels: int
     stride: int
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
         y = _conv(self.channels, 3, self.stride, name="conv_1")(x)
         y = nn.relu(BatchNorm(name="norm_1")(y, train=train))
         y = _conv(self.channels, 3, 1, name="conv_2")(y)

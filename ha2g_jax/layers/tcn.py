@@ -15,12 +15,12 @@ RECEPTIVE_FIELDS = ("centred", "causal")
 
 
 class WeightNormConv(nn.Module):
-    """A convolution over frames whose kernel is scale * v / |v|, the norm taken per output channel.
+    """Convolution over frames whose kernel is scale * v / |v|, with one norm for each output channel.
 
     Attributes:
-        channels: output channels.
-        dilation: frames between the two taps.
-        padding: frames of zeros (before, after); their sum is `dilation`, so that N frames stay N.
+        channels: number of output channels.
+        dilation: number of frames between the two taps.
+        padding: number of frames of zeros (before, after); their sum is `dilation`, so that N frames stay N.
     """
 
     channels: int
@@ -29,7 +29,7 @@ class WeightNormConv(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Maps (B, N, inputs) to (B, N, channels)."""
+        """Map (B, N, inputs) to (B, N, channels)."""
         kernel = self.param("kernel", initializers.LINEAR, (_KERNEL, x.shape[-1], self.channels))
         # The scale starts at the kernel's norm, so that the normalised kernel starts as `kernel`.
         scale = self.param("scale", lambda _: _norm(kernel))
@@ -50,7 +50,7 @@ def _norm(kernel: jax.Array) -> jax.Array:
 
 
 class ResidualBlock(nn.Module):
-    """[convolution, ReLU, dropout] once or twice, added to the input, then ReLU."""
+    """Residual block: [convolution, ReLU, dropout] once or twice, added to the input, then ReLU."""
 
     channels: int
     dilation: int
@@ -60,7 +60,7 @@ class ResidualBlock(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
-        """Maps (B, N, inputs) to (B, N, channels)."""
+        """Map (B, N, inputs) to (B, N, channels)."""
         y = x
         for index in range(self.convolutions):
             y = WeightNormConv(self.channels, self.dilation, self.padding, name=f"conv_{index}")(y)
@@ -71,22 +71,23 @@ class ResidualBlock(nn.Module):
 
 
 class TextEncoder(nn.Module):
-    """Words laid on frames to one feature per frame.
+    """Encoder of the words of each frame to one feature per frame.
 
-    Decision D4, what a frame sees:
-      "centred": 16 words, 8 before the frame to 7 after it. One convolution per block; the taps of dilation d
-        lie ceil(d / 2) frames before and floor(d / 2) after, so that each block is centred and its residual
-        path stays aligned.
-      "causal": 31 words, the frame and the past. Two convolutions per block, padded on the left.
+    The receptive field of a frame (decision D4) is
+
+      "centred": 16 words, from 8 before the frame to 7 after it. One convolution per block; the taps of dilation d are
+        ceil(d / 2) frames before and floor(d / 2) frames after the frame, so that each block is centred and its
+        residual path stays aligned.
+      "causal": 31 words, those of the frame and the past. Two convolutions per block, padded on the left.
 
     Attributes:
-        vocabulary_size: rows of the word table; row 0 is the padding, an ordinary trained row.
-        embedding_dim: width of the word vectors.
-        channels: width of the blocks.
+        vocabulary_size: number of rows of the word table; row 0 is the padding, which is trained like the others.
+        embedding_dim: number of values of a word vector.
+        channels: number of channels of the blocks.
         layers: number of blocks; block i has dilation 2^i.
-        feature_dim: output values per frame.
+        feature_dim: number of output values per frame.
         receptive_field: one of RECEPTIVE_FIELDS.
-        dropout: rate after each convolution.
+        dropout: dropout rate after each convolution.
     """
 
     vocabulary_size: int
@@ -99,16 +100,16 @@ class TextEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, words: jax.Array, *, train: bool) -> jax.Array:
-        """Maps word indices (B, N) to features (B, N, feature_dim).
+        """Map word indices (B, N) to features (B, N, feature_dim).
 
         Raises:
-            ValueError: unknown `receptive_field`.
+            ValueError: `receptive_field` is not one of RECEPTIVE_FIELDS.
         """
         if self.receptive_field not in RECEPTIVE_FIELDS:
             raise ValueError(f"receptive field {self.receptive_field!r}: expected one of {RECEPTIVE_FIELDS}")
         centred = self.receptive_field == "centred"
         spread = nn.initializers.normal(self.embedding_dim**-0.5)
-        # The rows' gradients are summed over all frames in float32: thousands of them are of the padding.
+        # The gradients of the rows are summed over all frames in float32: that of the padding has thousands of terms.
         table = nn.Embed(
             self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
         )

@@ -1,4 +1,4 @@
-"""The encoder of Whisper (Radford et al. 2022, section 2.2), with the weights' layout of Linen. Channels last."""
+"""Encoder of Whisper (Radford et al. 2022, section 2.2), with weights in the layout of Linen. Channels last."""
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +12,11 @@ _LONGEST_PERIOD = 10_000
 
 
 def sinusoids(length: int, channels: int) -> np.ndarray:
-    """Encodings of positions: sines of half of the channels, then cosines, with wavelengths from 2 pi to 20,000 pi.
+    """Return the encodings of positions: sines, then cosines, with wavelengths from 2 pi to 20,000 pi.
 
     Args:
         length: number of positions.
-        channels: an even number from 4.
+        channels: number of channels, even and at least 4; half are sines.
 
     Returns:
         (length, channels) float32.
@@ -27,7 +27,7 @@ def sinusoids(length: int, channels: int) -> np.ndarray:
 
 
 class SelfAttention(nn.Module):
-    """Multi-head self-attention over all positions; keys have no bias.
+    """Multi-head self-attention over all positions, without a bias of the keys.
 
     Attributes:
         heads: number of heads, a divisor of the channels.
@@ -37,14 +37,14 @@ class SelfAttention(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Maps (B, positions, d_model) to the same shape."""
+        """Map (B, positions, d_model) to the same shape."""
         channels = x.shape[-1]
 
         def split(name: str, *, use_bias: bool = True) -> jax.Array:
             projected = _dense(channels, name, use_bias=use_bias)(x)
             return projected.reshape(*x.shape[:2], self.heads, channels // self.heads)
 
-        # Scores are divided by the root of a head's channels; their softmax is float32.
+        # Scores are divided by the square root of the channels of a head; their softmax is float32.
         mixed = jax.nn.dot_product_attention(split("query"), split("key", use_bias=False), split("value"))
         return _dense(channels, "out")(mixed.reshape(x.shape))
 
@@ -53,8 +53,8 @@ class EncoderBlock(nn.Module):
     """Pre-norm transformer block: x + attention(norm(x)), then x + mlp(norm(x)) with exact GELU.
 
     Attributes:
-        heads: of the attention.
-        ffn_dim: width of the hidden layer.
+        heads: number of heads of the attention.
+        ffn_dim: number of channels of the hidden layer.
     """
 
     heads: int
@@ -62,23 +62,23 @@ class EncoderBlock(nn.Module):
 
     @nn.compact
     def __call__(self, x: jax.Array) -> jax.Array:
-        """Maps (B, positions, d_model) to the same shape."""
+        """Map (B, positions, d_model) to the same shape."""
         x = x + SelfAttention(self.heads, name="attention")(_norm("attention_norm")(x))
         hidden = nn.gelu(_dense(self.ffn_dim, "expand")(_norm("mlp_norm")(x)), approximate=False)
         return x + _dense(x.shape[-1], "contract")(hidden)
 
 
 class WhisperEncoder(nn.Module):
-    """Log-mel columns to features, two columns to a position of 20 ms.
+    """Encoder of log-mel columns to features, one position of 20 ms for two columns.
 
-    Whisper is trained on 30 s; a shorter input takes the first of its positions. The sizes are tiny's by default.
+    Whisper is trained on 30 s; a shorter input uses the first positions. The default sizes are those of `tiny`.
 
     Attributes:
-        num_mels: mel bands of the input.
-        d_model: channels, a multiple of the heads, even and from 4.
+        num_mels: number of mel bands of the input.
+        d_model: number of channels, a multiple of the heads, even and at least 4.
         layers: number of blocks.
-        heads: of each block's attention.
-        ffn_dim: width of each block's hidden layer.
+        heads: number of heads in each block.
+        ffn_dim: number of channels of the hidden layer in each block.
     """
 
     num_mels: int = 80
@@ -89,17 +89,17 @@ class WhisperEncoder(nn.Module):
 
     @nn.compact
     def __call__(self, mel: jax.Array) -> tuple[jax.Array, ...]:
-        """Features after each block.
+        """Return the features after each block.
 
         Args:
-            mel: (B, num_mels, columns), as from `asr_mel.asr_log_mel`, an even number of columns.
+            mel: (B, num_mels, columns) log-mel spectrogram of `asr_mel.asr_log_mel`, with an even number of columns.
 
         Returns:
-            `layers` arrays (B, columns / 2, d_model), position p centred on column 2 p; the last one is the encoder's
-            output, normalised, the others are the sums that the next block takes.
+            `layers` arrays (B, columns / 2, d_model), position p centred on column 2 p; the last one is the normalised
+            output of the encoder, the others are the inputs of the next block.
 
         Raises:
-            ValueError: another number of mel bands, or an odd number of columns.
+            ValueError: the number of mel bands is not `num_mels`, or the number of columns is odd.
         """
         if mel.shape[1] != self.num_mels or mel.shape[2] % 2:
             raise ValueError(f"mel of shape {mel.shape}: expected (batch, {self.num_mels}, an even number of columns)")
@@ -121,5 +121,5 @@ def _dense(channels: int, name: str, *, use_bias: bool = True) -> nn.Dense:
 
 
 def _norm(name: str) -> nn.LayerNorm:
-    # The variance by its definition: a few channels are so large that E[x^2] - E[x]^2 would lose the others.
+    # Not E[x^2] - E[x]^2: a few channels are so large that this would lose the others.
     return nn.LayerNorm(epsilon=_EPSILON, use_fast_variance=False, name=name)

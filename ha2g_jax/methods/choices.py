@@ -1,4 +1,4 @@
-"""Settings of a config that are one or some of a few names."""
+"""Check settings whose value is one or several of a few names."""
 
 from collections.abc import Sequence
 
@@ -6,10 +6,15 @@ from ha2g_jax.errors import UserError
 
 
 def choice(field: str, value: str, choices: Sequence[str]) -> str:
-    """`value`, if it is one of `choices`.
+    """Return `value` if it is one of `choices`.
+
+    Args:
+        field: dotted name of the setting.
+        value: value of the setting.
+        choices: allowed values.
 
     Raises:
-        UserError: it is not; the line names the field of the config.
+        UserError: the value is not one of `choices`.
     """
     if value not in choices:
         raise UserError(f"config.{field} is {value!r}, expected one of {', '.join(choices)}: set --config.{field}")
@@ -17,10 +22,15 @@ def choice(field: str, value: str, choices: Sequence[str]) -> str:
 
 
 def some_of(field: str, values: Sequence[str], choices: Sequence[str]) -> tuple[str, ...]:
-    """`values` in the order of `choices`, if they are one or more of them.
+    """Return `values` in the order of `choices` if they are one or more of these.
+
+    Args:
+        field: dotted name of the setting.
+        values: value of the setting.
+        choices: allowed values.
 
     Raises:
-        UserError: they are not.
+        UserError: there are no values, or one is not in `choices`.
     """
     if not values or isinstance(values, str) or set(values) - set(choices):
         raise UserError(f"config.{field} is {values!r}, expected one or more of {', '.join(choices)}")

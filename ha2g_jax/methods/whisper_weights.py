@@ -1,7 +1,7 @@
-"""Whisper's encoder from a folder in the form of Hugging Face: config.json and model.safetensors, whole or in shards.
+"""Read the encoder of Whisper from a Hugging Face folder: config.json and model.safetensors, in one file or in shards.
 
-Only the encoder's tensors are read, whatever else the files hold, so that a folder of the encoder alone serves too.
-Their names are those of `transformers`, with or without "model." before them.
+Only the tensors of the encoder are read, so that the folder need not contain the decoder. Their names are those of
+`transformers`, with or without the prefix "model.".
 """
 
 import contextlib
@@ -24,7 +24,7 @@ CONFIG, WEIGHTS, INDEX = "config.json", "model.safetensors", "model.safetensors.
 
 _PREFIXES = ("model.encoder.", "encoder.")
 _POSITIONS = "embed_positions.weight"
-# Parts of a block, here and there.
+# Names of the parts of a block in this package -> in `transformers`.
 _PARTS = {
     "attention_norm": "self_attn_layer_norm",
     "attention/query": "self_attn.q_proj",
@@ -38,11 +38,11 @@ _PARTS = {
 _ENDS = {"conv_1": "conv1", "conv_2": "conv2", "norm": "layer_norm"}
 _KINDS = {"kernel": "weight", "scale": "weight", "bias": "bias"}
 _TYPES = ("F32", "F16", "BF16")
-_POSITION_TOLERANCE = 0.01  # bfloat16 has 0.004
+_POSITION_TOLERANCE = 0.01  # the error of bfloat16 is 0.004
 
 
 class WhisperSizes(NamedTuple):
-    """The fields of `WhisperEncoder`."""
+    """Fields of `WhisperEncoder`."""
 
     num_mels: int
     d_model: int
@@ -51,22 +51,30 @@ class WhisperSizes(NamedTuple):
     ffn_dim: int
 
 
-# Their names in config.json, in this order.
+# Names of the fields in config.json, in the same order.
 _FIELDS = ("num_mel_bins", "d_model", "encoder_layers", "encoder_attention_heads", "encoder_ffn_dim")
 
 
 class WhisperWeights(NamedTuple):
-    """A trained encoder: `params` are those of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays."""
+    """A trained encoder.
+
+    Attributes:
+        sizes: fields of the `WhisperEncoder`.
+        params: parameters of `WhisperEncoder(**sizes._asdict())` as float32 numpy arrays.
+    """
 
     sizes: WhisperSizes
     params: dict[str, Any]
 
 
 def load(folder: str | pathlib.Path) -> WhisperWeights:
-    """The encoder of a Whisper model in a folder, its weights float16, bfloat16 or float32.
+    """Read the encoder of a Whisper model, with weights in float16, bfloat16 or float32.
+
+    Args:
+        folder: folder with config.json and the weights.
 
     Raises:
-        UserError: a file or a tensor is missing or damaged, or is not what a Whisper model has.
+        UserError: a file or a tensor is missing or damaged, or is not that of a Whisper model.
     """
     folder = pathlib.Path(folder)
     sizes = read_sizes(folder)
@@ -88,7 +96,10 @@ def load(folder: str | pathlib.Path) -> WhisperWeights:
 
 
 def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:
-    """The sizes of the encoder in such a folder, without its weights.
+    """Read the sizes of the encoder, without the weights.
+
+    Args:
+        folder: folder with config.json.
 
     Raises:
         UserError: there is no config.json, or it is not that of a Whisper model.
@@ -108,7 +119,7 @@ def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:
     if sizes.d_model % sizes.heads or sizes.d_model % 2 or sizes.d_model < 4:
         raise UserError(
             f"{path} has d_model {sizes.d_model} and {sizes.heads} encoder_attention_heads; "
-            "expected an even multiple of the heads, from 4"
+            "expected an even multiple of the heads, at least 4"
         )
     return sizes
 
@@ -128,14 +139,14 @@ def _read_json(path: pathlib.Path) -> dict[str, Any]:
 
 
 class _Place(NamedTuple):
-    """Where a tensor is."""
+    """File and name of a tensor."""
 
     path: pathlib.Path
     name: str
 
 
 def _places(folder: pathlib.Path) -> dict[str, _Place]:
-    """Names of the encoder's tensors, without prefix -> where they are."""
+    """Return name of each tensor of the encoder, without prefix -> file and full name."""
     if (folder / WEIGHTS).is_file():
         with _open(folder / WEIGHTS) as file:
             shards = dict.fromkeys(file.keys(), WEIGHTS)
@@ -160,7 +171,7 @@ def _is_file_name(name: Any) -> bool:
 
 
 def _parameters(sizes: WhisperSizes) -> dict[str, tuple[int, ...]]:
-    """Names of the encoder's parameters, such as "block_0/expand/kernel" -> their shapes."""
+    """Return the shape of each parameter of the encoder by its name, such as "block_0/expand/kernel"."""
     mel = jnp.zeros((1, sizes.num_mels, asr_columns(34, 15)))
     shapes = jax.eval_shape(lambda: WhisperEncoder(**sizes._asdict()).init(jax.random.key(0), mel))
     flat: dict[str, Any] = dict(traverse_util.flatten_dict(shapes["params"], sep="/"))
@@ -168,7 +179,7 @@ def _parameters(sizes: WhisperSizes) -> dict[str, tuple[int, ...]]:
 
 
 def _their_name(name: str) -> str:
-    """The name that `transformers` has for a parameter, without prefix."""
+    """Return the name of a parameter in `transformers`, without prefix."""
     part, kind = name.rsplit("/", 1)
     block, _, rest = part.partition("/")
     theirs = f"layers.{block.removeprefix('block_')}.{_PARTS[rest]}" if rest else _ENDS[part]
@@ -176,14 +187,14 @@ def _their_name(name: str) -> str:
 
 
 def _read(place: _Place, shape: tuple[int, ...] | None) -> np.ndarray:
-    """A tensor as float32; `shape` is checked before it is read, unless it is None."""
+    """Read a tensor as float32; a `shape` other than None is checked before."""
     with _open(place.path) as file:
         stored = file.get_slice(place.name)
         found, dtype = tuple(stored.get_shape()), stored.get_dtype()
         if shape is not None and found != shape:
             raise UserError(
                 f"{place.path} has {place.name} of shape {found}, expected {shape} from {CONFIG}: "
-                "the files are of two models; download them again"
+                "the files belong to two models; download them again"
             )
         if dtype not in _TYPES:
             raise UserError(
@@ -197,7 +208,7 @@ def _read(place: _Place, shape: tuple[int, ...] | None) -> np.ndarray:
 
 
 def _check_positions(place: _Place, channels: int) -> None:
-    """Positions are not among our parameters: Whisper's are never trained."""
+    """Check that the positions, which are not parameters of `WhisperEncoder`, are Whisper's sinusoids."""
     positions = _read(place, None)
     if (
         positions.ndim != 2
@@ -212,7 +223,7 @@ def _check_positions(place: _Place, channels: int) -> None:
 
 @contextlib.contextmanager
 def _open(path: pathlib.Path) -> Iterator[Any]:
-    """The tensors of a file, which stay on the disk until one is asked for."""
+    """Open a file of tensors; each tensor stays on the disk until it is read."""
     try:
         with safetensors.safe_open(path, "numpy") as file:
             yield file

@@ -1,4 +1,4 @@
-"""Configs by name: what each data set needs, what each method of Table 1 is, what each ablation leaves out.
+"""Configs by name, for the data sets, the methods of Table 1 and the ablations of Tables 3, 4 and 11.
 
 presets.make("talk", "small")                                          # HA2G
 presets.make("ted_gesture", method="trimodal")                         # a baseline
@@ -23,13 +23,13 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
     """Return the config of a method on a kind of data.
 
     Args:
-        data: a key of `DATA`.
-        size: a key of `config.SIZES`, "" for the paper's.
-        method: a key of `METHODS`.
-        changes: dotted name of a setting -> its value, such as a row of `ABLATIONS`.
+        data: kind of data, a key of `DATA`.
+        size: a key of `config.SIZES`; "" for the size of the paper.
+        method: name of the method, a key of `METHODS`.
+        changes: dotted name of a setting -> value, such as a row of `ABLATIONS`.
 
     Raises:
-        UserError: an unknown name.
+        UserError: a name is unknown.
     """
     for kind, name, names in (("data", data, DATA), ("method", method, METHODS)):
         if name not in names:
@@ -52,6 +52,14 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
 
 
 def parse(spec: str, method: str) -> Config:
-    """Return the config of a method for "DATA" or "DATA:SIZE", as the files of experiments/configs take it."""
+    """Return the config of a method for data and size in one string, as the files of experiments/configs take them.
+
+    Args:
+        spec: "DATA" or "DATA:SIZE".
+        method: name of the method, a key of `METHODS`.
+
+    Raises:
+        UserError: a name is unknown.
+    """
     data, _, size = spec.partition(":")
     return make(data, size, method)

@@ -1,4 +1,4 @@
-"""The rows of Tables 3, 4 and 11: name of the row -> the settings in which it differs from the full model."""
+"""Rows of Tables 3, 4 and 11: name of the row -> settings that differ from the full model."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ AUDIO_LEARNER: dict[str, dict[str, Any]] = {
     "HA2G-ASR": _ASR,
     FULL: {},
 }
-# The levels of the motion are 1 head and shoulders, 2 elbows, 3 wrists, 4 to 6 the joints of the fingers.
+# Levels of the motion: 1 head and shoulders, 2 elbows, 3 wrists, 4 to 6 the joints of the fingers.
 POSE_INFERER: dict[str, dict[str, Any]] = {
     "Holistic": {"model.inferer.levels": (6,)},
     "without hand hierarchy": {"model.inferer.levels": (1, 2, 3, 6)},
@@ -25,13 +25,13 @@ POSE_INFERER: dict[str, dict[str, Any]] = {
     "without physical loss": {"loss.ha2g.weights.physical": 0.0},
     FULL: {},
 }
-# Corpora with images hold four of a speaker, so that M = 7 is a matter of the seed pose alone.
+# Corpora contain four images of a speaker, so that M = 7 changes the seed pose only.
 SEED_FRAMES: dict[str, dict[str, Any]] = {
     "1": {"data.num_seed_frames": 1, "data.num_reference_images": 1},
     "4": {},
     "7": {"data.num_seed_frames": 7},
 }
-# On TED Gesture, whose hierarchy has three levels and no fingers.
+# Rows for TED-Gesture, whose hierarchy has three levels and no fingers.
 GESTURE: dict[str, dict[str, Any]] = {
     "high-level only": {"model.audio.levels": ("high",)},
     "Holistic": {"model.inferer.levels": (3,)},

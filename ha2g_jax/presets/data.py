@@ -1,4 +1,4 @@
-"""What each kind of data needs of a config."""
+"""Skeleton and settings for each kind of data."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,42 +7,47 @@ from ha2g_jax.config import Config
 
 
 class DataPreset(NamedTuple):
-    """A skeleton, and the settings that differ from the paper's, by (config, size)."""
+    """Preset of a kind of data.
+
+    Attributes:
+        skeleton: name of the skeleton.
+        adapt: function of (config, size) that changes settings of the paper in place.
+    """
 
     skeleton: str
     adapt: Callable[[Config, str], None]
 
 
 def talk(config: Config, size: str) -> None:
-    """The Talk corpus, which is made on first use."""
+    """Adapt a config to the Talk corpus, which is made on first use."""
     config.data.path = "talk"
-    config.data.jitter = 9  # its windows start every 10 frames, so that training sees every start
-    # The gestures of words are rare and far from the mean: a bounded slope makes rest the best guess, and the
-    # Gaussian of Eq. 8 at the paper's weight of 0.1 pulls the fingers back with more force than they are fitted with.
+    config.data.jitter = 9  # windows start every 10 frames; with this, training sees every start
+    # The gestures of words are rare and far from the mean: with a small delta the rest pose has the least loss, and at
+    # the weight of the paper, 0.1, the gradient of Eq. 8 on the fingers exceeds that of the Huber term.
     config.loss.ha2g.huber_delta = 0.5
     config.loss.ha2g.weights.physical = 0.01
-    # The sum over 18 values at 0.1 empties the identity of the speaker within a few epochs.
+    # With the weight 0.1 the sum over 18 values makes the styles collapse to the prior within a few epochs.
     config.loss.ha2g.weights.kld = 0.005
     if size == "small":
-        # After 10 epochs the GAN term at weight 1 undid the fit: the validation Huber term rose from 0.011 to 0.028.
+        # When the GAN term (weight 1) started after 10 epochs, the validation Huber term rose from 0.011 to 0.028.
         config.train.warmup_epochs = 100
 
 
 def ted(config: Config, size: str) -> None:
-    """The published LMDB files of TED."""
+    """Adapt a config to the published LMDB files of TED."""
     del size
-    config.model.identity.kind = "speakers"  # they hold no images
+    config.model.identity.kind = "speakers"  # the files contain no images
 
 
 def bvh(config: Config, size: str) -> None:
-    """Motion capture."""
+    """Adapt a config to motion capture."""
     del size
-    config.model.identity.kind = "speakers"  # it has no images
+    config.model.identity.kind = "speakers"  # motion capture has no images
     config.data.jitter = 9
 
 
 def video(config: Config, size: str) -> None:
-    """Videos of speakers, whose images are kept."""
+    """Adapt a config to videos of speakers, from which images are stored."""
     del size
     config.data.jitter = 9
 

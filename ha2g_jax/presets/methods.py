@@ -1,6 +1,6 @@
 """The methods of Table 1 and the pose auto-encoder, as changes to the config of HA2G on the same data.
 
-Widths that `config.sized` has made smaller stay small; what a method has of its own is made as small here.
+Widths that `config.sized` has reduced stay reduced; widths that only one method has are reduced here.
 """
 
 from typing import Any
@@ -13,13 +13,13 @@ _PAPER = ("", "paper")
 
 
 def ha2g(config: Config, size: str) -> None:
-    """The paper's own method: the config as it is; at the study's rate two of three seeds broke without a clip."""
+    """Set up HA2G; at the learning rate of the size "study" two of three seeds broke down without clipping."""
     if size == "study":
         config.train.clip_norm = 5.0
 
 
 def seq2seq(config: Config, size: str) -> None:
-    """Attention Seq2Seq (Yoon et al. 2019): words to poses."""
+    """Set up Attention Seq2Seq (Yoon et al. 2019): from words to poses."""
     _rename(config, "seq2seq", "mse", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}, audio="none")
     config.model.identity.kind = "none"
     _widths(config, size, hidden_dim=200, layers=2, dropout=0.1)
@@ -29,10 +29,10 @@ def seq2seq(config: Config, size: str) -> None:
 
 
 def speech2gesture(config: Config, size: str) -> None:
-    """Speech2Gesture (Ginosar et al. 2019): a spectrogram to poses by convolutions, with a discriminator of motion."""
+    """Set up Speech2Gesture (Ginosar et al. 2019): from a spectrogram to poses, with a discriminator of motion."""
     settings = {"gan": "least_squares"}
     _rename(config, "speech2gesture", "l1", {"l1": 100.0, "gan": 10.0}, audio="spectrogram", **settings)
-    config.model.legacy = False  # as the authors of HA2G compared with it: swapped axes, second differences
+    config.model.legacy = False  # True for the version that HA2G was compared with: swapped axes, second differences
     config.model.identity.kind = "none"
     channels = _of(size, (64, 128, 256), (16, 32, 64), (4, 4, 8))
     config.model.audio.spectrogram = ml_collections.ConfigDict({"channels": channels})
@@ -44,7 +44,7 @@ def speech2gesture(config: Config, size: str) -> None:
 
 
 def joint_embedding(config: Config, size: str) -> None:
-    """Joint Embedding (Ahuja and Morency 2019): speech and poses through one latent space."""
+    """Set up Joint Embedding (Ahuja and Morency 2019): speech and poses share one latent space."""
     _rename(config, "joint_embedding", "l1", {"l1": 1.0}, audio="waveform")
     config.model.identity.kind = "none"
     config.model.context = ml_collections.ConfigDict()
@@ -58,7 +58,7 @@ def joint_embedding(config: Config, size: str) -> None:
 
 
 def trimodal(config: Config, size: str) -> None:
-    """Trimodal (Yoon et al. 2020): audio, words and the speaker's identity to poses, with a discriminator."""
+    """Set up Trimodal (Yoon et al. 2020): from audio, words and a speaker to poses, with a discriminator."""
     settings = {name: config.loss.ha2g[name] for name in ("gan", "huber_delta", "style_clip")}
     weights = {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1}
     _rename(config, "trimodal", "huber", weights, audio="waveform", **settings)
@@ -71,7 +71,7 @@ def trimodal(config: Config, size: str) -> None:
 
 
 def autoencoder(config: Config, size: str) -> None:
-    """The pose auto-encoder of the Frechet gesture distance; one size for all, so that distances can be compared."""
+    """Set up the pose auto-encoder of FGD, whose networks have one size, so that distances can be compared."""
     weights = {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001}
     _rename(config, "autoencoder", "total", weights, audio="none")
     config.model.identity.kind = "none"

@@ -24,15 +24,17 @@ def generate_files(
     size: int | tuple[int, int] = 720,
     **options: Unpack[Options],
 ) -> tuple[pathlib.Path, pathlib.Path]:
-    """Write the motion (`.npz`) and a video of the figure with the sound (`.mp4`): both, or neither.
+    """Generate motion for a speech file; write it (`.npz`) and a video of the figure with the sound (`.mp4`).
+
+    Either both files are written or neither.
 
     Args:
-        speech: a file with sound.
-        out: name of both files, with or without `.npz` or `.mp4`, or a folder to put them in; by default they lie
-            beside the speech, with `_gestures` after its name.
-        checkpoint: see `load`.
-        words: a transcript of the speech for a model that reads words, by default the one beside the speech. HA2G needs
-            none.
+        speech: path of a file with sound.
+        out: name of both files, with or without `.npz` or `.mp4`, or a folder for them; by default the folder of the
+            speech, and its name with `_gestures` appended.
+        checkpoint: model, see `load`.
+        words: path of a transcript of the speech, for a model that reads words; by default a transcript beside the
+            speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
         options: keyword arguments of `Model.generate`.
 
@@ -40,14 +42,14 @@ def generate_files(
         The paths of the `.npz` and the `.mp4`.
 
     Raises:
-        UserError: as `load` and `Model.generate`, or the place cannot be written.
+        UserError: as `load` and `Model.generate`, or a file cannot be written.
     """
     speech = pathlib.Path(speech)
     npz, mp4 = out_paths(speech, out)
     audio = read_speech(speech)
     model = load(checkpoint)
     spoken = _read_words(model, speech, audio.samples, words)
-    # Opened before the work, so that a place that cannot be written is noticed in time.
+    # The files are opened before the work, so that a path that cannot be written is noticed early.
     with whole_file(npz) as temporary_npz, whole_file(mp4) as temporary_mp4:
         motion = model.generate(audio, words=spoken, **options)
         motion.save(temporary_npz)
@@ -56,14 +58,14 @@ def generate_files(
 
 
 def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None) -> tuple[Word, ...]:
-    """Return the words of the speech, none for a model that reads no words or where there is no transcript."""
+    """Return the words of the speech; () if the model reads no words or there is no transcript."""
     if not model.reads_words:
         return ()
     words = words or transcripts.find(speech)
     if words is None:
         tqdm.write(
-            f"{model.config.method} reads words, and {speech} has no transcript beside it: going on without "
-            "(--words names one)",
+            f"{model.config.method} reads words, but {speech} has no transcript beside it: continuing without words; "
+            "name a transcript with --words",
             file=sys.stderr,
         )
         return ()
@@ -71,10 +73,14 @@ def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pa
 
 
 def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, pathlib.Path]:
-    """Return the paths where `generate_files` writes the `.npz` and the `.mp4`.
+    """Return the paths of the `.npz` and the `.mp4` that `generate_files` writes.
+
+    Args:
+        speech: path of the speech.
+        out: see `generate_files`.
 
     Raises:
-        UserError: one of them would overwrite the speech.
+        UserError: a file would overwrite the speech.
     """
     if out is None or pathlib.Path(out).is_dir():
         stem = (speech.parent if out is None else pathlib.Path(out)) / f"{speech.stem}_gestures"

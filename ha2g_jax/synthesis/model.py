@@ -45,7 +45,7 @@ class Audio(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration in seconds."""
         return len(self.samples) / SAMPLE_RATE
 
 
@@ -53,7 +53,7 @@ Speech = str | pathlib.Path | np.ndarray | Audio
 
 
 class Options(TypedDict, total=False):
-    """Keyword arguments of `Model.generate` but the words."""
+    """Keyword arguments of `Model.generate`, except `words`."""
 
     style: Style
     seed: int
@@ -65,13 +65,13 @@ class Options(TypedDict, total=False):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Model:
-    """A trained generator; see `load`.
+    """A trained generator, see `load`.
 
     Attributes:
         spec: networks and sizes.
         variables: parameters and BatchNorm statistics of the generator.
-        assets: skeleton, vocabulary, styles of the training speakers, and a bank of start poses.
-        config: settings that the networks were built from.
+        assets: skeleton, vocabulary, styles of the training speakers, and calm seed poses.
+        config: settings that the networks are built from.
     """
 
     spec: Spec
@@ -109,14 +109,16 @@ class Model:
         """Generate gestures for speech; the same arguments give the same motion.
 
         Args:
-            speech: a file with sound, (samples,) float mono samples at 16 kHz, or the result of `read_speech`.
-            style: request for a style; without one it is drawn from the prior with `seed`.
+            speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or the result of `read_speech`.
+            style: requested style; by default it is drawn from the prior with `seed`.
             seed: seed of all random choices.
-            seed_pose: motion, or its `.npz`, that this one continues: frame 0 shows where its last M frames began; or
-                a pose (bones, 3) to start from. By default `seed` picks one of the calm poses stored with the model.
+            seed_pose: motion, or the path of its `.npz`, that this motion continues: frame 0 is the first of the last M
+                frames of that motion; or a pose (bones, 3) to start from. By default `seed` selects one of the calm
+                poses stored with the model.
             fps: frames per second of the result, by default those of the model; other rates are interpolated.
-            smoothing: seconds of the window that poses are averaged over, see `motion.smoothing`; 0 for none.
-            controls: requests about the motion, see `motion.control`.
+            smoothing: length in seconds of the window over which poses are averaged, see `motion.smoothing`; 0 for no
+                smoothing.
+            controls: controls of the motion, see `motion.control`.
             words: words of the speech, in order of time, for a model that `reads_words`; HA2G needs none.
 
         Returns:
@@ -154,10 +156,10 @@ class Model:
 
 
 def read_speech(speech: Speech) -> Audio:
-    """Read and check speech once; the result is returned as it is.
+    """Read and check speech; speech that was read before is returned unchanged.
 
     Args:
-        speech: a file with sound, or (samples,) float mono samples at 16 kHz.
+        speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
 
     Raises:
         UserError: the speech cannot be used, see `features.audio.read_audio`.
@@ -176,15 +178,15 @@ def load(source: str | pathlib.Path = "demo") -> Model:
     """Load a trained model.
 
     Args:
-        source: "demo" for the model that comes with the package, a folder that `ha2g export-model` wrote, or a workdir
-            of `ha2g train`.
+        source: "demo" for the model of the package, a folder that `ha2g export-model` wrote, or a workdir of
+            `ha2g train`.
 
     Raises:
-        UserError: there is no model, it is damaged, or its method generates no motion, as the pose auto-encoder.
+        UserError: there is no model, it is damaged, or it generates no motion, such as the pose auto-encoder.
     """
     loaded = model_folder.load(source)
     if loaded.spec.method not in METHODS:
-        raise UserError(f"the model in {source} is of {loaded.spec.method}, which generates no motion; name another")
+        raise UserError(f"the model in {source} is of {loaded.spec.method}, which generates no motion; load another")
     return Model(loaded.spec, jax.device_put(loaded.variables), loaded.assets, loaded.config)
 
 
@@ -197,15 +199,15 @@ def generate_directions(
     words: Sequence[Word] = (),
     start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Generate direction vectors from samples that have been checked, at the frame rate of the model.
+    """Generate direction vectors at the frame rate of the model, from samples that have been checked.
 
     Args:
-        model: a trained model.
-        audio: (samples,) float32 at 16 kHz.
+        model: trained model.
+        audio: (samples,) float32 mono samples at 16 kHz.
         f_id: (style_dim,) style.
-        seed: seed of the noise and of the choice of the start pose.
-        words: words of the audio, for a model that reads them.
-        start: (M, bones, 3) unit vectors, the start pose in place of a random one.
+        seed: seed of the noise and of the choice of a seed pose.
+        words: words of the audio, for a model that reads words.
+        start: (M, bones, 3) unit vectors, the seed pose; by default `seed` selects one stored with the model.
 
     Returns:
         (T, bones, 3) float32 unit vectors, T = max(1, round(duration x fps)).
@@ -219,20 +221,24 @@ def generate_directions(
 def _join(
     model: Model, audio: np.ndarray, f_id: np.ndarray, seed: int, words: Sequence[Word], start: np.ndarray | None
 ) -> np.ndarray:
-    """Return the joined frames of the windows that cover the audio: as many as `generate_directions` gives, or more."""
+    """Return the joined frames of the windows that cover the audio; they may be longer than the audio."""
     bank = model.assets.seed_poses
     pose = bank[np.random.default_rng(seed).integers(len(bank))] if start is None else start
     features = _encode_windows(model, audio, words)
     windows = sample_windows(model.spec, model.variables, features, f_id, pose, seed)
     if not np.isfinite(windows).all():
-        raise UserError(f"model {model.assets.hash} gives values that are not finite; train or export it again")
+        raise UserError(f"model {model.assets.hash} generated values that are not finite; train or export it again")
     return join_windows(windows, model.spec.num_seed_frames)
 
 
 def encode_features(model: Model, audio: np.ndarray) -> Features:
-    """Return the audio features of a clip, f_low, f_mid and f_high, each (T, 32) at the frame rate of the model.
+    """Return the audio features f_low, f_mid and f_high of a clip, each (T, 32) at the frame rate of the model.
 
-    Where two windows overlap, each gives the frames that are farther from its border.
+    Where two windows overlap, each frame is taken from the window whose border is farther away.
+
+    Args:
+        model: trained model with three audio levels.
+        audio: (samples,) float32 mono samples at 16 kHz.
     """
     overlap = model.spec.num_seed_frames
     keep = slice(overlap // 2, overlap // 2 + model.spec.num_frames - overlap)

@@ -1,4 +1,4 @@
-"""Videos of a clip, generated while the model is trained, beside the true motion."""
+"""Write videos of generated motion beside the true motion while a model is trained."""
 
 import pathlib
 import sys
@@ -35,19 +35,19 @@ def write_sample(
     config: Config,
     clip: Clip,
 ) -> None:
-    """Write `folder`/step-00001000.mp4: on the left the first ten seconds of a clip, on the right the generated ones.
+    """Write the video `folder`/step-00001000.mp4 of ten seconds: true motion on the left, generated on the right.
 
-    The style is that of the clip's speaker, else that of the clip's reference images, else a random one. A sample that
-    cannot be written does not end the run: it is reported by a line on stderr.
+    The style is that of the speaker of the clip, otherwise that of the reference images of the clip, otherwise a random
+    one. A sample that cannot be written does not end the run, but is reported in a line on stderr.
 
     Args:
-        folder: folder of the samples; made if there is none.
+        folder: folder of the samples; created if it does not exist.
         step: number of steps that the model was trained for.
         spec: networks and sizes.
         variables: variables of the generator, arrays of this host.
-        assets: assets with the skeleton of the clip; a speaker may have an empty style.
+        assets: assets with the skeleton of the clip; the style of a speaker may be empty.
         config: settings of the run.
-        clip: speech and the true motion.
+        clip: clip with speech and true motion.
     """
     audio = clip.audio[: _SECONDS * SAMPLE_RATE]
     fps, skeleton = config.data.fps, assets.skeleton

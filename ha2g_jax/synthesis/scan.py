@@ -68,7 +68,7 @@ def sample_windows(
 
 
 def bucket(count: int) -> int:
-    """Return the least of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... not below `count`, so that few lengths are compiled."""
+    """Return the smallest of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... not below `count`, so that few lengths are compiled."""
     power = 1 << (count - 1).bit_length()
     return 3 * power // 4 if power >= 4 and count <= 3 * power // 4 else power
 

@@ -1,4 +1,4 @@
-"""The poses that a motion starts from when the user gives them."""
+"""Seed poses that the user chooses, from which a motion starts."""
 
 import pathlib
 
@@ -11,24 +11,24 @@ from ha2g_jax.skeleton import Skeleton
 
 SeedPose = str | pathlib.Path | Motion | np.ndarray
 
-_MIN_LENGTH = 1e-6  # of a direction vector
+_MIN_LENGTH = 1e-6  # length below which a vector has no direction
 
 
 def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int) -> tuple[np.ndarray, str]:
-    """The seed pose for the model, and its name for the record.
+    """Return a seed pose for a model, and its name for the metadata of the motion.
 
     Args:
-        source: a motion or its `.npz`, whose last frames are taken; a pose (bones, 3) to start from; or poses
-            (F, bones, 3) at `fps`, the last of which are taken.
-        skeleton: of the model.
+        source: motion, or the path of its `.npz`, whose last frames are used; a pose (bones, 3); or poses
+            (F, bones, 3) at `fps`, the last of which are used.
+        skeleton: skeleton of the model.
         fps: frames per second of the model.
-        count: M, frames of a seed pose; of a shorter motion the first pose is held before it.
+        count: number of frames of a seed pose, M; if the source is shorter, its first pose is repeated.
 
     Returns:
-        (M, bones, 3) float32 unit vectors.
+        (M, bones, 3) float32 unit vectors, and the name.
 
     Raises:
-        UserError: no such file, another skeleton, or vectors without a direction.
+        UserError: there is no such file, it has another skeleton, or a vector has no direction.
     """
     name, rate = "array", fps
     if isinstance(source, str | pathlib.Path):
@@ -39,7 +39,7 @@ def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int)
         if source.meta["skeleton"] != skeleton.name:
             raise UserError(
                 f"the seed pose {name} is of the skeleton {source.meta['skeleton']}, the model of {skeleton.name}; "
-                "give a motion of the model's skeleton"
+                "give a motion on the skeleton of the model"
             )
         source, rate = source.directions, source.fps
     poses = np.asarray(source)
@@ -47,17 +47,25 @@ def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int)
     if poses.ndim != 3 or not len(poses) or poses.shape[1:] != (skeleton.num_bones, 3):
         raise UserError(
             f"the seed pose {name} has the shape {poses.shape}; expected ({skeleton.num_bones}, 3) direction vectors "
-            f"of {skeleton.name}, or frames of them"
+            f"of {skeleton.name}, or (frames, {skeleton.num_bones}, 3)"
         )
     lengths = np.linalg.norm(poses.astype(np.float64), axis=-1, keepdims=True)
     if not (np.isfinite(lengths).all() and lengths.min() > _MIN_LENGTH):
-        raise UserError(f"the seed pose {name} has vectors that are not finite or of no length; give another")
+        raise UserError(f"the seed pose {name} has vectors that are not finite or of no length; give another pose")
     places = len(poses) - 1 - np.arange(count)[::-1] * (rate / fps)
     return sample(poses / lengths, places), name
 
 
 def start_from(directions: np.ndarray, seed: np.ndarray) -> np.ndarray:
-    """The motion (T, bones, 3) with the seed pose (M, bones, 3) faded into its first frames: frame 0 is the seed's."""
+    """Blend a seed pose into the first frames of a motion, so that frame 0 is that of the seed pose.
+
+    Args:
+        directions: (T, bones, 3) unit vectors of the motion.
+        seed: (M, bones, 3) unit vectors of the seed pose.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
+    """
     count = min(len(seed), len(directions))
-    share = (np.arange(count, dtype=np.float32) / len(seed))[:, None, None]
-    return np.concatenate([slerp(seed[:count], directions[:count], share), directions[count:]]).astype(np.float32)
+    weight = (np.arange(count, dtype=np.float32) / len(seed))[:, None, None]
+    return np.concatenate([slerp(seed[:count], directions[:count], weight), directions[count:]]).astype(np.float32)

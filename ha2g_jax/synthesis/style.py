@@ -1,4 +1,4 @@
-"""The style that a motion is generated in: that of a speaker, of a mixture of speakers, of images, or a random one."""
+"""Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
 import math
 import pathlib
@@ -18,12 +18,12 @@ ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
 
 
 class Style(NamedTuple):
-    """A request for a style: at most one of the four; without any, the style is drawn from the prior N(0, I).
+    """A requested style, by at most one of the four fields; without any, it is drawn from the prior N(0, I).
 
     Attributes:
         speaker: name of a speaker of the training data.
-        mixture: weights by the names of speakers; they are divided by their sum.
-        images: one or more pictures of a person, like the images the model was trained with.
+        mixture: name of a speaker -> weight; the weights are divided by their sum.
+        images: path of one or more images of a person, of the kind that the model was trained with.
         seed: seed of a random style; by default the seed of the motion.
     """
 
@@ -39,24 +39,24 @@ FROM_PRIOR = Style()
 def choose_style(
     spec: Spec, variables: Variables, assets: Assets, style: Style = FROM_PRIOR, seed: int = 0
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the f_id of a requested style, and a description of it for the metadata of a motion.
+    """Return the values f_id of a requested style, and a description for the metadata of the motion.
 
     Args:
-        spec, variables: the generator.
-        assets: styles of its speakers.
-        style: request.
-        seed: seed of a random style for which `style` has none.
+        spec, variables: generator.
+        assets: assets of the model, with the styles of the speakers.
+        style: requested style.
+        seed: seed of a random style if `style` has none.
 
     Returns:
-        (style_dim,) float32, and plain values.
+        (style_dim,) float32 values f_id, and plain values that describe the style.
 
     Raises:
-        UserError: more than one request, an unknown speaker, an impossible weight, an image that cannot be read, a
-            negative seed, or a request to a model without styles.
+        UserError: more than one style is requested, a speaker is unknown, a weight is impossible, an image cannot be
+            read, a seed is negative, or the model has no styles.
     """
     if sum(part is not None for part in style) > 1:
         raise UserError(
-            "the style has more than one source; give a speaker, a mixture, reference images or a style seed"
+            "the style has more than one source; give only a speaker, a mixture, reference images or a style seed"
         )
     if min(seed, style.seed or 0) < 0:
         raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
@@ -72,7 +72,7 @@ def choose_style(
         return _encode_images(spec, variables, assets, images), {"kind": "images", "images": names}
     if not spec.style_dim:
         if style.seed is not None:
-            raise UserError(f"this model, {spec.method}, has no styles; leave the style seed out")
+            raise UserError(f"this model, {spec.method}, has no styles; leave out the style seed")
         return np.zeros(0, np.float32), {"kind": "none"}
     style_seed = seed if style.seed is None else style.seed
     f_id = np.random.default_rng(style_seed).standard_normal(spec.style_dim, np.float32)
@@ -80,7 +80,13 @@ def choose_style(
 
 
 def read_mixture(text: str) -> dict[str, float]:
-    """Return the weights by speaker of a text such as A:0.3,B:0.7; a name without a weight has 1.
+    """Parse the weights of speakers from a text such as A:0.3,B:0.7; a name without a weight has weight 1.
+
+    Args:
+        text: names and weights, separated by commas.
+
+    Returns:
+        Name of a speaker -> weight.
 
     Raises:
         UserError: the text has another form, or names a speaker twice.
@@ -93,7 +99,7 @@ def read_mixture(text: str) -> dict[str, float]:
         except ValueError:
             name, value = part, 1.0  # a name with a colon in it
         if not name.strip() or name.strip() in weights:
-            raise UserError(f"the style {text!r} names a speaker twice, or none; expected one such as A:0.3,B:0.7")
+            raise UserError(f"the style {text!r} names a speaker twice, or none; expected a text such as A:0.3,B:0.7")
         weights[name.strip()] = value
     return weights
 
@@ -117,21 +123,21 @@ def _speaker(assets: Assets, name: str) -> np.ndarray:
 
 
 def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
-    """Return the style (style_dim,) of pictures of any size, each cut to a square about its middle."""
+    """Return the style (style_dim,) of images of any size, each cropped to a square about its centre."""
     if spec.identity != "images":
         names = ", ".join(assets.speakers)
         known = f"knows speakers by name, not by images; expected one of: {names}" if names else "has no speakers"
         raise UserError(f"this model {known}")
     if not paths:
-        raise UserError("an empty list of reference images; give one or more pictures")
+        raise UserError("an empty list of reference images; give one or more images")
     images = []
     for path in paths:
         try:
             with Image.open(path) as image:
-                picture = ImageOps.exif_transpose(image).convert("RGB")
+                upright = ImageOps.exif_transpose(image).convert("RGB")
         except (OSError, ValueError, Image.DecompressionBombError) as error:
             raise UserError(f"{path} cannot be read as an image; expected a PNG or JPEG of a person") from error
-        side = min(picture.size)
-        square = np.asarray(ImageOps.fit(picture, (side, side)))
+        side = min(upright.size)
+        square = np.asarray(ImageOps.fit(upright, (side, side)))
         images.append(resize_frames(square[None], spec.image_size))
     return np.asarray(encode_identity(spec, variables, np.concatenate(images)))

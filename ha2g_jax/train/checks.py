@@ -1,4 +1,4 @@
-"""Checks before a run starts, so that it does not fail after hours."""
+"""Check settings, workdir and corpus before a run starts, so that it does not fail after hours."""
 
 import json
 import pathlib
@@ -17,8 +17,8 @@ from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Spec
 
-# Settings that may differ from those a workdir was made with: they leave the updates as they are. A corpus may have
-# moved; that it is the same one is seen by `check_corpus`.
+# Settings that may differ from those a workdir was made with, because they do not change the updates. A corpus may have
+# moved; `check_corpus` checks that it is the same one.
 _FREE_SETTINGS = {
     "data.path",
     "data.workers",
@@ -37,10 +37,13 @@ _AT_LEAST |= {"sample_every": 0, "devices": 0}
 
 
 def check_settings(config: Config) -> None:
-    """Check the settings of `config.train` and `config.data` that no other part checks in time.
+    """Check the settings of `config.train` and `config.data` that are not checked elsewhere before the run starts.
+
+    Args:
+        config: settings of the run.
 
     Raises:
-        UserError: one of them cannot be used.
+        UserError: a setting cannot be used.
     """
     for name, least in _AT_LEAST.items():
         if config.train[name] < least:
@@ -54,7 +57,7 @@ def check_settings(config: Config) -> None:
     devices = jax.device_count()
     if config.train.devices > devices:
         raise UserError(
-            f"there are {devices} devices, not {config.train.devices}: set --config.train.devices=0 for all"
+            f"there are {devices} devices, not {config.train.devices}: set --config.train.devices=0 to use all"
         )
     if config.train.devices and jax.process_count() > 1:
         raise UserError(
@@ -69,8 +72,12 @@ def check_settings(config: Config) -> None:
 def check_augmentation(config: Config, spec: Spec) -> None:
     """Check that the model takes the inputs that augmentation changes.
 
+    Args:
+        config: settings of the run.
+        spec: networks and sizes.
+
     Raises:
-        UserError: noise or gain are asked for, but the model takes no mel spectrogram.
+        UserError: noise or gain are switched on, but the model takes no mel spectrogram.
     """
     if (config.data.noise or config.data.gain_db) and "mel" not in spec.training_inputs:
         raise UserError(
@@ -98,8 +105,13 @@ def _check_data(data: Config) -> None:
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     """Check that the folder of a run is new or was made with the same config.
 
+    Args:
+        workdir: folder of the run.
+        config: settings of the run.
+
     Raises:
-        UserError: it was made with another config, whose differing settings are named, or cannot be a folder.
+        UserError: the folder was made with another config (the message names the settings that differ), or the path
+            cannot be a folder.
     """
     if not workdir.is_dir() and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
         raise UserError(f"{workdir} is not a folder; choose another --workdir")
@@ -117,20 +129,20 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     if differing := [name for name in differing if name not in free]:
         changes = ", ".join(f"{name} ({old.get(name)} there, {new.get(name)} here)" for name in differing)
         raise UserError(
-            f"{workdir} is a run with another config: {changes}; repeat its settings or choose another --workdir"
+            f"{workdir} was made with another config: {changes}; repeat its settings or choose another --workdir"
         )
 
 
 def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
-    """Check that a run goes on with the corpus that it started with.
+    """Check that a run continues with the corpus that it started with.
 
     Args:
         workdir: folder of the run.
         assets: assets that the run stored when it started.
-        corpus: corpus that it is to go on with.
+        corpus: corpus to continue with.
 
     Raises:
-        UserError: it is another one.
+        UserError: the corpus is a different one.
     """
     skeleton = corpus.skeleton
     same = assets.vocabulary.words == corpus.vocabulary().words and all(
@@ -138,8 +150,8 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     )
     if not same:
         raise UserError(
-            f"{workdir} is a run on another corpus than {corpus.path}: set --config.data.path to the one it started "
-            "with or choose another --workdir"
+            f"{workdir} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of its "
+            "start or choose another --workdir"
         )
 
 

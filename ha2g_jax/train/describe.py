@@ -1,4 +1,4 @@
-"""Shapes and parameter counts of the modules that a config builds, without computing anything."""
+"""Shapes and parameter counts of the modules that a config builds, without running them."""
 
 import math
 from typing import Any
@@ -20,19 +20,23 @@ from ha2g_jax.skeleton import load_skeleton
 Row = dict[str, Any]
 
 _DEPTH = 2
-# Modules whose shapes the paper's tables print channels first; sequences are frames x values.
+# Modules whose shapes the tables of the paper print with the channels first; sequences are frames x values.
 _CHANNELS_FIRST = (Stem, Stage, Head, ResNet18, BatchNorm, nn.Conv, nn.ConvTranspose)
 
 
 def describe(config: Config) -> list[Row]:
     """Return rows for the generator, the discriminator and the pose auto-encoder, and for their parts, two levels down.
 
-    Feature maps and convolutions are channels first, as in Tables 6 to 9; sequences are frames x values; the batch
-    axis is left out. Tables of words and speakers grow with the data and are not counted.
+    Shapes of feature maps and convolutions are channels first, as in Tables 6 to 9; shapes of sequences are frames x
+    values. The batch axis is left out. The embedding tables of words and speakers grow with the data and are not
+    counted.
+
+    Args:
+        config: settings of the model.
 
     Returns:
         Rows with "module" (dotted path), "input" and "output" (such as "64x64x35"; several are joined by ", "),
-        "input_shapes" and "output_shapes" (lists) and "parameters" (of the module with its parts).
+        "input_shapes" and "output_shapes" (lists) and "parameters" (number of parameters of the module and its parts).
     """
     skeleton = load_skeleton(config.skeleton)
     spec = build(config, skeleton, vocabulary_size=1, num_speakers=1)
@@ -45,7 +49,7 @@ def describe(config: Config) -> list[Row]:
 
 
 def as_table(rows: list[Row]) -> str:
-    """Format the rows of `describe` as aligned text, with the total of all networks below."""
+    """Format the rows of `describe` as an aligned table whose last line is the total of all networks."""
     header = ("module", "input", "output", "parameters")
     cells = [
         ("  " * row["module"].count(".") + row["module"].rpartition(".")[2], row["input"], row["output"], _count(row))

@@ -1,4 +1,4 @@
-"""Looks at everything that a run needs, before it is started: the machine, the config, the data, and one step."""
+"""Examine everything that a run needs before it is started: the machine, the config, the data, and one step."""
 
 import pathlib
 import statistics
@@ -23,15 +23,18 @@ from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
 from ha2g_jax.train.measure import TimedStep
 
 _STEPS = 5
-_SECONDS = 20.0  # after which no further step is timed
+_SECONDS = 20.0  # no further step is timed after this time
 
 
 def examine(config: Config | None = None, *, has_step: bool = True) -> list[Finding]:
-    """Looks at the machine, and at what a config needs.
+    """Examine the machine, and check that it has what a config needs.
 
     Args:
-        config: of the run; None for the smallest one, without data.
+        config: settings of the run; None for the smallest model, without data.
         has_step: whether to compile and time a step, which takes a minute or more.
+
+    Returns:
+        Findings in the order in which they are shown.
     """
     findings = [*examine_machine(), _speech()]
     if findings[2].trouble and not findings[2].found:  # without devices, nothing can be computed
@@ -39,7 +42,7 @@ def examine(config: Config | None = None, *, has_step: bool = True) -> list[Find
     corpus = None
     if config is None:
         config = configs.debug(configs.paper("ted_expressive"))
-        findings.append(Finding("data", "none asked for; --config FILE[:SIZE] names some"))
+        findings.append(Finding("data", "not checked; name a config with --config FILE[:SIZE]"))
     else:
         settings, (data, corpus) = _settings(config), _data(config)
         findings += [settings, *data, _word_vectors(config)]
@@ -48,7 +51,7 @@ def examine(config: Config | None = None, *, has_step: bool = True) -> list[Find
 
 
 def as_text(findings: list[Finding]) -> str:
-    """A line for each finding: "ok" and what it is, or "wrong" and what to do."""
+    """Format findings as one line each: "ok" and the finding, or "wrong" and what to do."""
     width = max(len(finding.name) for finding in findings)
     lines = [
         f"{'wrong' if finding.trouble else 'ok':5}  {finding.name:{width}}  "
@@ -59,12 +62,13 @@ def as_text(findings: list[Finding]) -> str:
 
 
 def as_json(findings: list[Finding]) -> dict[str, Any]:
-    """The findings, and in "ok" whether all is well, as plain values."""
+    """Return the findings as plain values, with "ok" true if none of them is a trouble."""
     rows = [finding._asdict() | {"ok": not finding.trouble} for finding in findings]
     return {"ok": is_well(findings), "findings": rows}
 
 
 def is_well(findings: list[Finding]) -> bool:
+    """Return whether no finding is a trouble."""
     return not any(finding.trouble for finding in findings)
 
 
@@ -94,10 +98,10 @@ def _word_vectors(config: Config) -> Finding:
 
 
 def _data(config: Config) -> tuple[list[Finding], Corpus | None]:
-    """Findings on the corpus and each of its splits, and the corpus where it can be opened."""
+    """Return the findings on the corpus and each of its splits, and the corpus if it can be opened."""
     folder = talk_folder(config.data.path)
     if config.data.path == "talk" and not folder.exists():
-        return [Finding("data", f"the Talk corpus is not made yet; training makes it in {folder}")], None
+        return [Finding("data", f"the Talk corpus is not made yet; training will make it in {folder}")], None
     try:
         corpus = inputs.open_corpus(config)
     except UserError as error:
@@ -107,11 +111,11 @@ def _data(config: Config) -> tuple[list[Finding], Corpus | None]:
 
 
 def _split(config: Config, corpus: Corpus, split: str) -> Finding:
-    """Reads every record of a split, and decodes the first and the last."""
+    """Read every record of a split, and decode the first and the last clip."""
     values: dict[str, Any] = {"split": split, "speakers": len(corpus.speakers_of(split))}
     try:
         clips = corpus.clips(split)
-        numbers = tqdm.trange(len(clips), desc=f"Looking at {split}", unit="clip", leave=False, disable=None)
+        numbers = tqdm.trange(len(clips), desc=f"Checking {split}", unit="clip", leave=False, disable=None)
         frames = sum(len(clips.fields(number)["positions"]) for number in numbers)
         _ = clips[:1], clips[-1:]
         values |= {"clips": len(clips), "hours": frames / corpus.fps / 3600}
@@ -147,7 +151,7 @@ def _step(config: Config, corpus: Corpus | None) -> Finding:
     except UserError as error:
         return Finding("step", found, str(error), values)
     except jax.errors.JaxRuntimeError as error:
-        return Finding("step", found, f"it fails ({str(error).splitlines()[0]}): {_LESS_MEMORY}", values)
+        return Finding("step", found, f"the step fails ({str(error).splitlines()[0]}): {_LESS_MEMORY}", values)
     values |= {"step_seconds": seconds, "windows_per_second": step.batch_size / seconds}
     found += f"; {seconds:.3g} s a step, {step.batch_size / seconds:.3g} windows/s"
     return Finding("step", found, values=values)
@@ -157,8 +161,8 @@ _LESS_MEMORY = "lower --config.train.batch_size or raise --config.train.accumula
 
 
 def _lack_of_memory(size: int, num_devices: int) -> str:
-    """What to do where a step of so many bytes on each device does not fit, "" where it does."""
-    if jax.default_backend() == "cpu":  # whose devices share the memory of the host
+    """Return what to do if a step of `size` bytes on each device does not fit into memory, "" if it fits."""
+    if jax.default_backend() == "cpu":  # the devices of a CPU share the memory of the host
         size, available = size * num_devices, host_memory()[1]
     else:
         stats = [device.memory_stats() or {} for device in jax.local_devices()]
@@ -166,11 +170,11 @@ def _lack_of_memory(size: int, num_devices: int) -> str:
         available = min(free, default=None)
     if available is None or size <= available:
         return ""
-    return f"{gib(size)} are more than the {gib(available)} available, so it was not run: {_LESS_MEMORY}"
+    return f"the step needs {gib(size)} but {gib(available)} are available, so it was not run: {_LESS_MEMORY}"
 
 
 def _time(step: TimedStep) -> float:
-    """Median seconds of a few steps after the first."""
+    """Return the median seconds of a few steps after the first."""
     step.run()
     seconds: list[float] = []
     started = time.perf_counter()

@@ -1,7 +1,7 @@
-"""Several processes train one model: who they are, how they find each other, and how they part.
+"""Processes that train one model together: how they find each other, and how they end.
 
-Each process holds the devices it sees; JAX joins them. Process 0 is the first host: it runs the coordinator that the
-others call, and it alone writes metrics.
+Each process uses the devices that it sees, and JAX joins the processes. Process 0 is the first host: it runs the
+coordinator that the others connect to, and it alone writes metrics.
 """
 
 import atexit
@@ -17,7 +17,7 @@ from jax.experimental import multihost_utils
 
 from ha2g_jax.errors import UserError
 
-# What srun tells a process about its place. A batch script and an interactive shell know much of it too, SLURM_NTASKS
+# Variables that srun sets for a process. A batch script and an interactive shell have most of them too, SLURM_NTASKS
 # included, but are one process: SLURM_STEP_NUM_TASKS is then 1 or absent.
 _SLURM = (
     "SLURM_JOB_ID",
@@ -29,24 +29,24 @@ _SLURM = (
     "SLURM_LOCALID",
 )
 
-_JOIN_SECONDS = 300  # for machines that start minutes apart
-_PART_SECONDS = 30  # that a process which failed waits for the others to fail as well, before it ends them
+_JOIN_SECONDS = 300  # machines may start minutes apart
+_PART_SECONDS = 30  # a process that failed waits this long for the others to fail as well, before it ends them
 
 
 def start(coordinator: str | None, num_processes: int | None, process_id: int | None) -> None:
-    """Joins the processes of a run and returns when all are there; does nothing for a run of one process.
+    """Join the processes of a run and return when all have joined; do nothing for a run of one process.
 
-    What is None is looked for in JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID, and the last then in
-    the JOB_COMPLETION_INDEX of Kubernetes. Without any of them, a step that srun started is joined as Slurm has it.
-    Must be called before JAX looks for devices.
+    Arguments that are None are read from the variables JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID,
+    and the process id then from JOB_COMPLETION_INDEX, which Kubernetes sets. If none of them is given, the tasks of a
+    Slurm step started by srun are joined. This function must be called before JAX looks for devices.
 
     Args:
-        coordinator: HOST:PORT at which all reach process 0; any port that is free there.
-        num_processes: of all hosts; 1 keeps the processes of an srun apart.
-        process_id: of this process, from 0.
+        coordinator: HOST:PORT at which all processes reach process 0; any port that is free there.
+        num_processes: number of processes on all hosts; 1 keeps the tasks of an srun apart.
+        process_id: number of this process, from 0.
 
     Raises:
-        UserError: these do not fit together, or not all processes came in time.
+        UserError: the arguments contradict each other, or not all processes joined in time.
     """
     coordinator = coordinator or os.environ.get("JAX_COORDINATOR_ADDRESS")
     num_processes = _number("JAX_NUM_PROCESSES") if num_processes is None else num_processes
@@ -70,15 +70,16 @@ def start(coordinator: str | None, num_processes: int | None, process_id: int | 
 
 
 def is_first() -> bool:
-    """Whether this process is the one that writes what a run has once."""
+    """Return whether this process is process 0, which writes the files that a run has once."""
     return jax.process_index() == 0
 
 
 def stop() -> None:
-    """Waits for the other processes and parts from them, at the end of a run that went well.
+    """Wait for the other processes and disconnect from them, at the end of a run without an error.
 
-    A process that ends by an error does not call it. When it exits it waits a little for the others, which may all
-    have found the same mistake. If they go on, JAX ends them with an exit code other than 0: they need its part.
+    A process that ends with an error does not call this function. When it exits, it waits a little for the others,
+    which may all have failed with the same error. If they continue, JAX ends them with an exit code other than 0,
+    because they need the part of the batch that this process holds.
     """
     if jax.distributed.is_initialized():
         multihost_utils.sync_global_devices("end of the run")
@@ -96,7 +97,7 @@ def _check(coordinator: str | None, num_processes: int | None, process_id: int |
     given = {"coordinator": coordinator, "num_processes": num_processes, "process_id": process_id}
     if missing := [name for name, value in given.items() if value is None]:
         raise UserError(
-            f"a run of several processes needs --coordinator=HOST:PORT, --num_processes=N and --process_id=I: "
+            "a run of several processes needs --coordinator=HOST:PORT, --num_processes=N and --process_id=I: "
             f"add --{' and --'.join(missing)}"
         )
     if not re.fullmatch(r".+:\d+", str(coordinator)):
@@ -104,15 +105,16 @@ def _check(coordinator: str | None, num_processes: int | None, process_id: int |
     if not 0 <= int(process_id or 0) < int(num_processes or 0):
         raise UserError(
             f"process_id is {process_id} of {num_processes} processes: "
-            "number them from 0, and set --num_processes to how many there are"
+            "number them from 0, and set --num_processes to the number of processes"
         )
 
 
 def _slurm_devices() -> list[int] | None:
-    """For JAX: [] takes all GPUs that this process of an srun sees, None the one of its number on the node.
+    """Return `local_device_ids` for JAX: [] for all GPUs that this task of an srun sees, None for JAX's default.
 
-    The second, JAX's default, is right for one process a GPU, each of which sees all of them. It would leave GPUs of
-    a node unused that has one process, and miss the only GPU of a process that srun bound to it.
+    The default is the GPU with the number of the task on its node. This is right for one task per GPU where each task
+    sees all GPUs. On a node with one task it would leave GPUs unused, and it would fail where srun bound a task to its
+    only GPU.
     """
     if "JAX_LOCAL_DEVICE_IDS" in os.environ:
         return None
@@ -122,8 +124,8 @@ def _slurm_devices() -> list[int] | None:
 
 
 def _join(address: str, **settings: Any) -> None:
-    """`jax.distributed.initialize`, in a thread: where it waits in vain it would end the process without a word."""
-    # Its notice of a SIGTERM would take the place of Python's handling of it until the run sets its own.
+    """Call `jax.distributed.initialize` in a thread, because at its timeout it ends the process without a message."""
+    # The preemption service would replace Python's handling of SIGTERM until the run installs its own.
     jax.config.update("jax_enable_preemption_service", False)
     errors: list[Exception] = []
 
@@ -140,25 +142,25 @@ def _join(address: str, **settings: Any) -> None:
     thread.join(_JOIN_SECONDS)
     if thread.is_alive():
         raise UserError(
-            f"after {_JOIN_SECONDS} s not all processes of the run have joined at {address}: see that "
-            "all were started with one --coordinator and --num_processes, and that they reach that address"
+            f"after {_JOIN_SECONDS} s not all processes of the run have joined at {address}: check that all were "
+            "started with the same --coordinator and --num_processes, and that they reach that address"
         )
     if errors and isinstance(errors[0], jax.errors.JaxRuntimeError):
         reason = " ".join(str(errors[0]).split())
-        raise UserError(f"cannot join the run at {address} ({reason}): see that its port is free") from errors[0]
+        raise UserError(f"cannot join the run at {address} ({reason}): check that the port is free") from errors[0]
     if errors:
         raise errors[0]
     atexit.register(_leave)
-    # Connects the devices now that all are here: on CPUs the first collective fails where one process comes to it
-    # 30 s after another, as it may by then, with something else to compile or to read.
+    # Connect the devices while all processes are here: on CPUs the first collective fails if one process reaches it
+    # 30 s after another, which may happen later, when one has more to compile or to read.
     multihost_utils.sync_global_devices("start of the run")
 
 
 def _leave() -> None:
-    """At the exit of a process that did not come to `stop`: parts from the others, or exits with 1 without them."""
+    """Disconnect at the exit of a process that did not call `stop`; exit with 1 if the others do not answer."""
     if jax.distributed.is_initialized():
         with pathlib.Path(os.devnull).open("w") as nowhere:
-            # A thread that needs no Python, which starts none at its exit. JAX would abort this process too.
+            # This timer is a thread outside Python, which starts no threads at exit. JAX would abort this process too.
             faulthandler.dump_traceback_later(_PART_SECONDS, exit=True, file=nowhere)
             jax.distributed.shutdown()
             faulthandler.cancel_dump_traceback_later()

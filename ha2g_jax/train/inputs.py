@@ -21,19 +21,22 @@ VALIDATION = "val"
 
 
 def open_corpus(config: Config) -> Corpus:
-    """Open the corpus of a config; "talk" is made where there is none yet.
+    """Open the corpus of a config; the Talk corpus ("talk") is made if it does not exist yet.
+
+    Args:
+        config: settings of the run.
 
     Raises:
-        UserError: there is none, it is damaged, or it has another skeleton or frame rate than the config.
+        UserError: there is no corpus, it is damaged, or its skeleton or frame rate differs from that of the config.
     """
     if not config.data.path:
-        raise UserError("the config names no data: set --config.data.path to 'talk' or to the folder of a corpus")
+        raise UserError("config.data.path is empty: set --config.data.path to 'talk' or to the folder of a corpus")
     corpus = Corpus.open(talk_path(config.data.path))
     found, expected = (corpus.skeleton.name, corpus.fps), (config.skeleton, config.data.fps)
     if found != expected:
         raise UserError(
             f"{corpus.path} has skeleton {found[0]} at {found[1]:g} fps, "
-            f"the config {expected[0]} at {expected[1]:g} fps: choose the config that fits the data"
+            f"the config {expected[0]} at {expected[1]:g} fps: choose a config that fits the data"
         )
     return corpus
 
@@ -41,10 +44,18 @@ def open_corpus(config: Config) -> Corpus:
 def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary, split: str) -> Windows:
     """Return the windows of a split in the shapes that a model takes.
 
-    A table of speakers knows those of training alone: with it, the clips of others are left out.
+    A model with a table of speakers has rows for the speakers of the training split only, so that clips of other
+    speakers are left out.
+
+    Args:
+        config: settings of the run.
+        spec: networks and sizes.
+        corpus: corpus that has the split.
+        vocabulary: words of the training split.
+        split: name of the split.
 
     Raises:
-        UserError: the split does not have them.
+        UserError: the split has no clips that the model can use, or lacks inputs of the model.
     """
     return Windows(
         corpus,
@@ -60,7 +71,10 @@ def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabul
 
 
 def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
-    """Return the windows of the validation split, None where the corpus has none of a speaker that the model can know.
+    """Return the windows of the validation split, None if the corpus has none that the model can use.
+
+    Args:
+        config, spec, corpus, vocabulary: see `open_windows`.
 
     Raises:
         UserError: the split cannot be used.
@@ -76,7 +90,15 @@ def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Voca
 def training_batches(
     config: Config, windows: Windows, first: int, host: int = 0, num_hosts: int = 1
 ) -> grain.DatasetIterator:
-    """Return this host's part of the batches of training, from batch `first` on; see `ha2g_jax.data.batches`."""
+    """Return this host's part of the training batches; see `ha2g_jax.data.batches`.
+
+    Args:
+        config: settings of the run.
+        windows: windows of the training split.
+        first: number of the first batch.
+        host: number of this host, from 0.
+        num_hosts: number of hosts.
+    """
     data = config.data
     return batches(
         windows,
@@ -91,7 +113,15 @@ def training_batches(
 
 
 def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
-    """Return the parameters to start from that the config names files of; {} where it names none.
+    """Read the pretrained parameters of the files that the config names.
+
+    Args:
+        config: settings of the run.
+        spec: networks and sizes.
+        vocabulary: words of the training split.
+
+    Returns:
+        A part of the parameter tree of the generator; {} if the config names no file.
 
     Raises:
         UserError: a file cannot be used, or does not fit the model.
@@ -100,7 +130,7 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
     parts = {}
     if text.vectors:
         if not {"words", "plain_words"} & set(spec.training_inputs):
-            raise UserError(f"{config.method} reads no words: leave --config.model.text.vectors out")
+            raise UserError(f"{config.method} reads no words: leave out --config.model.text.vectors")
         vectors = read_word_vectors(text.vectors, vocabulary, text.embedding_dim)
         parts |= word_table(config, len(vocabulary), vectors)
     if audio.kind == "whisper":
@@ -109,15 +139,15 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
 
 
 def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:
-    """Return pretrained parameters of a generator whose table of words starts from word vectors.
+    """Return pretrained parameters of a generator whose word embedding starts from word vectors.
 
     Args:
         config: settings of the model.
         vocabulary_size: number of words.
-        word_vectors: (vocabulary_size, embedding_dim).
+        word_vectors: (vocabulary_size, embedding_dim) vector of each word.
 
     Raises:
-        UserError: the vectors have another size than the table.
+        UserError: the shape of the vectors is not that of the embedding.
     """
     table = (vocabulary_size, config.model.text.embedding_dim)
     if word_vectors.shape != table:
@@ -131,8 +161,8 @@ def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -
 def _whisper(audio: Config) -> dict[str, Any]:
     if not audio.weights:
         raise UserError(
-            "config.model.audio.kind is 'whisper' but no weights are named: set --config.model.audio.weights to a "
-            "folder with the config.json and model.safetensors of openai/whisper-tiny.en"
+            "config.model.audio.kind is 'whisper' but config.model.audio.weights is empty: set it to a folder with the "
+            "config.json and model.safetensors of openai/whisper-tiny.en"
         )
     found, params = whisper_weights.load(audio.weights)
     expected = whisper_weights.WhisperSizes(**audio.whisper)

@@ -1,4 +1,4 @@
-"""The log of a run: means of the metrics, the speed, and how much of it was spent on waiting for data."""
+"""The log of a run: means of the metrics, the speed, and the time spent waiting for data."""
 
 import contextlib
 import math
@@ -21,8 +21,8 @@ class NotFinite(Exception):
     """A metric of a step is not finite.
 
     Attributes:
-        step: whose.
-        names: of the terms of the loss that are not finite; if there is none, of the other metrics.
+        step: number of the step.
+        names: names of the loss terms that are not finite; if all of them are finite, names of the other metrics.
     """
 
     def __init__(self, step: int, names: list[str]):
@@ -31,22 +31,22 @@ class NotFinite(Exception):
 
 
 class StepLog:
-    """Writes the metrics of steps, one step late, so that the device never waits for them.
+    """Write the metrics of steps, one step late, so that the device never waits for them.
 
-    A line has the means of all metrics over the steps since the last line, and, beside the first line's
-    `compile_seconds` (the first step, which counts for no speed):
+    A line has the means of all metrics over the steps since the last line, and
 
-    - `windows_per_second` over the whole time since the last line, without the parts set `apart`,
-    - `waiting_percent`: the share of that time in which the loop was `waiting` for data,
-    - `seconds` since this log was begun.
+    - `windows_per_second` over the time since the last line, without the time spent `apart`,
+    - `waiting_percent`: percentage of that time in which the loop was `waiting` for data,
+    - `seconds` since this log was created,
+    - in the first line `compile_seconds`, the time of the first step, which is left out of the speed.
 
     Args:
-        writer: gets the lines.
-        bar: shows progress.
-        batch_size: windows a step, of all hosts.
-        is_due: whether a line is to be written for a step.
-        shown: the term that the bar shows.
-        pending: `state` of the log of a run that this one continues.
+        writer: writer of the lines.
+        bar: progress bar.
+        batch_size: windows in a step, of all hosts together.
+        is_due: function that tells whether to write a line for a step.
+        shown: name of the loss term that the progress bar shows.
+        pending: `state` of the log of the run that this run continues.
     """
 
     def __init__(
@@ -67,21 +67,21 @@ class StepLog:
         self._start = time.perf_counter()
         self._compile_seconds: float | None = None
         self._is_compile_reported = False
-        # Of the present line; timing begins when the first step has been read, with nothing of it included.
+        # Times of the current line; the timing begins after the first step has been read.
         self._line_start: float | None = None
         self._timed_steps, self._waited, self._apart = 0, 0.0, 0.0
         self._apart_start: float | None = None
 
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
-        """Around what takes the next batch."""
+        """Measure the time of the block that takes the next batch."""
         start = time.perf_counter()
         yield
         self._waited += time.perf_counter() - start
 
     @contextlib.contextmanager
     def stepping(self) -> Iterator[None]:
-        """Around what starts a step, which for the first is the time to compile it."""
+        """Measure the time of the block that starts a step; for the first step this is the time to compile it."""
         start = time.perf_counter()
         yield
         if self._compile_seconds is None:
@@ -89,7 +89,7 @@ class StepLog:
 
     @contextlib.contextmanager
     def apart(self) -> Iterator[None]:
-        """Around what is no training: validation, checkpoints, samples. A flush in it is training all the same."""
+        """Exclude the time of a block, such as validation, from the speed; a `flush` in the block still counts."""
         self._apart_start = time.perf_counter()
         yield
         self._apart += time.perf_counter() - self._apart_start
@@ -97,28 +97,32 @@ class StepLog:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether a step that was read had the metric "stop": all hosts know then that one of them is to stop."""
+        """Whether a step had the metric "stop", by which all hosts learn that one of them was asked to stop."""
         return self._is_stopping
 
     def state(self) -> dict[str, Any]:
-        """The sums of the steps read since the last line, as JSON keeps them to the last digit; flush first."""
+        """Return the sums over the steps since the last line, as plain values that JSON stores exactly; flush first."""
         return {"steps": self._num_steps, "sums": dict(self._sums)}
 
     def add(self, step: int, metrics: Metrics) -> None:
-        """Takes the metrics of a step, and deals with those of the one before.
+        """Add the metrics of a step, and process those of the previous step.
+
+        Args:
+            step: number of the step.
+            metrics: scalars by name, which may still be being computed.
 
         Raises:
-            NotFinite: one of the step before is not finite.
+            NotFinite: a metric of the previous step is not finite.
         """
         self.flush()
         self._waiting = (step, metrics)
 
     def flush(self) -> dict[str, float] | None:
-        """Waits for the step that was added last, deals with its metrics and returns them; None without one.
+        """Wait for the step that was added last, process its metrics and return them; None if there is no such step.
 
         Raises:
-            NotFinite: one of them is not finite. The means of the steps before it are then written as the line of
-                the step before it.
+            NotFinite: a metric is not finite. The means of the steps before are then written as the line of the
+                previous step.
         """
         if self._waiting is None:
             return None

@@ -1,4 +1,4 @@
-"""One training run, from a config to checkpoints: read `train` from top to bottom."""
+"""One training run, from a config to checkpoints; `_train` reads from top to bottom."""
 
 import contextlib
 import dataclasses
@@ -44,22 +44,22 @@ def train(
     profile: bool = False,
     draw_sample: Callable[..., None] | None = None,
 ) -> None:
-    """Trains the model of a config, or continues where the run in `workdir` stopped.
+    """Train the model of a config, or continue where the run in `workdir` stopped.
 
-    SIGTERM and Ctrl-C end the run after the step at hand with a checkpoint; the same command continues it, and the
-    parameters are then those of a run that was never stopped. Found in the workdir afterwards: config.json,
-    assets.json, run.json, metrics.jsonl, tensorboard/, checkpoints in latest/ and, where there is a validation split,
-    in best/, and samples/ where the config asks for them. All hosts of a run call this with the same arguments.
+    SIGTERM and Ctrl-C end the run with a checkpoint after the current step. The same command continues the run, and the
+    parameters are then those of a run that was never stopped. The workdir contains config.json, assets.json, run.json,
+    metrics.jsonl, tensorboard/, checkpoints in latest/ and, if there is a validation split, in best/, and samples/ if
+    the config sets `train.sample_every`. All hosts of a run call this function with the same arguments.
 
     Args:
-        config: see `ha2g_jax.config.paper`.
-        workdir: folder of the run, the same for all hosts; made if there is none.
+        config: settings, see `ha2g_jax.config.paper`.
+        workdir: folder of the run, the same for all hosts; created if it does not exist.
         profile: whether to write a trace of a few steps to profile/.
-        draw_sample: draws a video of a clip, as `ha2g_jax.synthesis.samples.write_sample`.
+        draw_sample: function that writes a video of a clip, such as `ha2g_jax.synthesis.samples.write_sample`.
 
     Raises:
-        UserError: the data cannot be used, `workdir` is of another config, a checkpoint cannot be written, or a loss
-            is no longer finite.
+        UserError: the data cannot be used, `workdir` was made with another config, a checkpoint cannot be written, or
+            a loss is not finite.
     """
     with stop_signals() as stop:
         _train(config, pathlib.Path(workdir), stop, profile, draw_sample)
@@ -79,8 +79,8 @@ def _train(
     held_out = inputs.open_validation(config, spec, corpus, vocabulary)
     if held_out is None and hosts.is_first():
         tqdm.tqdm.write(
-            f"{corpus.path} has no split {inputs.VALIDATION!r} for this model, so there will be no best checkpoint "
-            "(ha2g data split makes one)",
+            f"{corpus.path} has no split {inputs.VALIDATION!r} that this model can use, so there will be no best "
+            "checkpoint; make a split with ha2g data split",
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
@@ -130,12 +130,12 @@ def _train(
     trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
     def trained() -> tuple[Any, Assets]:
-        """The weights as this host's arrays, and what belongs to them."""
+        """Return the variables as arrays of this host, and the assets with the styles of the speakers."""
         variables = jax.device_get(state.model)
         return variables, dataclasses.replace(assets, speakers=speaker_identities(spec, variables, windows, speakers))
 
     def save(checkpoints: Checkpoints, **more: Any) -> None:
-        taken = int(state.step)  # less than `step` after one that was not finite
+        taken = int(state.step)  # less than `step` after a step that was not finite
         styles = {name: f_id.tolist() for name, f_id in trained()[1].speakers.items()}
         record = {"log": log.state(), "best_score": best_score, "speakers": styles}
         checkpoints.save(taken, state, record | more)
@@ -177,7 +177,7 @@ def _train(
 
 
 def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows) -> Assets:
-    """Those that the run started with, or new ones; the speakers' styles come with each checkpoint."""
+    """Return the assets that the run started with, or new ones; each checkpoint stores the styles of the speakers."""
     if (workdir / model_folder.ASSETS).exists():
         assets = model_folder.read_description(workdir)[1]
         checks.check_corpus(workdir, assets, corpus)
@@ -189,7 +189,7 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
 
 
 def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Callable[..., None]) -> UserError:
-    """Stores the state before the step that failed and the names of its windows; returns what to tell the user."""
+    """Store the state before the failed step and the names of its windows; return the error for the user."""
     report = {"step": error.step, "not_finite": list(error.names), "windows": names}
     folder = workdir / model_folder.FAILED
     with contextlib.closing(Checkpoints(folder)) as failed:
@@ -199,7 +199,7 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
     shown = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
     return UserError(
         f"{', '.join(error.names)} not finite at step {error.step}, on the windows {shown}: the state before it is in "
-        f"{folder}, the report in {folder}.json; look at those windows, or start anew in another workdir with a lower "
+        f"{folder}, the report in {folder}.json; check these windows, or start again in another workdir with a lower "
         "--config.train.learning_rate"
     )
 

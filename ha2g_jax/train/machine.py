@@ -1,4 +1,4 @@
-"""What a run finds on its machine: packages, devices, cores and memory."""
+"""Examine the machine of a run: packages, devices, cores and memory."""
 
 import collections
 import importlib.metadata
@@ -11,7 +11,7 @@ import jax
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "numpy")
 _CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")
-# The files by which JAX itself tells that there is a GPU: of a driver, of a container, of WSL.
+# Files by which JAX itself detects a GPU: those of a driver, of a container and of WSL.
 _GPU_FILES = ("/dev/nvidia0", "/dev/nvidiactl", "/dev/dxg")
 
 _MEMORY = pathlib.Path("/proc/meminfo")
@@ -19,13 +19,13 @@ _CONTAINER = pathlib.Path("/sys/fs/cgroup")
 
 
 class Finding(NamedTuple):
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes:
-        name: of what was looked at.
-        found: what it is, in a few words.
-        trouble: what is wrong with it and what to do; "" where all is well.
-        values: the names and numbers behind `found`.
+        name: name of the check.
+        found: description of what was found, in a few words.
+        trouble: what is wrong and what to do; "" if nothing is wrong.
+        values: names and numbers behind `found`.
     """
 
     name: str
@@ -35,12 +35,12 @@ class Finding(NamedTuple):
 
 
 def examine_machine() -> list[Finding]:
-    """Python and packages, devices, cores and memory."""
+    """Check Python and packages, devices, cores and memory."""
     return [_python(), _packages(), _devices(), _host()]
 
 
 def host_memory() -> tuple[int | None, int | None]:
-    """Bytes of memory, in all and available, as far as this system and the limit of a container tell."""
+    """Return the total and the available memory in bytes, within the limit of a container; None if unknown."""
     total, available = None, None
     if _MEMORY.exists():
         lines = (line.split() for line in _MEMORY.read_text().splitlines())
@@ -55,7 +55,7 @@ def host_memory() -> tuple[int | None, int | None]:
 
 
 def gib(size: int) -> str:
-    """Bytes as text, such as "1.5 GiB"."""
+    """Format a number of bytes, such as "1.5 GiB"."""
     return f"{size / 2**30:.1f} GiB" if size >= 2**30 / 10 else f"{size / 2**20:.1f} MiB"
 
 
@@ -81,7 +81,7 @@ def _version(package: str) -> str | None:
 def _devices() -> Finding:
     try:
         devices = jax.devices()
-    except RuntimeError as error:  # JAX_PLATFORMS names a platform that is not there
+    except RuntimeError as error:  # JAX_PLATFORMS names a platform that is not available
         return Finding("devices", "", f"JAX finds none ({str(error).splitlines()[0]}): unset JAX_PLATFORMS")
     kinds = collections.Counter(device.device_kind for device in devices)
     memory = {device.device_kind: (device.memory_stats() or {}).get("bytes_limit") for device in jax.local_devices()}
@@ -94,11 +94,11 @@ def _devices() -> Finding:
 
 
 def _idle_gpu() -> str:
-    """What keeps JAX from a GPU that is here, "" where nothing does."""
+    """Return why JAX does not use the GPU of this machine, "" if it does or if there is none."""
     if jax.default_backend() != "cpu" or not any(map(os.path.exists, _GPU_FILES)):
         return ""
     if platforms := os.environ.get("JAX_PLATFORMS"):
-        return f"there is an NVIDIA GPU, and JAX_PLATFORMS={platforms} keeps JAX from it: unset it"
+        return f"there is an NVIDIA GPU, but JAX_PLATFORMS={platforms} keeps JAX from using it: unset JAX_PLATFORMS"
     if plugins := [name for name in _CUDA_PLUGINS if _version(name)]:
         return (
             f"there is an NVIDIA GPU, but {plugins[0]} does not start: "

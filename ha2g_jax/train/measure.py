@@ -1,4 +1,4 @@
-"""Measure the train step of a config by itself, on random data: time, speed and memory."""
+"""Measure the training step of a config on random data: time, speed and memory."""
 
 import time
 from typing import Any, NamedTuple
@@ -13,18 +13,18 @@ from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
 
-# Of TED, about; where no data say how large the tables of words and speakers are.
+# Sizes of the tables of words and speakers where no corpus is given: about those of TED.
 _NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
 
 
 class Memory(NamedTuple):
-    """What a compiled step needs on each device, in bytes.
+    """Memory of a compiled step on each device, in bytes.
 
     Attributes:
-        arguments: the state and the batch that go in.
-        outputs: the state and the metrics that come out.
-        aliased: of the outputs, what takes the place of arguments.
-        temporary: everything in between.
+        arguments: size of the state and the batch that the step takes.
+        outputs: size of the state and the metrics that the step returns.
+        aliased: part of the outputs that reuses the memory of arguments.
+        temporary: size of all intermediate values.
     """
 
     arguments: int
@@ -34,23 +34,25 @@ class Memory(NamedTuple):
 
     @property
     def total(self) -> int:
+        """Bytes that the step needs in all."""
         return self.arguments + self.outputs - self.aliased + self.temporary
 
 
 class TimedStep:
-    """The train step of a config, compiled for the devices it asks for but not yet run.
+    """The training step of a config, compiled for the devices of the config but not yet run.
 
     Args:
-        config: see `ha2g_jax.config.paper`.
-        corpus: its words and speakers decide on the size of tables; None for tables as large as those of TED.
+        config: settings, see `ha2g_jax.config.paper`.
+        corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
 
     Attributes:
-        batch_size, num_devices: of one step.
-        compile_seconds: to trace and to compile; less where the compiler had stored the program before.
-        memory: that it needs, None where the compiler does not tell.
+        batch_size: windows in a step, on all devices together.
+        num_devices: devices that the step runs on.
+        compile_seconds: seconds to trace and compile; less if the program was in the compilation cache.
+        memory: memory of the step, None if the compiler does not report it.
 
     Raises:
-        UserError: a setting that cannot be used, or a batch that does not split over the devices.
+        UserError: a setting cannot be used, or the batch does not split over the devices.
     """
 
     def __init__(self, config: Config, corpus: Corpus | None = None):
@@ -67,16 +69,16 @@ class TimedStep:
 
         started = time.perf_counter()
         self._shapes = jax.eval_shape(lambda key: init_state(objective, key), self._key)
-        # What `compile_step` gives compiles when it is called; this compiles the same without an argument at hand.
+        # The function of `compile_step` compiles when it is called; this compiles the same program from shapes alone.
         step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
         self._step = step.lower(self._shapes, self._batch, self._key).compile()
         self.compile_seconds = time.perf_counter() - started
         self.memory = _memory(self._step)
 
     def run(self) -> float:
-        """Does one step and returns its seconds; the first call makes the state, which is not counted."""
+        """Run one step and return its seconds; the first call also creates the state, which is not timed."""
         if self._state is None:
-            # Any numbers take the same time, and the program that draws proper ones takes long to compile.
+            # The time does not depend on the numbers, and the program that initialises the state compiles slowly.
             state = jax.tree.map(lambda x: np.full(x.shape, 0.01, x.dtype), self._shapes)
             self._state = sharding.replicate(self._mesh, state)
         started = time.perf_counter()
@@ -86,7 +88,14 @@ class TimedStep:
 
 
 def random_batch(spec: Spec, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
-    """Return noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
+    """Return noise in the shapes, types and units of a batch, see `ha2g_jax.data.windows`.
+
+    Args:
+        spec: networks and sizes.
+        size: windows in the batch.
+        num_words: number of words in the vocabulary.
+        num_speakers: number of speakers.
+    """
     random = np.random.default_rng(0)
 
     def draw(name: str, shape: tuple[int, ...]) -> np.ndarray:

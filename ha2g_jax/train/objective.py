@@ -1,6 +1,6 @@
 """The objective of a training run: weights, optimisers, warm-up and accumulation, and the state that it starts from.
 
-This file alone reads `config.loss`, and the settings of `config.train` about an update.
+This module alone reads `config.loss` and those settings of `config.train` that define the update.
 """
 
 import dataclasses
@@ -29,19 +29,19 @@ _COMMON_LOSS_SETTINGS = ("weights", "gan")
 
 @dataclasses.dataclass(frozen=True)
 class Objective:
-    """Everything about training that does not change from step to step; equal ones are equal static arguments.
+    """Everything about training that does not change from step to step; equal objectives are equal static arguments.
 
     Attributes:
         spec: networks and sizes.
-        weights: (name, weight) of each term.
+        weights: (name, weight) of each term of the loss.
         settings: settings of the terms, as `Method.terms` takes them.
         gan: kind of the adversarial loss, one of `GAN_KINDS`.
-        generator_optimizer, discriminator_optimizer: Adam behind the limit of the gradient's norm; their `update`
-            may take `step=`.
+        generator_optimizer, discriminator_optimizer: Adam, after clipping of the gradient's norm; their `update` takes
+            `step=`.
         generator_rate, discriminator_rate: learning rate at a step.
-        warmup_steps: steps before the GAN term (D9).
+        warmup_steps: steps before the GAN term is used (D9).
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
-        compute: precision of the activations, and the parts of a batch.
+        compute: precision of the activations, and number of parts of a batch.
     """
 
     spec: Spec
@@ -63,9 +63,9 @@ def build_objective(
     """Build the networks of a config and the objective that trains them.
 
     Args:
-        config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
+        config: settings, with the fields of `ha2g_jax.config.paper`.
         skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build.build`.
-        steps_per_epoch: turns `config.train.warmup_epochs` into steps.
+        steps_per_epoch: number of steps in an epoch, by which `config.train.warmup_epochs` becomes a number of steps.
 
     Raises:
         UserError: a loss weight that names no term, a term without a weight, an unknown choice, or a number outside
@@ -76,12 +76,12 @@ def build_objective(
     if train.accumulate > 1 and not config.model.recompute:
         config = config.copy_and_resolve_references()
         config.unlock()
-        config.model.recompute = True  # saving memory is what accumulation is for
+        config.model.recompute = True  # accumulation is meant to save memory
     spec = build(config, skeleton, vocabulary_size, num_speakers)
     method = method_of(spec)
     if train.accumulate > 1 and not method.has_parts:
         raise UserError(
-            f"config.train.accumulate is {train.accumulate}, but {config.method} takes a batch whole: "
+            f"config.train.accumulate is {train.accumulate}, but {config.method} cannot take a batch in parts: "
             "set --config.train.accumulate=1"
         )
     loss = loss_config(config)
@@ -107,8 +107,11 @@ def build_objective(
 def loss_config(config: Config) -> Config:
     """Return `config.loss.<method>`.
 
+    Args:
+        config: settings of the run.
+
     Raises:
-        UserError: the config has none for its method.
+        UserError: the config has no losses of its method.
     """
     if config.method not in config.loss:
         raise UserError(
@@ -120,12 +123,15 @@ def loss_config(config: Config) -> Config:
 
 @functools.partial(jax.jit, static_argnums=0)
 def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, Any] | None = None) -> TrainState:
-    """Return fresh networks.
+    """Initialise the networks, their optimisers and the average.
 
     Args:
         objective: static.
         key: key of the random parameters.
-        pretrained: parameters, as a part of the generator's tree, that take the place of random ones.
+        pretrained: part of the parameter tree of the generator whose values replace the random ones.
+
+    Returns:
+        The state before the first step.
     """
     spec = objective.spec
     generator_key, discriminator_key = jax.random.split(key)
@@ -147,13 +153,18 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
 
 
 def set_pretrained(variables: Mapping[str, Any], pretrained: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the variables of a generator with pretrained parameters in place of fresh ones."""
+    """Return the variables of a generator with pretrained parameters in place of random ones.
+
+    Args:
+        variables: {"params", "batch_stats"} of the generator.
+        pretrained: part of the tree of parameters; a table may have fewer rows than the generator's.
+    """
     return {**variables, "params": _merge(variables["params"], pretrained)}
 
 
 def _merge(tree: Any, part: Any) -> Any:
     if not isinstance(part, Mapping):
-        # Of a table with more rows, such as that of Seq2Seq with its marks of a sentence, the others stay fresh.
+        # The table of Seq2Seq has more rows, the marks of a sentence, which keep their random values.
         return tree.at[: len(part)].set(jnp.asarray(part, jnp.float32))
     return {**tree, **{name: _merge(tree[name], value) for name, value in part.items()}}
 

@@ -1,4 +1,4 @@
-"""Adam as the config describes it, on the schedule of the run.
+"""Adam with the settings of the config, on the learning rate schedule of the run.
 
 The same settings give the same object, so that objectives built from them are equal static arguments of `jax.jit`.
 """
@@ -15,7 +15,13 @@ SCHEDULES = ("constant", "cosine")
 
 @functools.cache
 def learning_rate(schedule: str, start: float, num_steps: int) -> optax.Schedule:
-    """Return the learning rate at each step: always `start`, or on a cosine from `start` to 0 at the last step."""
+    """Return the learning rate as a function of the step.
+
+    Args:
+        schedule: "constant" or "cosine", which falls from `start` to 0 at the last step.
+        start: learning rate at step 0.
+        num_steps: number of steps of the run.
+    """
     return optax.cosine_decay_schedule(start, num_steps) if schedule == "cosine" else optax.constant_schedule(start)
 
 
@@ -23,10 +29,15 @@ def learning_rate(schedule: str, start: float, num_steps: int) -> optax.Schedule
 def adam(
     rate: optax.Schedule, betas: tuple[float, float], clip_norm: float = 0.0
 ) -> optax.GradientTransformationExtraArgs:
-    """Return Adam behind a limit of the gradient's norm, where `clip_norm` is not 0; `update` takes `step=` of the run.
+    """Return Adam, whose `update` takes `step=`, the step of the run.
 
-    An optimiser's own count of updates would not do for the schedule: the discriminator waits for the end of the
-    warm-up, but its rate falls with the generator's.
+    The optimiser's own count of updates is not used for the schedule, because the discriminator is first updated after
+    the warm-up while its learning rate falls together with that of the generator.
+
+    Args:
+        rate: learning rate at a step.
+        betas: decay rates of the first and second moments.
+        clip_norm: largest norm of the gradient; larger gradients are scaled down to it; 0 for no limit.
     """
 
     def descend(updates: Any, state: Any, params: Any = None, **extra: Any) -> tuple[Any, Any]:

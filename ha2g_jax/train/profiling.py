@@ -1,4 +1,4 @@
-"""A trace of a few steps, to see where their time goes."""
+"""Trace a few steps, to see where their time goes."""
 
 import contextlib
 import pathlib
@@ -10,12 +10,12 @@ import tqdm
 
 
 class Profile:
-    """Traces some steps of a run, once the step is compiled; stops by itself after them.
+    """Trace some steps of a run after the step is compiled, and stop after them.
 
     Args:
-        folder: where the trace goes; None for none, and nothing is done.
-        first: calls of `step` before the trace begins.
-        steps: calls of `step` in it.
+        folder: folder that the trace is written to; None to write no trace.
+        first: number of calls of `step` before the trace begins.
+        steps: number of calls of `step` in the trace.
     """
 
     def __init__(self, folder: pathlib.Path | None, *, first: int = 3, steps: int = 5):
@@ -25,7 +25,7 @@ class Profile:
 
     @contextlib.contextmanager
     def step(self, number: int) -> Iterator[None]:
-        """Put around the call of a step; what is done between two steps is in the trace too."""
+        """Mark the block that runs a step; the trace also contains what happens between two steps."""
         if self._folder is None:
             yield
             return
@@ -38,24 +38,24 @@ class Profile:
         self._calls += 1
 
     def close(self) -> None:
-        """Writes what there is of a trace when a run ends before the last of its steps."""
+        """Write the trace so far if the run ends before the last traced step."""
         if self._folder is not None and self._is_tracing:
             self._stop(self._folder)
         elif self._folder is not None and self._calls <= self._first:
-            _say(f"no trace: the run ended before step {self._first + 1} from its start; raise --config.train.steps")
+            _say(f"no trace: the run ended before its step {self._first + 1}; raise --config.train.steps")
 
     def _start(self, folder: pathlib.Path) -> None:
         options = jax.profiler.ProfileOptions()
-        options.python_tracer_level = 0  # calls of Python functions hide the rest
+        options.python_tracer_level = 0  # calls of Python functions would hide the rest
         jax.profiler.start_trace(folder, create_perfetto_trace=True, profiler_options=options)
         self._is_tracing = True
 
     def _stop(self, folder: pathlib.Path) -> None:
-        jax.block_until_ready(jax.live_arrays())  # the device is behind, and a trace is of what it has done
+        jax.block_until_ready(jax.live_arrays())  # a trace contains only what the device has finished
         self._is_tracing = False
         jax.profiler.stop_trace()
-        for path in sorted(folder.rglob("perfetto_trace.json.gz"))[-1:]:  # folders are named by their time
-            _say(f"a trace is in {path}: open it at https://ui.perfetto.dev, or {folder} with xprof")
+        for path in sorted(folder.rglob("perfetto_trace.json.gz"))[-1:]:  # the names of the folders are times
+            _say(f"trace written to {path}: open it at https://ui.perfetto.dev, or open {folder} with xprof")
 
 
 def _say(line: str) -> None:

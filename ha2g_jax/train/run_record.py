@@ -1,4 +1,4 @@
-"""The record of a run, `run.json`: its config, and for every start of it the code, the machine and the data."""
+"""The record of a run, `run.json`: the config, and for every start the code, the machine and the data."""
 
 import contextlib
 import datetime
@@ -23,7 +23,7 @@ from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 
-# The packages whose version can change a number, and those that write what a run leaves behind.
+# Packages whose version can change a result, and packages that write the files of a run.
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
 _PACKAGES += ("ml-collections", "numpy", "scipy", "librosa", "soxr", "soundfile", "av", "pillow", "safetensors")
 
@@ -32,13 +32,13 @@ _GIT_PATIENCE = 5.0  # seconds
 
 
 def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> None:
-    """Adds one start to the `run.json` of a workdir and keeps the earlier ones; for the first host only.
+    """Add one start to the `run.json` of a workdir and keep the earlier ones; only the first host calls this.
 
     Args:
-        workdir: folder of the run; there already.
-        config: of the run, as resolved from its file and the command line.
-        step: that the run starts or goes on from.
-        corpus: that it is trained on.
+        workdir: folder of the run, which exists.
+        config: settings of the run, as resolved from the config file and the command line.
+        step: step that the run starts or continues from.
+        corpus: corpus of the run.
 
     Raises:
         UserError: the file cannot be written.
@@ -60,7 +60,10 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
 
 
 def wandb_id(workdir: pathlib.Path) -> str:
-    """The id of the Weights & Biases run of a workdir, drawn at the first start and kept in its `run.json`.
+    """Return the id of the Weights & Biases run of a workdir, drawn at the first start and stored in `run.json`.
+
+    Args:
+        workdir: folder of the run.
 
     Raises:
         UserError: the file cannot be written.
@@ -73,9 +76,13 @@ def wandb_id(workdir: pathlib.Path) -> str:
 
 
 def commit(package: pathlib.Path) -> str | None:
-    """The git commit of a package's source tree, ending in "-dirty" where files differ from it.
+    """Return the git commit of the source tree of a package, with "-dirty" appended if files differ from it.
 
-    None where the package is installed rather than checked out, even if a repository lies around it.
+    Args:
+        package: folder of the package.
+
+    Returns:
+        The commit; None if the package is installed rather than checked out, even if a repository surrounds it.
     """
     git = ["git", "-C", str(package)]
     top = _output([*git, "rev-parse", "--show-toplevel"])
@@ -86,17 +93,17 @@ def commit(package: pathlib.Path) -> str | None:
 
 @contextlib.contextmanager
 def writing(path: pathlib.Path) -> Iterator[None]:
-    """Turns the failure to write a file or folder, such as a full disk, into a `UserError` that names it."""
+    """Turn a failure to write a file or folder, such as a full disk, into a `UserError` that names the path."""
     try:
         yield
     except OSError as error:
         raise UserError(
-            f"{path} cannot be written ({error.strerror or error}): see to that, then the same command continues"
+            f"{path} cannot be written ({error.strerror or error}): correct this, then the same command continues"
         ) from error
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
-    """What `run.json` has; a damaged one is set aside, because a record must not stop a run."""
+    """Return the content of `run.json`; a damaged file is renamed, because a record must not stop a run."""
     path = workdir / RUN
     if not path.exists():
         return {"starts": []}
@@ -109,7 +116,7 @@ def _read(workdir: pathlib.Path) -> dict[str, Any]:
     aside = path.with_name(f"{RUN}.damaged")
     with writing(aside):
         path.replace(aside)
-    tqdm.tqdm.write(f"{path} is damaged: kept as {aside.name}, a new one is begun", file=sys.stderr)
+    tqdm.tqdm.write(f"{path} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr)
     return {"starts": []}
 
 
@@ -123,13 +130,13 @@ def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
 def _versions() -> dict[str, str]:
     installed = {}
     for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # left out of a partial installation
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # missing in a partial installation
             installed[name] = importlib.metadata.version(name)
     return installed
 
 
 def _hardware() -> dict[str, Any]:
-    """Devices of all hosts by kind, the number of processes, and the cores and memory (GiB) of this host."""
+    """Return the devices of all hosts by kind, the number of processes, and the cores and memory (GiB) of this host."""
     has_memory = {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys()
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30 if has_memory else None
     return {
@@ -141,13 +148,13 @@ def _hardware() -> dict[str, Any]:
 
 
 def _digest(corpus: Corpus) -> str:
-    """The hash of `dataset.json`, which holds the hashes of all shards."""
+    """Return the hash of `dataset.json`, which contains the hashes of all shards."""
     return hashlib.sha256((corpus.path / "dataset.json").read_bytes()).hexdigest()
 
 
 def _output(command: list[str]) -> str | None:
-    """What a command prints, None where it fails, is not there or takes too long."""
-    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}  # so that only reading is done
+    """Return the output of a command, None if it fails, is not installed or takes too long."""
+    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}  # git must not write to the repository
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=_GIT_PATIENCE, env=environment, check=False

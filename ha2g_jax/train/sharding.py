@@ -1,7 +1,7 @@
-"""One mesh axis, "data": the batch is split over it, the state is replicated. No other file names a mesh.
+"""One mesh axis, "data": the batch is split over it, and the state is replicated. No other module creates a mesh.
 
-BatchNorm statistics and the candidates of the contrastive term are those of the global batch, so that any
-number of devices, of any number of hosts, gives the numbers of one.
+BatchNorm statistics and the candidates of the contrastive term are those of the global batch, so that the results do
+not depend on the number of devices and hosts.
 """
 
 import collections
@@ -23,40 +23,48 @@ AXIS = "data"
 
 
 def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
-    """The mesh of `devices` (of `jax.devices()`), by default all devices of all hosts.
+    """Return a mesh of devices.
+
+    Args:
+        devices: devices out of `jax.devices()`; by default all devices of all hosts.
 
     Raises:
-        UserError: the hosts do not have equally many of them, so that their parts of a batch would differ.
+        UserError: the hosts do not have the same number of devices, so that their parts of a batch would differ.
     """
     devices = jax.devices() if devices is None else devices
     counts = collections.Counter(device.process_index for device in devices)
     numbers = [counts[process] for process in range(jax.process_count())]
     if len(set(numbers)) > 1:
         raise UserError(
-            f"the hosts bring {', '.join(map(str, numbers))} devices to the run, which must be equally many: "
-            "set --config.train.devices=0 and give every process the same devices"
+            f"the hosts have {', '.join(map(str, numbers))} devices, expected the same number on each: "
+            "set --config.train.devices=0 and give every process the same number of devices"
         )
     # Auto axes: the compiler places collectives, so that a mean over the batch is a global mean.
     return jax.make_mesh((len(devices),), (AXIS,), axis_types=(AxisType.Auto,), devices=devices)
 
 
 def whole(mesh: Mesh, shapes: Any) -> Any:
-    """`shapes`, a tree of `jax.ShapeDtypeStruct`, as those of arrays that are whole on every device of the mesh."""
+    """Return the shapes of arrays that are replicated on every device of a mesh.
+
+    Args:
+        mesh: mesh from `data_mesh`.
+        shapes: tree of `jax.ShapeDtypeStruct`.
+    """
     sharding = NamedSharding(mesh, PartitionSpec())
     return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), shapes)
 
 
 def replicate(mesh: Mesh, tree: Any) -> Any:
-    """A copy of `tree` whole on every device; `compile_step` may give it up, the original stays valid.
+    """Return a copy of a tree that is replicated on every device; the step may donate it, the original stays valid.
 
     Args:
-        mesh: from `data_mesh`.
-        tree: of arrays that are whole on this host, and equal on all hosts.
+        mesh: mesh from `data_mesh`.
+        tree: tree of arrays that this host holds in full, equal on all hosts.
     """
     sharding, devices = NamedSharding(mesh, PartitionSpec()), mesh.local_mesh.devices.tolist()
 
     def copy(x: Any) -> jax.Array:
-        # One copy for each device: on a CPU a device may go on using the memory that it was handed.
+        # One copy for each device: on a CPU a device may keep using the memory that it was given.
         parts = [jax.device_put(np.array(x), device) for device in devices]
         return jax.make_array_from_single_device_arrays(parts[0].shape, sharding, parts)
 
@@ -64,14 +72,14 @@ def replicate(mesh: Mesh, tree: Any) -> Any:
 
 
 def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array]:
-    """The global batch, split over the devices, of which each host brings an equal part.
+    """Return the global batch, split over the devices; each host provides an equal part.
 
     Args:
-        mesh: from `data_mesh`.
-        batch: this host's examples, each array with the batch axis first.
+        mesh: mesh from `data_mesh`.
+        batch: examples of this host, each array with the batch axis first.
 
     Raises:
-        UserError: the host's part does not split evenly over its devices.
+        UserError: the part of this host does not split evenly over its devices.
     """
     size = next(iter(batch.values())).shape[0]
     num_devices = mesh.local_mesh.size
@@ -85,10 +93,15 @@ def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array
 
 
 def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainState, Metrics]]:
-    """`train_step` as (state, batch, key, stop=False) -> (state, metrics), compiled; the state passed in is given up.
+    """Compile `train_step` as a function (state, batch, key, stop=False) -> (state, metrics); the state is donated.
 
-    `stop` is this host's wish to end the run. metrics["stop"] is () bool, on all hosts the same: whether any of them
-    had it at this step. It is computed with the step, so that hosts agree without waiting for each other.
+    `stop` says whether this host was asked to end the run. metrics["stop"] is () bool and the same on all hosts:
+    whether any host was asked at this step. It is computed with the step, so that hosts agree without waiting for each
+    other.
+
+    Args:
+        objective: networks and objective.
+        mesh: mesh from `data_mesh`.
     """
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
 
@@ -104,7 +117,12 @@ def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainS
 
 
 def compile_validation_step(objective: Objective, mesh: Mesh) -> Callable[..., Metrics]:
-    """`validation_step` as (state, batch, key) -> metrics, compiled."""
+    """Compile `validation_step` as a function (state, batch, key) -> metrics.
+
+    Args:
+        objective: networks and objective.
+        mesh: mesh from `data_mesh`.
+    """
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
     return jax.jit(
         functools.partial(validation_step, objective), in_shardings=(copied, split, copied), out_shardings=copied

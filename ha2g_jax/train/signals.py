@@ -1,4 +1,4 @@
-"""SIGTERM and Ctrl-C end a run in order: after the step at hand, with a checkpoint."""
+"""End a run on SIGTERM or Ctrl-C after the current step, with a checkpoint."""
 
 import contextlib
 import os
@@ -9,41 +9,44 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-# Python answers a signal between two of its own instructions, and compiling the step is one that lasts a minute.
+# Python handles a signal between two of its own instructions, and compiling the step is one that takes a minute.
 _PATIENCE = 5.0  # seconds
 
 
 class Stop:
-    """Whether the run was asked to end. Until `begin` it has nothing to save, and a signal ends it at once."""
+    """Request to end the run. Before `begin` the run has nothing to save, and a signal ends it at once."""
 
     def __init__(self) -> None:
         self._asked, self._begun = threading.Event(), threading.Event()
         self.may_raise = True
 
     def enter_compiler(self) -> None:
-        """From here on a signal must not raise: compilers call back into Python, and an exception would crash them."""
+        """Declare that a signal must not raise from now on: an exception in a callback would crash a compiler."""
         self.may_raise = False
 
     def begin(self) -> None:
-        """From here on there are steps to save: a signal is only noted, and the loop ends by itself."""
+        """Declare that there are steps to save from now on: a signal is only recorded, and the loop ends the run."""
         self._begun.set()
 
     @property
     def has_begun(self) -> bool:
+        """Whether `begin` was called."""
         return self._begun.is_set()
 
     def ask(self) -> None:
+        """Request the end of the run."""
         self._asked.set()
 
     def is_set(self) -> bool:
+        """Return whether the end of the run was requested."""
         return self._asked.is_set()
 
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """Turns SIGTERM and Ctrl-C into a `Stop`; a second Ctrl-C interrupts at once."""
+    """Turn SIGTERM and Ctrl-C into a `Stop`; a second Ctrl-C interrupts at once."""
     stop = Stop()
-    if threading.current_thread() is not threading.main_thread():  # where Python allows no signal handlers
+    if threading.current_thread() is not threading.main_thread():  # Python allows signal handlers only there
         yield stop
         return
     previous = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
@@ -51,7 +54,7 @@ def stop_signals() -> Iterator[Stop]:
     def handle(number: int, _: FrameType | None) -> None:
         stop.ask()
         if number == signal.SIGINT:
-            signal.signal(number, previous[signal.SIGINT])  # a scheduler may send SIGTERM twice, and means it once
+            signal.signal(number, previous[signal.SIGINT])  # not for SIGTERM, which a scheduler may send twice
         if stop.has_begun:
             return
         if not stop.may_raise:
@@ -80,7 +83,7 @@ def stop_signals() -> Iterator[Stop]:
 
 
 def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> None:
-    """Ends the process where the main thread, busy in a compiler, does not answer the signal itself."""
+    """End the process if the main thread is busy in a compiler and does not handle the signal itself."""
     while number := receiver.recv(1):
         if number[0] not in (signal.SIGTERM, signal.SIGINT) or stop.has_begun:
             continue

@@ -13,12 +13,12 @@ _CLIPS_PER_SPEAKER = 8
 
 
 def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
-    """Return seed poses to generate from: among the starts of windows near the mean pose, those that move least.
+    """Return calm seed poses: of the starts of windows that are near the mean pose, those that move least.
 
     Args:
         windows: windows of the training split.
         mean_directions: (bones, 3) mean direction vectors of the training split.
-        num_frames: frames of a seed pose, M.
+        num_frames: number of frames of a seed pose, M.
 
     Returns:
         (K, M, bones, 3) float32 unit vectors, at most 16, and at most one from each clip.
@@ -36,13 +36,13 @@ def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) 
 def speaker_identities(
     spec: Spec, variables: dict[str, Any], windows: Windows, names: list[str]
 ) -> dict[str, np.ndarray]:
-    """Return the style of every speaker, from E_ID on at most eight of the training clips.
+    """Return the style of every speaker, the output of E_ID, averaged over at most eight training clips.
 
     Args:
         spec: networks and sizes.
         variables: variables of the generator.
         windows: windows of the training split.
-        names: names of its speakers, by index.
+        names: names of the speakers of the training split, by index.
 
     Returns:
         name -> (style_dim,) float32; empty for a method without identities.

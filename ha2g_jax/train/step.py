@@ -25,23 +25,23 @@ Metrics = dict[str, jax.Array]
 def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
     """Update the discriminator, then the generator.
 
-    BatchNorm: the generator's statistics take in this batch once. The discriminator's take in the real and
-    then the generated poses of its own update; the pass that carries the generator's gradient normalises by
-    its batch like them but leaves no trace. During warm-up (`objective.warmup_steps`) the GAN term has weight 0
-    and the discriminator stays as it is.
+    The BatchNorm statistics of the generator are updated once with this batch. Those of the discriminator are updated
+    with the real and then with the generated poses of its own update; the pass that carries the gradient of the
+    generator normalises by the statistics of its batch and updates nothing. During warm-up (`objective.warmup_steps`)
+    the GAN term has weight 0 and the discriminator does not change.
 
-    Where a loss or the norm of a gradient is not finite, in warm-up those of the discriminator too, the state,
-    step number included, stays as it was before the step but for `is_finite`; the same call would then give the same
-    metrics, and all later steps leave the state unchanged.
+    If a loss or the norm of a gradient is not finite (also those of the discriminator during warm-up), the state keeps
+    its values from before the step, the step number included, except that `is_finite` becomes False. The same call
+    would then give the same metrics, and all later steps leave the state unchanged.
 
-    `objective.compute.num_parts` changes the memory that a step takes and not the update: statistics and candidates
-    are always those of the whole batch. Only the dropout masks of the parts are other draws than those of the whole.
+    `objective.compute.num_parts` changes the memory of a step but not the update: statistics and candidates are always
+    those of the whole batch. Only the dropout masks of the parts are drawn differently from those of the whole batch.
 
-    With `objective.average_decay` D the average moves after t steps as
+    With `objective.average_decay` D the average changes after t steps as
 
         average <- d average + (1 - d) generator,   d = min(D, (1 + t) / (10 + t))
 
-    so that it starts from the initial variables and has soon forgotten them.
+    so that it starts from the initial variables and their weight soon vanishes.
 
     Args:
         objective: static.
@@ -53,7 +53,7 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
 
     Returns:
         The state after the step, and scalars: "loss/<term>" (unweighted), "loss/total" (weighted),
-        "grad_norm/generator" (before it is limited) and "learning_rate/generator"; where there is a discriminator
+        "grad_norm/generator" (before clipping) and "learning_rate/generator"; with a discriminator also
         "loss/discriminator", "grad_norm/discriminator" and "learning_rate/discriminator".
     """
     spec, compute = objective.spec, objective.compute
@@ -110,7 +110,7 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
         key: key of all noise, such as the permutation of the identities of the style term.
 
     Returns:
-        "loss/<term>" and "loss/total", the latter with all weights at once.
+        "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
     """
     spec, keys = objective.spec, step_keys(objective.spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
@@ -120,7 +120,13 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
 
 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
-    """Return the keys of one step, one for each random stream of the method and of the adversarial loss."""
+    """Return the keys of one step, one for each random stream of the method and of the adversarial loss.
+
+    Args:
+        spec: networks and sizes.
+        key: key of the run.
+        step: number of the step, which is folded into the key.
+    """
     uses = (*method_of(spec).keys, "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
 

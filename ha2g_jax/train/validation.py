@@ -1,4 +1,4 @@
-"""The objective on held-out windows: how far a run has come, and which of its checkpoints is the best."""
+"""Evaluate the objective on held-out windows, by which the best checkpoint is chosen."""
 
 import jax
 import numpy as np
@@ -12,13 +12,13 @@ from ha2g_jax.train.objective import Objective
 
 
 class Validation:
-    """The mean terms of the objective over a split, in the same batches every time.
+    """Mean terms of the objective over a split, in the same batches every time.
 
     Args:
-        objective: static.
-        mesh: from `sharding.data_mesh`.
-        windows: of the split; those that do not fill a batch are left out.
-        batch_size: at most; less where there are fewer windows.
+        objective: networks and objective.
+        mesh: mesh from `sharding.data_mesh`.
+        windows: windows of the split; those that do not fill a batch are left out.
+        batch_size: largest number of windows in a batch; batches are smaller if the split has fewer windows.
 
     Raises:
         UserError: there are fewer windows than devices.
@@ -31,14 +31,14 @@ class Validation:
         if not size:
             raise UserError(
                 f"the validation split has {len(windows)} windows for {mesh.size} devices: "
-                "take more data or set --config.train.devices=1"
+                "use more data or set --config.train.devices=1"
             )
         order = np.random.default_rng(0).permutation(len(windows))  # so that a batch has many speakers, as in training
         batches = order[: len(order) // size * size].reshape(-1, jax.process_count(), size // jax.process_count())
         self._batches = batches[:, jax.process_index()]  # this host's rows of each batch
 
     def __call__(self, state: TrainState, key: jax.Array) -> dict[str, float]:
-        """Name of each term of `validation_step` -> its mean."""
+        """Return the mean over the split of each term of `validation_step`, by name."""
         metrics = []
         for indices in self._batches:
             examples = [self._windows[index] for index in indices]

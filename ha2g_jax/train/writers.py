@@ -1,4 +1,4 @@
-"""Where the metrics of a run go: `metrics.jsonl`, TensorBoard event files and, if asked for, Weights & Biases."""
+"""Write the metrics of a run to `metrics.jsonl`, TensorBoard event files and, optionally, Weights & Biases."""
 
 import contextlib
 import json
@@ -14,52 +14,65 @@ from ha2g_jax.train import run_record
 
 METRICS, EVENTS = "metrics.jsonl", "tensorboard"
 
-# Weights & Biases would send the rest for as long as that takes; a run that is stopped has half a minute. What was
-# not sent is kept in the workdir, for `wandb sync`.
+# Weights & Biases would take any time to send the rest, but a run that is stopped has half a minute. What was not sent
+# is kept in the workdir, for `wandb sync`.
 _WANDB_PATIENCE = 15.0  # seconds
 
 
 class Destination(Protocol):
-    """One of the places that metrics go to."""
+    """A destination of metrics."""
 
-    def write(self, step: int, metrics: dict[str, float]) -> None: ...
+    def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Write the metrics of a step."""
+        ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Finish writing."""
+        ...
 
 
 class Writer:
-    """Writes every line of metrics to each of `destinations`, in order."""
+    """Write every line of metrics to each of several destinations, in order.
+
+    Args:
+        destinations: destinations of the metrics.
+    """
 
     def __init__(self, destinations: Sequence[Destination]):
         self._destinations = destinations
 
     def write(self, step: int, metrics: dict[str, float]) -> None:
-        """Writes one line at once, so that a run can be watched.
+        """Write one line immediately, so that a run can be watched.
+
+        Args:
+            step: number of the step.
+            metrics: values by name.
 
         Raises:
-            UserError: a file cannot be written, because the disk is full or for another reason.
+            UserError: a file cannot be written, for example because the disk is full.
         """
         for destination in self._destinations:
             destination.write(step, metrics)
 
     def close(self) -> None:
+        """Close all destinations."""
         for destination in self._destinations:
             destination.close()
 
 
 def open_writers(workdir: pathlib.Path, step: int, config: Config, is_first: bool) -> Writer:
-    """The writer of a run that starts, or goes on, at `step`.
+    """Return the writer of a run that starts, or continues, at a step.
 
-    What a stopped run wrote of later steps is taken away or hidden, because the run will write it again.
+    Lines that a stopped run wrote for later steps are removed or hidden, because the run will write them again.
 
     Args:
-        workdir: folder of the run; there already.
-        step: of the checkpoint that the run goes on from, 0 for a new run.
-        config: of the run.
-        is_first: whether this host writes; the writer of any other writes nothing.
+        workdir: folder of the run, which exists.
+        step: step of the checkpoint that the run continues from, 0 for a new run.
+        config: settings of the run.
+        is_first: whether this host is the first one; the writers of other hosts write nothing.
 
     Raises:
-        UserError: a file cannot be written, or Weights & Biases is asked for and cannot be reached.
+        UserError: a file cannot be written, or Weights & Biases is switched on but cannot be reached.
     """
     if not is_first:
         return Writer(())
@@ -70,11 +83,11 @@ def open_writers(workdir: pathlib.Path, step: int, config: Config, is_first: boo
 
 
 class MetricsFile:
-    """Appends to `metrics.jsonl`: one JSON object a line, numbers with six digits.
+    """Append to `metrics.jsonl`: one JSON object per line, numbers with six digits.
 
     Args:
-        path: of the file.
-        step: where the run starts. Lines of later steps are dropped, and so is half a line at the end.
+        path: path of the file.
+        step: step at which the run starts; lines of later steps and an incomplete last line are dropped.
     """
 
     def __init__(self, path: pathlib.Path, step: int):
@@ -86,41 +99,43 @@ class MetricsFile:
             temporary.replace(path)
 
     def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Append the line of a step."""
         rounded = {name: float(f"{value:.6g}") for name, value in metrics.items()}
-        # Opened for each line: nothing stays in a buffer, and on a network disk others see the line at once.
+        # The file is opened for each line, so that nothing stays in a buffer, not even that of a network disk.
         with run_record.writing(self._path), self._path.open("a") as file:
             file.write(json.dumps({"step": step} | rounded) + "\n")
 
     def close(self) -> None:
-        """Nothing is left to do; every line is written whole."""
+        """Do nothing: every line is already written."""
 
 
 class EventFile:
-    """Adds a TensorBoard event file to a folder; the names of metrics become tags.
+    """Add a TensorBoard event file to a folder; the names of metrics become tags.
 
-    tensorboardX's own `SummaryWriter` writes in a thread, which a full disk ends without a word: its queue then
-    fills up and training waits for ever. Its `EventsWriter` writes here and now.
+    The `SummaryWriter` of tensorboardX writes in a thread that a full disk ends without a message; its queue then fills
+    up and training waits for ever. The `EventsWriter` used here writes in the calling thread.
 
     Args:
-        folder: of the event files of all starts of the run; made if there is none.
-        step: where the run starts. TensorBoard then hides what older files have of later steps.
+        folder: folder of the event files of all starts of the run; created if it does not exist.
+        step: step at which the run starts; TensorBoard hides later steps of older files.
     """
 
     def __init__(self, folder: pathlib.Path, step: int):
-        # Imported where a run starts, because it brings PyTorch along if that is installed.
+        # Imported here, because it imports PyTorch if that is installed.
         from tensorboardX.event_file_writer import EventsWriter
         from tensorboardX.proto import event_pb2, summary_pb2
 
         self._folder = folder
-        self._events: Any = event_pb2  # their classes are made at run time
+        self._events: Any = event_pb2  # the classes of both modules are made at run time
         self._summaries: Any = summary_pb2
         with run_record.writing(folder):
             folder.mkdir(exist_ok=True)
-            # A name of its own in the order of time: two starts in one second would share the library's.
+            # A unique name in the order of time: by the library's default two starts in one second share a file.
             self._file = EventsWriter(str(folder / "events"), f".{time.time_ns()}")
             self._add(step + 1, session_log=self._events.SessionLog(status=self._events.SessionLog.START))
 
     def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Write one event with all metrics of a step."""
         values = [self._summaries.Summary.Value(tag=name, simple_value=value) for name, value in metrics.items()]
         with run_record.writing(self._folder):
             self._add(step, summary=self._summaries.Summary(value=values))
@@ -130,16 +145,17 @@ class EventFile:
         self._file.flush()
 
     def close(self) -> None:
-        with contextlib.suppress(OSError):  # all was flushed before, or the failure to do so was raised
+        """Close the file."""
+        with contextlib.suppress(OSError):  # everything was flushed before, or an error was raised
             self._file.close()
 
 
 class WandbRun:
-    """Reports to the Weights & Biases project that the config names; every start of a workdir continues one run.
+    """Report to the Weights & Biases project that the config names; every start of a workdir continues one run.
 
     Args:
-        workdir: its name is the run's; `run.json` in it keeps the run's id.
-        config: of the run; shown with it.
+        workdir: folder of the run, whose name becomes that of the W&B run; its `run.json` stores the id.
+        config: settings of the run, which are reported too.
 
     Raises:
         UserError: the package is not installed, or there is no access to the project.
@@ -163,7 +179,7 @@ class WandbRun:
                 resume="allow",
                 dir=workdir,
                 config=config_to_json(config),
-                allow_val_change=True,  # `train.steps` and the like may change when a run goes on
+                allow_val_change=True,  # settings such as `train.steps` may change when a run continues
                 settings=wandb.Settings(console="off", finish_timeout=_WANDB_PATIENCE),
             )
         except wandb.errors.Error as error:
@@ -172,21 +188,26 @@ class WandbRun:
                 f"Weights & Biases refused project {project!r} ({reason}): run `wandb login`, set WANDB_MODE=offline, "
                 "or leave --config.train.wandb empty"
             ) from error
-        # Its own count of steps only goes up, so that it would drop what a run writes again after a kill.
+        # W&B's own count of steps only increases, so that it would drop steps that are repeated after a kill.
         self._run.define_metric("*", step_metric="step")
 
     def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Report the metrics of a step."""
         self._run.log({"step": step} | metrics)
 
     def close(self) -> None:
+        """End the report, after waiting a limited time for the rest to be sent."""
         self._run.finish()
 
 
 def read_metrics(path: pathlib.Path) -> list[dict[str, float]]:
-    """The lines of a `metrics.jsonl`.
+    """Return the lines of a `metrics.jsonl`.
+
+    Args:
+        path: path of the file.
 
     Raises:
-        UserError: there is none.
+        UserError: there is no such file.
     """
     if not path.is_file():
         raise UserError(f"no metrics in {path}; expected the metrics.jsonl of a workdir")
@@ -194,7 +215,7 @@ def read_metrics(path: pathlib.Path) -> list[dict[str, float]]:
 
 
 def _lines(path: pathlib.Path) -> list[dict[str, float]]:
-    """Whole lines only: a run that was killed may leave half of one."""
+    """Return the complete lines; a run that was killed may leave an incomplete one."""
     texts = path.read_text(errors="replace").splitlines(keepends=True) if path.exists() else []
     return [line for text in texts if (line := _parse(text)) is not None]
 

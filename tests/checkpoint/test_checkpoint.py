@@ -175,7 +175,7 @@ def test_the_one_before_a_damaged_one_is_used_and_the_damaged_one_can_be_written
         _assert_equal(found.state, _state(2 / 3))
         (line,) = capfd.readouterr().err.splitlines()
         assert f"checkpoint {folder}/3 is damaged (state/d/" in line
-        assert line.endswith(f"and now named 3.damaged; using {folder}/2")
+        assert line.endswith(f"and was renamed to 3.damaged; using {folder}/2")
         checkpoints.save(3, _state(1.0), {"batches": 33})
     assert sorted(path.name for path in folder.iterdir()) == ["2", "3", "3.damaged"]
     assert Checkpoints(folder).record(3) == {"batches": 33}
@@ -188,7 +188,7 @@ def test_a_damaged_one_is_no_reason_not_to_save_its_step(folder, capfd):
             checkpoints.save(3, _state(1.0), {"batches": 33})
             checkpoints.wait()
             assert checkpoints.record(3) == {"batches": 33}
-    assert capfd.readouterr().err.count("writing it anew") == 2
+    assert capfd.readouterr().err.count("writing it again") == 2
     assert sorted(path.name for path in folder.iterdir()) == ["2", "3", "3.damaged", "3.damaged-2"]
 
 
@@ -245,8 +245,8 @@ def test_a_full_disk_is_named_and_leaves_the_checkpoints_that_are_there(tmp_path
     lines = result.stdout.splitlines()
     assert len(lines) == 3
     for line in lines:
-        assert line.startswith(f"cannot write checkpoint {tmp_path}/latest/2 (File too large; it takes 8.0 MB, ")
-        assert line.endswith("latest/1 is whole: free some space, and the same command continues")
+        assert line.startswith(f"cannot write checkpoint {tmp_path}/latest/2 (File too large; it needs 8.0 MB, ")
+        assert line.endswith("latest/1 is complete: free some space, then the same command continues")
     assert not result.stderr
     checkpoints = Checkpoints(tmp_path / "latest")
     assert checkpoints.steps() == [1] and checkpoints.record(1) == RECORD

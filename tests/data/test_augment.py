@@ -55,7 +55,7 @@ def _other_side(skeleton) -> tuple[list[int], np.ndarray]:
 
 @pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
 def test_joint_angles_in_a_mirror_are_those_of_the_other_side(name):
-    """But for palm normals: a mirror turns a cross product over, so that their angles become pi less them."""
+    """Except for palm normals: a mirror reverses a cross product, so that their angles become pi minus them."""
     skeleton = load_skeleton(name)
     rng = np.random.default_rng(0)
     directions = normalize(rng.normal(size=(20, skeleton.num_bones, 3)))
@@ -129,7 +129,7 @@ def test_random_numbers_decide_all(example):
 
 
 def test_each_setting_alone(example):
-    """A share of 1 changes every example, and only the arrays that it is about."""
+    """A probability of 1 changes every example, and only the arrays that it is about."""
     changes = {
         "mirror": ({"mirror": 1.0}, {"directions", "speaker", "frames"}),
         "gain": ({"gain_db": 20.0}, {"mel"}),

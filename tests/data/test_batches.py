@@ -90,7 +90,7 @@ def test_each_epoch_has_every_window_in_another_order(tiny_talk):
 
 
 def test_each_epoch_draws_other_random_numbers(windows):
-    """A gain is drawn for each window; over two epochs a window is heard at two levels."""
+    """A gain is drawn for each window; over two epochs a window has two levels."""
     count = len(windows)
     loudest = {}
     for batch in _take(batches(windows, 1, 0, augmentation=Augmentation(gain_db=40.0)), 2 * count):

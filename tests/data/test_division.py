@@ -33,12 +33,12 @@ def make_clip(number: int, frames: int) -> Clip:
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory):
+def original(tmp_path_factory):
     """40 clips of 20 recordings of 5 speakers, of 3 to 6 seconds; every recording is in both splits."""
-    path = tmp_path_factory.mktemp("division") / "source"
+    path = tmp_path_factory.mktemp("division") / "original"
     lengths = np.random.default_rng(0).integers(45, 90, 40)
     report = {"train": {"videos": 20, "clips": 40, "windows": 40, "kept": 40, "filtered": {}}}
-    metadata = {"name": "source", "import": report}
+    metadata = {"name": "original", "import": report}
     with CorpusWriter(path, splits=("train", "dev"), skeleton=SKELETON.name, fps=15, metadata=metadata) as writer:
         for split in (0, 1):
             for number in range(split, 40, 2):
@@ -56,8 +56,8 @@ def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:
 
 
 @pytest.mark.parametrize("by", ["recording", "speaker"])
-def test_nothing_is_divided_and_nothing_lost(source, tmp_path, by):
-    division.divide(source, tmp_path / "out", by=by, fractions={"train": 0.6, "val": 0.2, "test": 0.2})
+def test_nothing_is_divided_and_nothing_lost(original, tmp_path, by):
+    division.divide(original, tmp_path / "out", by=by, fractions={"train": 0.6, "val": 0.2, "test": 0.2})
     corpus = Corpus.open(tmp_path / "out")
     assert corpus.splits == ("train", "val", "test")
     for field in ("recording", by):
@@ -65,24 +65,24 @@ def test_nothing_is_divided_and_nothing_lost(source, tmp_path, by):
     assert sorted(clip.id for split in corpus.splits for clip in corpus.clips(split)) == sorted(
         f"clip-{number}" for number in range(40)
     )
-    assert corpus.metadata["name"] == "source"
+    assert corpus.metadata["name"] == "original"
     assert corpus.metadata["import"]["train"]["kept"] == 40
     assert corpus.metadata["division"]["by"] == {"recording": "talk", "speaker": "speaker"}[by]
     assert validation.examine(tmp_path / "out") == ([], [])
 
 
-def test_fractions_are_met(source, tmp_path):
+def test_fractions_are_met(original, tmp_path):
     """20 recordings of about 9 seconds each: the error of a split is far less than a recording."""
-    division.divide(source, tmp_path / "out", seed=3)
+    division.divide(original, tmp_path / "out", seed=3)
     splits = Corpus.open(tmp_path / "out").metadata["splits"]
     seconds = {split: entry["seconds"] for split, entry in splits.items()}
     for split, fraction in division.FRACTIONS.items():
         assert seconds[split] / sum(seconds.values()) == pytest.approx(fraction, abs=0.015)
 
 
-def test_the_seed_decides(source, tmp_path):
+def test_the_seed_decides(original, tmp_path):
     for name, seed in {"first": 0, "again": 0, "other": 1}.items():
-        division.divide(source, tmp_path / name, seed=seed)
+        division.divide(original, tmp_path / name, seed=seed)
     for file in (tmp_path / "first").iterdir():
         assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
     first, other = (owners(Corpus.open(tmp_path / name), "recording") for name in ("first", "other"))
@@ -118,7 +118,7 @@ def test_every_split_has_something(lengths, parts, seed):
                 assert error(assigned | {name: other}) >= reached * (1 - 1e-6) - 1e-6
 
 
-def test_refusals(source, tmp_path):
+def test_refusals(original, tmp_path):
     cases = {
         "has 5 speakers, too few for 6 splits": {"by": "speaker", "fractions": {str(part): 1 for part in range(6)}},
         "cannot be divided by 'clip'; expected one of recording, speaker": {"by": "clip"},
@@ -127,12 +127,12 @@ def test_refusals(source, tmp_path):
     }
     for message, arguments in cases.items():
         with pytest.raises(UserError, match=message):
-            division.divide(source, tmp_path / "out", **arguments)
+            division.divide(original, tmp_path / "out", **arguments)
     with pytest.raises(UserError, match="exists already"):
-        division.divide(source, source)
+        division.divide(original, original)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_split_without_a_fraction_is_left_out(source, tmp_path):
-    division.divide(source, tmp_path / "out", fractions={"train": 3, "test": 1, "val": 0})
+def test_a_split_without_a_fraction_is_left_out(original, tmp_path):
+    division.divide(original, tmp_path / "out", fractions={"train": 3, "test": 1, "val": 0})
     assert Corpus.open(tmp_path / "out").splits == ("train", "test")

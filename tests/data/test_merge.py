@@ -28,7 +28,7 @@ def make_clip(name: str, speaker: str, word: str, skeleton: str = "ted_gesture")
         reference_frames=rng.integers(0, 255, (1, 32, 32, 3), np.uint8),
         recording_start=0.0,
         window_starts=(0, 10),
-        recording=f"{name}-talk",
+        recording=f"{name}-file",
     )
 
 
@@ -41,8 +41,8 @@ def write(path, splits: dict[str, list[Clip]], *, skeleton: str = "ted_gesture",
 
 
 @pytest.fixture
-def sources(tmp_path):
-    """Two corpora that share a clip's name, its talk's and a speaker's."""
+def corpora(tmp_path):
+    """Two corpora with the same name of a clip, of its recording and of a speaker."""
     one = {"train": [make_clip("a", "bo", "hello"), make_clip("b", "al", "you")], "val": []}
     two = {"train": [make_clip("a", "bo", "goodbye")], "test": [make_clip("c", "cy", "now")]}
     counts = {"videos": 1, "clips": 2, "windows": 5, "kept": 3, "filtered": {"motion": 2}}
@@ -55,29 +55,33 @@ def sources(tmp_path):
     )
 
 
-def test_all_clips_are_there_as_they_were(sources, tmp_path):
-    merge.merge(sources, tmp_path / "all")
+def test_all_clips_are_there_as_they_were(corpora, tmp_path):
+    merge.merge(corpora, tmp_path / "all")
     corpus = Corpus.open(tmp_path / "all")
     assert corpus.splits == ("train", "val", "test")
     names = {
         split: [(clip.id, clip.recording, clip.speaker) for clip in corpus.clips(split)] for split in corpus.splits
     }
     assert names == {
-        "train": [("one-a", "one-a-talk", "one-bo"), ("b", "b-talk", "al"), ("two-a", "two-a-talk", "two-bo")],
+        "train": [
+            ("one-a", "one-a-file", "one-bo"),
+            ("b", "b-file", "al"),
+            ("two-a", "two-a-file", "two-bo"),
+        ],
         "val": [],
-        "test": [("c", "c-talk", "cy")],
+        "test": [("c", "c-file", "cy")],
     }
-    old, new = Corpus.open(sources[1]).clips("train")[0], corpus.clips("train")[2]
+    old, new = Corpus.open(corpora[1]).clips("train")[0], corpus.clips("train")[2]
     for field in dataclasses.fields(Clip):
         if field.name not in ("id", "recording", "speaker"):
             np.testing.assert_equal(getattr(new, field.name), getattr(old, field.name))
-    assert corpus.clips("test").record(0) == Corpus.open(sources[1]).clips("test").record(0)
+    assert corpus.clips("test").record(0) == Corpus.open(corpora[1]).clips("test").record(0)
     assert validation.examine(tmp_path / "all") == ([], [])
 
 
-def test_description(sources, tmp_path):
+def test_description(corpora, tmp_path):
     """Sources and licences once each, reports added up, the vocabulary of the new training split."""
-    merge.merge(sources, tmp_path / "all")
+    merge.merge(corpora, tmp_path / "all")
     corpus = Corpus.open(tmp_path / "all")
     assert corpus.metadata["name"] == "all"
     assert corpus.metadata["source"] == "first | second"
@@ -98,15 +102,15 @@ def test_description(sources, tmp_path):
     assert set(corpus.vocabulary().words) == {"hello", "you", "goodbye"}
 
 
-def test_speakers_of_one_name_may_be_one_person(sources, tmp_path):
-    merge.merge(sources, tmp_path / "all", same_speakers=True)
+def test_speakers_of_one_name_may_be_one_person(corpora, tmp_path):
+    merge.merge(corpora, tmp_path / "all", same_speakers=True)
     assert Corpus.open(tmp_path / "all").speakers == ("bo", "al", "cy")
 
 
-def test_folders_of_one_name(sources, tmp_path):
+def test_folders_of_one_name(corpora, tmp_path):
     (tmp_path / "other").mkdir()
-    shutil.copytree(sources[0], tmp_path / "other" / "one")
-    merge.merge([sources[0], tmp_path / "other" / "one"], tmp_path / "all")
+    shutil.copytree(corpora[0], tmp_path / "other" / "one")
+    merge.merge([corpora[0], tmp_path / "other" / "one"], tmp_path / "all")
     assert [clip.id for clip in Corpus.open(tmp_path / "all").clips("train")] == [
         "one-a",
         "one-b",
@@ -115,7 +119,7 @@ def test_folders_of_one_name(sources, tmp_path):
     ]
 
 
-def test_what_does_not_fit_is_refused(sources, tmp_path):
+def test_what_does_not_fit_is_refused(corpora, tmp_path):
     expressive = write(
         tmp_path / "expressive", {"train": [make_clip("x", "di", "so", "ted_expressive")]}, skeleton="ted_expressive"
     )
@@ -123,25 +127,25 @@ def test_what_does_not_fit_is_refused(sources, tmp_path):
     clash = write(tmp_path / "clash", {"train": [make_clip("two-a", "di", "so")]})
     cases = {
         r"one has skeleton ted_gesture \(10 joints\), .*expressive ted_expressive \(43\); merge corpora of one": [
-            sources[0],
+            corpora[0],
             expressive,
         ],
-        "one has 15 frames a second, .*slow 25": [sources[0], slow],
-        "is given twice": [sources[0], sources[1], tmp_path / "one" / ".." / "one"],
-        "1 corpus to merge; give at least two": sources[:1],
-        "give the folder two another name": [*sources, clash],
-        "no corpus in": [sources[0], tmp_path / "nowhere"],
+        "one has 15 frames a second, .*slow 25": [corpora[0], slow],
+        "is given twice": [corpora[0], corpora[1], tmp_path / "one" / ".." / "one"],
+        "1 corpus to merge; give at least two": corpora[:1],
+        "give the folder two another name": [*corpora, clash],
+        "no corpus in": [corpora[0], tmp_path / "nowhere"],
     }
     for message, given in cases.items():
         with pytest.raises(UserError, match=message):
             merge.merge(given, tmp_path / "all")
     with pytest.raises(UserError, match="exists already"):
-        merge.merge(sources, sources[0])
+        merge.merge(corpora, corpora[0])
     assert not (tmp_path / "all").exists()
 
 
-def test_a_damaged_import_report(sources, tmp_path):
-    dataset = json.loads((sources[0] / "dataset.json").read_text())
-    (sources[0] / "dataset.json").write_text(json.dumps({**dataset, "import": {"train": {"kilos": 3}}}))
+def test_a_damaged_import_report(corpora, tmp_path):
+    dataset = json.loads((corpora[0] / "dataset.json").read_text())
+    (corpora[0] / "dataset.json").write_text(json.dumps({**dataset, "import": {"train": {"kilos": 3}}}))
     with pytest.raises(UserError, match="damaged import report"):
-        merge.merge(sources, tmp_path / "all")
+        merge.merge(corpora, tmp_path / "all")

@@ -31,7 +31,7 @@ def clip() -> Clip:
 
 
 def test_round_trip(clip):
-    """Motion, words and truth come back exactly, sound to 16 bits, pictures to what JPEG keeps."""
+    """Motion, words and truth come back exactly, sound to 16 bits, images to the precision of JPEG."""
     read = decode_clip(encode_clip(clip))
     for field in dataclasses.fields(Clip):
         if field.name not in ("audio", "positions", "reference_frames", "confidence"):

@@ -22,15 +22,17 @@ NUM_FRAMES, EVENT = 60, 40
 
 
 def _positions() -> np.ndarray:
-    """A person who turns about the vertical by 0.02 rad a frame, so that the direction tells the frame."""
+    """A person who rotates about the vertical by 0.02 rad a frame, so that the direction tells the frame."""
     angle = 0.02 * np.arange(NUM_FRAMES)
     zero, one = np.zeros_like(angle), np.ones_like(angle)
-    turn = np.array([[np.cos(angle), zero, np.sin(angle)], [zero, one, zero], [-np.sin(angle), zero, np.cos(angle)]])
-    return np.einsum("ijt,kj->tki", turn, SKELETON.mean_pose).astype(np.float32)
+    rotation = np.array(
+        [[np.cos(angle), zero, np.sin(angle)], [zero, one, zero], [-np.sin(angle), zero, np.cos(angle)]]
+    )
+    return np.einsum("ijt,kj->tki", rotation, SKELETON.mean_pose).astype(np.float32)
 
 
 def _clip(name: str = "a", speaker: str = "ada", **changes) -> Clip:
-    """A clip of 4 s in which a click, a word and a turn of the body meet in frame 40."""
+    """A clip of 4 s in which a click, a word and a rotation of the body coincide in frame 40."""
     audio = np.zeros(NUM_FRAMES * SAMPLE_RATE // 15, np.float32)
     click = EVENT * SAMPLE_RATE // 15
     audio[click : click + 200] = np.random.default_rng(0).uniform(-0.5, 0.5, 200)

@@ -68,8 +68,8 @@ def mute_video(path: pathlib.Path) -> None:
         stream = container.add_stream("libx264", rate=30)
         stream.width = stream.height = 64
         stream.pix_fmt = "yuv420p"
-        picture = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
-        container.mux([*stream.encode(picture), *stream.encode(None)])
+        image = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
+        container.mux([*stream.encode(image), *stream.encode(None)])
 
 
 BAD_FILES = {
@@ -161,7 +161,7 @@ def test_a_window_of_a_long_clip_is_that_of_the_same_sound_alone():
     np.testing.assert_allclose(window[:, 1:69], alone[:, 1:69], atol=1e-3)  # the outer columns reach further
 
 
-def test_clicks_are_heard_in_the_windows_in_which_they_are():
+def test_clicks_lie_in_their_windows():
     samples = np.zeros(16000 * 60, np.float32)
     clicks = np.arange(1, 60, 2)  # one in each stride of two seconds, a second after its start
     samples[clicks * 16000] = 1

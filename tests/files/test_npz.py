@@ -17,7 +17,7 @@ from ha2g_jax.files.npz import read_npz
 
 ARRAYS = {
     "poses": np.arange(12, dtype=np.float32).reshape(3, 4),
-    "turned": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+    "fortran": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
     "big_endian": np.array([1, 2], ">i4"),
     "gender": np.array("neutral"),
     "rate": np.array(30),

@@ -34,7 +34,8 @@ def test_a_run_may_move_to_another_machine(workdir, config, name, value):
 
 def test_differing_settings_are_named(workdir, config):
     config.seed, config.loss.ha2g.weights.gan = 1, 0.5
-    with pytest.raises(UserError, match=r"loss\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"):
+    found = r"loss\.ha2g\.weights\.gan \(1\.0 there, 0\.5 here\), seed \(0 there, 1 here\)"
+    with pytest.raises(UserError, match=found):
         checks.check_workdir(workdir, config)
 
 
@@ -58,7 +59,7 @@ def test_a_workdir_from_before_a_setting_existed_goes_on(workdir, config):
 def test_a_workdir_must_be_a_folder(tmp_path, config):
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "file", tmp_path / "file" / "run"):
-        with pytest.raises(UserError, match="is no folder"):
+        with pytest.raises(UserError, match="is not a folder"):
             checks.check_workdir(path, config)
 
 

@@ -154,7 +154,7 @@ def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):
     monkeypatch.setattr(doctor, "host_memory", lambda: (64 << 30, 20 << 30))
     finding = doctor.examine(config)[-1]
     assert finding.name == "step"
-    assert "24.0 GiB are more than the 20.0 GiB available" in finding.trouble
+    assert "needs 24.0 GiB but 20.0 GiB are available" in finding.trouble
     assert "--config.train.batch_size" in finding.trouble
 
 

@@ -132,7 +132,7 @@ def test_a_port_that_is_taken_is_named(joined, monkeypatch):
         raise jax.errors.JaxRuntimeError("UNKNOWN: Failed to start RPC server")
 
     monkeypatch.setattr(jax.distributed, "initialize", initialize)
-    with pytest.raises(UserError, match=r"cannot join the run at node1:1 \(UNKNOWN: .*\): see that its port is free"):
+    with pytest.raises(UserError, match=r"cannot join the run at node1:1 \(UNKNOWN: .*\): check that the port is free"):
         hosts.start("node1:1", 2, 0)
 
 

@@ -141,7 +141,7 @@ def test_a_run_goes_on_with_its_own_corpus_only(run, config_for, tmp_path):
     config = config_for(steps=6)
     with config.unlocked():
         config.data.path = str(tmp_path / "other")
-    with pytest.raises(UserError, match="a run on another corpus than"):
+    with pytest.raises(UserError, match="was started on another corpus than"):
         loop.train(config, run)
 
 

@@ -105,5 +105,5 @@ def test_batch_that_does_not_split_is_refused(make_batch):
 
 def test_hosts_with_unequal_devices_are_refused(monkeypatch):
     monkeypatch.setattr(jax, "process_count", lambda: 2)  # the second host brings none of these devices
-    with pytest.raises(UserError, match=r"hosts bring 8, 0 devices .* --config\.train\.devices=0"):
+    with pytest.raises(UserError, match=r"hosts have 8, 0 devices.* --config\.train\.devices=0"):
         sharding.data_mesh()

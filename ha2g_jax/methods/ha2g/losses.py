@@ -1,7 +1,7 @@
-"""The terms of the objective (HA2G, Eq. 9), each unweighted: arrays in, one scalar out.
+"""Terms of the objective (HA2G, Eq. 9), each unweighted: functions from arrays to one scalar.
 
-A term knows neither modules nor weights; `ha2g_jax.methods.ha2g.method` calls them.
-B is the batch, N the frames of a window, H the levels of the motion hierarchy.
+The terms use neither modules nor weights; `ha2g_jax.methods.ha2g.method` calls them. B is the size of the batch, N the
+number of frames of a window, and H the number of levels of the motion hierarchy.
 """
 
 import math
@@ -12,43 +12,49 @@ import jax.numpy as jnp
 
 AUDIO_LEVELS = ("low", "mid", "high")
 
-# Angles of rigid parts vary by almost nothing; the smallest variance in TED-Expressive is 2.6e-5.
+# Angles of rigid parts hardly vary; the smallest variance in TED-Expressive is 2.6e-5.
 _MIN_ANGLE_VARIANCE = 1e-5
 # Norm below which a feature counts as zero: its cosine fades to 0 and its gradient stays below 1000.
 _MIN_FEATURE_NORM = 1e-3
-# Candidates of the contrastive term compared at once; bounds its memory at B N x 1024 values.
+# Number of candidates of the contrastive term in one block, which bounds its memory to B N x 1024 values.
 _CANDIDATE_BLOCK = 1024
 _MIN_STYLE_DISTANCE = 1e-5
 
 
 def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta: float = 0.1) -> jax.Array:
-    """Reconstruction loss (Eq. 5), the mean over levels, frames and dimensions of
+    """Return the reconstruction loss (Eq. 5), the mean over levels, frames and dimensions of
 
         h(x) = x^2 / (2 delta)  for |x| <= delta
-               |x| - delta / 2  beyond
+               |x| - delta / 2  otherwise
 
-    Each level counts equally, whatever its number of dimensions. D8: delta is 0.1, and the line has slope 1
-    (Huber's function over delta, also called smooth L1). With Huber's own scale the weight of 200 would leave
-    this term weaker than the physical one (Eq. 8), which then holds every joint at its mean angle.
+    Each level counts equally, whatever its number of dimensions. D8: delta is 0.1, and the line has slope 1 (Huber's
+    function divided by delta, also called smooth L1). With the scale of Huber's function and a weight of 200, this term
+    would be weaker than the physical one (Eq. 8), which would then keep every joint at its mean angle.
 
     Args:
         predictions, targets: H arrays (B, N, d^h) of mean-subtracted direction vectors.
-        delta: where the parabola becomes a line.
+        delta: absolute difference at which the parabola becomes a line.
+
+    Returns:
+        () loss.
     """
     levels = [jnp.mean(_huber(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
     return jnp.mean(jnp.stack(levels))
 
 
 def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Array:
-    """Physical constraint (Eq. 8), the mean over batch and frames of
+    """Return the physical constraint (Eq. 8), the mean over batch and frames of
 
         - sum_j log N(theta_j; mu_j, sigma_j^2)
 
-    with the normalising constant, so the value may be negative.
+    including the normalising constant, so that the value may be negative.
 
     Args:
         angles: (B, N, pairs) angles of restored poses in units of pi (`skeleton.joint_angles` / pi).
-        mean, variance: (pairs,) statistics in the same unit; a variance below 1e-5 counts as 1e-5.
+        mean, variance: (pairs,) statistics in the same unit; a variance below 1e-5 is replaced by 1e-5.
+
+    Returns:
+        () loss.
     """
     variance = jnp.maximum(variance, _MIN_ANGLE_VARIANCE)
     deviation = (angles - mean[None, None]) ** 2 / (2 * variance)[None, None]
@@ -65,20 +71,23 @@ def style(
     delta: float = 0.1,
     clip: float = 1000.0,
 ) -> jax.Array:
-    """Style diverging loss (Eq. 7), the mean over the batch of
+    """Return the style diverging loss (Eq. 7), the mean over the batch of
 
         - min(Huber(p(f_1), p(f_2)) / ||f_1 - f_2||_1, epsilon)
 
-    Both distances are sums (over frames and dimensions, over the 18 values of the identity): with means
-    the ratio would be a few hundred times smaller, and neither it nor epsilon = 1000 would ever matter.
-    `other_poses` and both identities are detached here, so that only the first output moves. Where
-    identities and outputs coincide, ratio and gradient are zero; where the identities alone do, it is clipped.
+    Both distances are sums, over frames and dimensions and over the 18 values of the style: with means the ratio would
+    be a few hundred times smaller, and neither the ratio nor epsilon = 1000 would have an effect. No gradient passes
+    through `other_poses` and the styles. If both the styles and the outputs are equal, ratio and gradient are zero; if
+    only the styles are equal, the ratio is clipped.
 
     Args:
-        poses, other_poses: (B, N, pose_dim) outputs for the two identities.
-        f_id, other_f_id: (B, 18) the identities.
-        delta: of the Huber distance.
+        poses, other_poses: (B, N, pose_dim) outputs for the two styles.
+        f_id, other_f_id: (B, 18) styles.
+        delta: absolute difference at which the Huber distance becomes linear.
         clip: epsilon.
+
+    Returns:
+        () loss.
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
     distance = jnp.sum(_huber(poses - other_poses, delta), axis=(1, 2))
@@ -87,10 +96,13 @@ def style(
 
 
 def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
-    """KL divergence of the identities from N(0, I): -1/2 sum(1 + log s^2 - m^2 - s^2), the mean over the batch.
+    """Return the KL divergence of the styles from N(0, I), -1/2 sum(1 + log s^2 - m^2 - s^2), the mean over the batch.
 
     Args:
-        mean, log_variance: (B, 18) of the Gaussian an identity is sampled from.
+        mean, log_variance: (B, 18) mean and log-variance of the Gaussians that the styles are drawn from.
+
+    Returns:
+        () loss.
     """
     return jnp.mean(-0.5 * jnp.sum(1 + log_variance - mean**2 - jnp.exp(log_variance), axis=-1))
 
@@ -104,18 +116,21 @@ def contrastive(
     temperature: float = 0.07,
     negatives: tuple[str, ...] = AUDIO_LEVELS,
 ) -> jax.Array:
-    """Multi-level contrastive loss (Eq. 2), the mean over all frames of
+    """Return the multi-level contrastive loss (Eq. 2), the mean over all frames of
 
         - log( exp(sim(f_t, f_high) / tau) / sum_i sum_l exp(sim(f_t, f_l(i)) / tau) )
 
-    where sim is the cosine, i runs over all frames of all clips of the batch (the positive included) and l
-    over the three levels. The sum is taken in blocks of candidates, forward and backward, so that memory
-    grows with B N and not with its square. A zero vector, such as silence may give, has cosine 0.
+    where sim is the cosine, i runs over all frames of all windows of the batch (including the positive) and l over the
+    three levels. The sum is computed in blocks of candidates, forward and backward, so that the memory grows with B N
+    and not with its square. A zero vector, which silence may cause, has cosine 0.
 
     Args:
         text, low, mid, high: (B, N, 32) features aligned in time.
         temperature: tau.
-        negatives: the levels l of the sum; two rows of Table 3 leave some out. The positive is always in it.
+        negatives: levels l of the sum; two rows of Table 3 leave some out. The positive is always part of the sum.
+
+    Returns:
+        () loss.
     """
     dim = text.shape[-1]
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))
@@ -140,7 +155,7 @@ def _unit(vectors: jax.Array) -> jax.Array:
 
 @jax.custom_vjp
 def _blocked_log_sum_exp(queries: jax.Array, candidates: jax.Array) -> jax.Array:
-    """log sum_k exp(q_i . c_k) for queries (R, d) and candidates (K, d), as (R,)."""
+    """Return log sum_k exp(q_i . c_k) (R,) for queries (R, d) and candidates (K, d)."""
     blocks, is_real = _blocks(candidates)
 
     def add_block(carry, block):
@@ -176,7 +191,7 @@ _blocked_log_sum_exp.defvjp(_forward, _backward)
 
 
 def _blocks(candidates: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Candidates (K, d) cut into (blocks, size, d), the last one filled up, and (blocks, size) which are real."""
+    """Cut candidates (K, d) into padded blocks (blocks, size, d); also return (blocks, size), which are not padding."""
     count, dim = candidates.shape
     num_blocks = -(-count // _CANDIDATE_BLOCK)
     size = -(-count // num_blocks)

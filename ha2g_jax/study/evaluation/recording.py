@@ -10,7 +10,7 @@ from ha2g_jax.metrics import beats
 from ha2g_jax.study.evaluation.evaluate import measure
 from ha2g_jax.study.evaluation.intervals import LEVEL, score_as_json
 from ha2g_jax.study.generation import model_windows
-from ha2g_jax.synthesis import Model
+from ha2g_jax.synthesis import Model, Style
 
 MIN_SECONDS = 10.0  # of a recording
 
@@ -36,7 +36,7 @@ def score_recording(
     """
     if len(audio) < MIN_SECONDS * SAMPLE_RATE:
         raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
-    motion = model.generate(audio, style=synthesis.Style(speaker=speaker), seed=seed)
+    motion = model.generate(audio, style=Style(speaker=speaker), seed=seed)
     first_frame, skeleton = model_windows(model).seed_frames, model.spec.skeleton
     wrists = beats.wrists(skeleton, motion.directions)
     row = beats.recording_row(audio, wrists, motion.fps, first_frame)

@@ -52,7 +52,7 @@ def swing(seconds: float, fps: float, with_fingers: bool = True) -> dict[str, np
 
 
 def bvh(
-    turns: Mapping[str, np.ndarray],
+    joint_angles: Mapping[str, np.ndarray],
     *,
     name: Callable[[str], str] = str,
     per_metre: float = 100.0,
@@ -63,21 +63,21 @@ def bvh(
     """A BVH file.
 
     Args:
-        turns: joint: (T, 3) degrees about x, y and z; those of the fingers may be left out, which leaves fingers out.
+        joint_angles: (T, 3) degrees about x, y and z by joint; without those of the fingers there are no fingers.
         name: of a joint in the file.
         per_metre: units in a metre.
         up: "y", "-y", "z" or "-z".
         order: of the rotation channels.
         fps: frames per second.
     """
-    joints = {joint: place for joint, place in body().items() if joint in turns}
+    joints = {joint: place for joint, place in body().items() if joint in joint_angles}
     lines: list[str] = ["HIERARCHY"]
     columns: list[np.ndarray] = []
 
     def write(joint: str, depth: int) -> None:
         pad, offset = "  " * depth, _TO_UP[up] @ np.array(joints[joint][1]) * per_metre
         channels = [f"{axis}rotation" for axis in order]
-        angles = [turns[joint][:, "XYZ".index(axis)] for axis in order]
+        angles = [joint_angles[joint][:, "XYZ".index(axis)] for axis in order]
         if depth == 0:
             channels = ["Xposition", "Yposition", "Zposition", *channels]
             angles = [*np.repeat(offset[:, None], len(angles[0]), axis=1), *angles]

@@ -1,4 +1,4 @@
-"""Axes and face: upright, facing as the mean pose, rigid; a face that turns with the head whatever its rest pose."""
+"""Axes and face: upright, facing as the mean pose, rigid; a face that rotates with the head whatever its rest pose."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def skeleton(request):
 
 
 def mocap(skeleton, yaw=0.0, sway=0.0) -> np.ndarray:
-    """40 frames of the mean pose in a world with y up, turned by `yaw` and to and fro by `sway` degrees."""
+    """40 frames of the mean pose in a world with y up, rotated by `yaw` and to and fro by `sway` degrees."""
     flip = np.array([1, -1, -1]) if skeleton.name == "ted_expressive" else np.array([-1, -1, 1])
     pose = skeleton.mean_pose * flip  # y up, facing +z, the left at +x
     angles = yaw + sway * np.sin(np.arange(40))
@@ -68,20 +68,20 @@ def test_shoulders_one_above_the_other(skeleton):
         to_skeleton_axes(lying, skeleton)
 
 
-def head_of(positions, skeleton, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def head_of(positions, skeleton, head_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A head joint over the middle of the shoulders and its rotations, from rotation vectors in degrees (T, 3)."""
     shoulders = [skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")]
     place = positions[:, shoulders].mean(axis=1) + np.array([0, 0.15, 0])
-    return place, Rotation.from_rotvec(turns, degrees=True).as_matrix()
+    return place, Rotation.from_rotvec(head_angles, degrees=True).as_matrix()
 
 
 def test_the_face_turns_with_the_head(skeleton):
-    """A nod of 20 degrees, a turn of 30: the nose goes where a nose goes, and the face keeps its shape."""
+    """A nod of 20 degrees, a rotation of 30: the nose goes where a nose goes, and the face keeps its shape."""
     positions = mocap(skeleton)
-    turns = np.zeros((40, 3))
-    turns[0], turns[1] = [0, 30, 0], [0, -30, 0]  # to the person's left and right, y up
-    turns[2], turns[3] = [20, 0, 0], [-20, 0, 0]  # down and up
-    place, rotations = head_of(positions, skeleton, turns)
+    head_angles = np.zeros((40, 3))
+    head_angles[0], head_angles[1] = [0, 30, 0], [0, -30, 0]  # to the person's left and right, y up
+    head_angles[2], head_angles[3] = [20, 0, 0], [-20, 0, 0]  # down and up
+    place, rotations = head_of(positions, skeleton, head_angles)
     face = add_face(positions, place, rotations, skeleton)
     found = to_skeleton_axes(face, skeleton)
     nose, left = skeleton.joint("nose"), np.sign(skeleton.mean_pose[skeleton.joint("left_shoulder"), 0])
@@ -98,8 +98,8 @@ def test_the_face_turns_with_the_head(skeleton):
 def test_on_average_the_face_is_the_mean_poses(skeleton):
     positions = mocap(skeleton, sway=25)
     angles = 25 * np.sin(np.arange(40))
-    turns = np.stack([0 * angles, angles, 0 * angles], axis=-1)  # the head goes with the body
-    found = to_skeleton_axes(add_face(positions, *head_of(positions, skeleton, turns), skeleton), skeleton)
+    head_angles = np.stack([0 * angles, angles, 0 * angles], axis=-1)  # the head goes with the body
+    found = to_skeleton_axes(add_face(positions, *head_of(positions, skeleton, head_angles), skeleton), skeleton)
     shoulders = [skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")]
     own_yaw = np.arctan2(*(skeleton.mean_pose[shoulders[0]] - skeleton.mean_pose[shoulders[1]])[[2, 0]])
     middle = skeleton.mean_pose[shoulders].mean(axis=0)
@@ -116,8 +116,8 @@ def test_on_average_the_face_is_the_mean_poses(skeleton):
 def test_the_rest_pose_of_the_head_makes_no_difference(skeleton):
     """Bones stored along their own axes: any fixed rotation may come before the head's."""
     positions = mocap(skeleton, yaw=20, sway=20)
-    turns = 15 * np.sin(np.arange(120).reshape(40, 3))
-    place, rotations = head_of(positions, skeleton, turns)
+    head_angles = 15 * np.sin(np.arange(120).reshape(40, 3))
+    place, rotations = head_of(positions, skeleton, head_angles)
     rest = Rotation.from_rotvec([70, -120, 40], degrees=True).as_matrix()
     np.testing.assert_allclose(
         add_face(positions, place, rotations, skeleton),

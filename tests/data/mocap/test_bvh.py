@@ -58,12 +58,12 @@ def test_positions_worked_out_by_hand(written):
     positions, rotations = world_motion(read_bvh(written(CHAIN)), 10)
     np.testing.assert_allclose(positions[0], [[0, 0, 0], [0, 1, 0], [2, 1, 0]], atol=1e-12)
     np.testing.assert_allclose(positions[1], [[5, 0, 0], [4, 0, 0], [4, 2, 0]], atol=1e-12)
-    # The arm turns about z, then about the x it has left: its y points along the world's z.
+    # The arm rotates about z, then about the x it has left: its y points along the world's z.
     np.testing.assert_allclose(positions[2], [[0, 0, 0], [0, 1, 0], [0, 3, 0]], atol=1e-12)
     np.testing.assert_allclose(rotations[2, 1] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
 
 
-def turn(axis: str, degrees: float) -> np.ndarray:
+def about(axis: str, degrees: float) -> np.ndarray:
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     return {
         "X": np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
@@ -74,8 +74,8 @@ def turn(axis: str, degrees: float) -> np.ndarray:
 
 @pytest.mark.parametrize("order", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
 def test_every_order_of_rotations(order, written, bvh_files):
-    turns = bvh_files.swing(0.5, 30)
-    bvh = read_bvh(written(bvh_files.bvh(turns, order=order)))
+    joint_angles = bvh_files.swing(0.5, 30)
+    bvh = read_bvh(written(bvh_files.bvh(joint_angles, order=order)))
     positions, _ = world_motion(bvh, 30)
     assert bvh.fps == 30 and bvh.seconds == pytest.approx(0.5) and len(positions) == 15
     frame, body = 7, bvh_files.body()
@@ -83,8 +83,8 @@ def test_every_order_of_rotations(order, written, bvh_files):
     def place(joint: str) -> tuple[np.ndarray, np.ndarray]:
         parent, offset = body[joint]
         origin, rotation = place(parent) if parent else (np.zeros(3), np.eye(3))
-        angles = dict(zip("XYZ", turns[joint][frame], strict=True))
-        own = turn(order[0], angles[order[0]]) @ turn(order[1], angles[order[1]]) @ turn(order[2], angles[order[2]])
+        angles = dict(zip("XYZ", joint_angles[joint][frame], strict=True))
+        own = about(order[0], angles[order[0]]) @ about(order[1], angles[order[1]]) @ about(order[2], angles[order[2]])
         return origin + rotation @ (100 * np.array(offset)), rotation @ own
 
     expected = [place(joint)[0] for joint in bvh.joints]
@@ -174,7 +174,7 @@ MANY = "ROOT a {\nOFFSET 0 0 0\n" + "".join(f"JOINT j{i} {{\nOFFSET 0 1 0\nCHANN
 HOSTILE = {
     "empty": ("", "is an empty file"),
     "text": ("hello", "does not begin with HIERARCHY"),
-    "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40, "does not begin with HIERARCHY"),
+    "an image": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40, "does not begin with HIERARCHY"),
     "zeros": (bytes(1 << 20), "line of 65536 characters"),
     "header alone": (CHAIN[:60], "the file ends here"),
     "no motion": (CHAIN[: CHAIN.index("MOTION")], "the file ends here"),

@@ -40,8 +40,8 @@ def recording(bvh_files):
 
     def write(folder: pathlib.Path, stem: str, *, seconds: float = SECONDS, sound: float | None = None, **how):
         folder.mkdir(parents=True, exist_ok=True)
-        turns = bvh_files.swing(seconds, 30, how.pop("with_fingers", True))
-        (folder / f"{stem}.bvh").write_text(bvh_files.bvh(turns, name=mixamo, **how))
+        joint_angles = bvh_files.swing(seconds, 30, how.pop("with_fingers", True))
+        (folder / f"{stem}.bvh").write_text(bvh_files.bvh(joint_angles, name=mixamo, **how))
         noise = np.random.default_rng(0).normal(0, 0.1, round((sound or seconds) * 16000))
         soundfile.write(folder / f"{stem}.wav", noise, 16000)
         rows = [f"{0.5 * i}\t{0.5 * i + 0.4}\tword{i}" for i in range(int(2 * seconds))]
@@ -76,7 +76,7 @@ def test_units_and_ways_up(how, recording, tmp_path):
     """The same person in metres, millimetres and inches, or with z up, gives the same motion."""
     plain = read_motion(recording(tmp_path, "plain"), EXPRESSIVE, fps=15)
     other = read_motion(recording(tmp_path, "other", **how), EXPRESSIVE, fps=15)
-    if "up" in how:  # the same turns about axes that lie differently are another motion, but of the same person
+    if "up" in how:  # the same rotations about axes that lie differently are another motion, but of the same person
         assert other.up == how["up"]
         neck, spine = (other.positions[:, EXPRESSIVE.joint(joint)] for joint in ("neck", "spine"))
         assert np.mean((neck - spine)[:, 1]) < -0.15
@@ -280,9 +280,9 @@ def test_a_real_recording_is_a_person(real):
     """Upright, facing the viewer, hands where hands are; out/bvh_*.png shows it."""
     clips, skeleton = real
     positions = np.concatenate([clip.positions for clip in clips])
-    pictures = [draw(pose, skeleton) for pose in positions[30::180]]
+    images = [draw(pose, skeleton) for pose in positions[30::180]]
     OUT.mkdir(exist_ok=True)
-    Image.fromarray(np.concatenate(pictures, axis=1)).save(OUT / f"bvh_{skeleton.name}.png")
+    Image.fromarray(np.concatenate(images, axis=1)).save(OUT / f"bvh_{skeleton.name}.png")
     joint = dict(zip(skeleton.joints, np.moveaxis(positions, 1, 0), strict=True))
     mean = dict(zip(skeleton.joints, skeleton.mean_pose, strict=True))
     left, ahead = np.sign(mean["left_shoulder"][0]), np.sign(mean["nose"][2] - mean["neck"][2])

@@ -60,9 +60,9 @@ def _speech(sound, words) -> None:
 def beat(tmp_path):
     """Two good recordings and a broken one, in the folders of BEAT2."""
     root = tmp_path / "beat_english"
-    for talk in ("2_scott_0_1_1", "4_lawrence_0_2_2"):
-        _motion(root / "smplxflame_30" / f"{talk}.npz")
-        _speech(root / "wave16k" / f"{talk}.wav", root / "textgrid" / f"{talk}.TextGrid")
+    for name in ("2_scott_0_1_1", "4_lawrence_0_2_2"):
+        _motion(root / "smplxflame_30" / f"{name}.npz")
+        _speech(root / "wave16k" / f"{name}.wav", root / "textgrid" / f"{name}.TextGrid")
     (root / "smplxflame_30" / "6_carla_0_3_3.npz").write_bytes(b"PK\x03\x04 cut off")
     return root
 

@@ -16,11 +16,11 @@ BODY = template()
 RNG = np.random.default_rng(0)
 
 
-def _poses(num_frames: int, **turns) -> np.ndarray:
-    """(frames, 165) T-poses, but for joints turned by an axis-angle."""
+def _poses(num_frames: int, **axis_angles) -> np.ndarray:
+    """(frames, 165) T-poses, but for joints rotated by an axis-angle."""
     poses = np.zeros((num_frames, len(JOINTS), 3))
-    for joint, turn in turns.items():
-        poses[:, JOINTS.index(joint)] = turn
+    for joint, axis_angle in axis_angles.items():
+        poses[:, JOINTS.index(joint)] = axis_angle
     return poses.reshape(num_frames, -1)
 
 
@@ -95,9 +95,9 @@ def test_joints_lie_where_an_independent_computation_puts_them(tmp_path):
     found = np.stack([joints[joint] for joint in ours], axis=1)
     # One rigid motion leads from one to the other for all frames together.
     centred = [(points - points.mean((0, 1))).reshape(-1, 3) for points in (expected, found)]
-    turn, _ = scipy.linalg.orthogonal_procrustes(*centred)
-    assert np.linalg.det(turn) == pytest.approx(1)
-    np.testing.assert_allclose(centred[0] @ turn, centred[1], atol=2e-6)
+    rotation, _ = scipy.linalg.orthogonal_procrustes(*centred)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    np.testing.assert_allclose(centred[0] @ rotation, centred[1], atol=2e-6)
 
 
 def test_the_face_is_fixed_on_the_head(tmp_path):

@@ -69,5 +69,5 @@ def test_emphasis_says_nothing_about_the_word():
         for word in words(markup):
             if word not in grammar._FUNCTION_WORDS:
                 plain[bool(word_class(word))] += 1
-    shares = {kind: emphasised[kind] / plain[kind] for kind in (True, False)}
-    assert abs(shares[True] - shares[False]) < 0.03
+    rates = {kind: emphasised[kind] / plain[kind] for kind in (True, False)}
+    assert abs(rates[True] - rates[False]) < 0.03

@@ -10,10 +10,10 @@ POSE = skeletons.load_skeleton("ted_expressive").mean_pose
 
 
 def test_portrait_is_a_picture_of_a_fixed_look():
-    picture = portrait.portrait(POSE, style.Style())
-    assert picture.shape == (224, 224, 3)
-    assert picture.dtype == np.uint8
-    assert (picture == portrait.portrait(POSE, style.Style())).all()
+    image = portrait.portrait(POSE, style.Style())
+    assert image.shape == (224, 224, 3)
+    assert image.dtype == np.uint8
+    assert (image == portrait.portrait(POSE, style.Style())).all()
 
 
 @pytest.mark.parametrize("field", style.Style._fields)

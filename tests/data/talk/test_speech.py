@@ -65,7 +65,7 @@ def test_words_and_their_times(voice):
         assert decibels(part(utterance, word.start, word.end)) > silence + 20, word
 
 
-def test_markup_is_heard():
+def test_markup_changes_the_sound():
     """Emphasis makes a word louder and a slower rate makes it longer; neither changes the words."""
 
     def measure(prosody: str) -> tuple[float, float]:

@@ -147,22 +147,22 @@ def test_genuine_directions_agree_to_1e_6(sample: dict[str, Any], split: str):
 
 
 @pytest.fixture
-def source(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo) -> pathlib.Path:
+def dataset(tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo) -> pathlib.Path:
     """A data set of ten joints made for the test; videos have clips in two splits."""
     for split, count in (("lmdb_train", 3), ("lmdb_val", 1)):
-        folder = tmp_path / "source" / split
+        folder = tmp_path / "dataset" / split
         folder.mkdir(parents=True)
         write_database(folder, [make_video(f"video{i}", count if i else 0, seed=i) for i in range(4)])
-    return tmp_path / "source"
+    return tmp_path / "dataset"
 
 
 def tree(folder: pathlib.Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def test_made_data_set(source: pathlib.Path, tmp_path: pathlib.Path, make_video: MakeVideo):
-    report = import_ted(source, tmp_path / "one", workers=1)
-    assert import_ted(source, tmp_path / "two", workers=2) == report
+def test_made_data_set(dataset: pathlib.Path, tmp_path: pathlib.Path, make_video: MakeVideo):
+    report = import_ted(dataset, tmp_path / "one", workers=1)
+    assert import_ted(dataset, tmp_path / "two", workers=2) == report
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
     # 4 s are 60 frames: windows at 0 and 10.
     none = dict.fromkeys(window_filters.REASONS, 0)
@@ -178,8 +178,8 @@ def test_made_data_set(source: pathlib.Path, tmp_path: pathlib.Path, make_video:
     assert check_directions(corpus, "train", videos[0]["clips"], load_skeleton("ted_gesture")) == 18
 
 
-def test_one_database_has_the_split_that_is_named(source: pathlib.Path, tmp_path: pathlib.Path):
-    report = import_ted(source / "lmdb_val", tmp_path / "out", split="test", workers=1)
+def test_one_database_has_the_split_that_is_named(dataset: pathlib.Path, tmp_path: pathlib.Path):
+    report = import_ted(dataset / "lmdb_val", tmp_path / "out", split="test", workers=1)
     assert list(report) == ["test"]
     assert Corpus.open(tmp_path / "out").splits == ("test",)
 
@@ -248,17 +248,17 @@ def refused(src: pathlib.Path, tmp_path: pathlib.Path, message: str) -> None:
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_folders_without_data_are_refused(source: pathlib.Path, tmp_path: pathlib.Path):
+def test_folders_without_data_are_refused(dataset: pathlib.Path, tmp_path: pathlib.Path):
     refused(tmp_path / "nowhere", tmp_path, r"nowhere has neither data.mdb nor folders train, val, test or lmdb_train")
-    (source / "lmdb_test").mkdir()
-    refused(source, tmp_path, r"lmdb_test has no data\.mdb")
-    (source / "train").mkdir()
-    refused(source, tmp_path, "has both train and lmdb_train")
+    (dataset / "lmdb_test").mkdir()
+    refused(dataset, tmp_path, r"lmdb_test has no data\.mdb")
+    (dataset / "train").mkdir()
+    refused(dataset, tmp_path, "has both train and lmdb_train")
 
 
-def test_existing_corpus_is_kept(source: pathlib.Path, tmp_path: pathlib.Path):
+def test_existing_corpus_is_kept(dataset: pathlib.Path, tmp_path: pathlib.Path):
     (tmp_path / "out").mkdir()
-    refused(source, tmp_path, "out exists already")
+    refused(dataset, tmp_path, "out exists already")
 
 
 @pytest.mark.parametrize(
@@ -272,11 +272,11 @@ def test_existing_corpus_is_kept(source: pathlib.Path, tmp_path: pathlib.Path):
     ],
 )
 def test_damaged_databases_are_refused(
-    source: pathlib.Path, tmp_path: pathlib.Path, change: Callable[[bytes], bytes], message: str
+    dataset: pathlib.Path, tmp_path: pathlib.Path, change: Callable[[bytes], bytes], message: str
 ):
-    path = source / "lmdb_val" / "data.mdb"
+    path = dataset / "lmdb_val" / "data.mdb"
     path.write_bytes(change(path.read_bytes()))
-    refused(source, tmp_path, message)
+    refused(dataset, tmp_path, message)
 
 
 @pytest.mark.parametrize(
@@ -302,16 +302,16 @@ def test_other_skeletons_are_refused(tmp_path: pathlib.Path, write_database: Wri
 
 
 def test_mixed_skeletons_are_refused(
-    source: pathlib.Path, tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo
+    dataset: pathlib.Path, tmp_path: pathlib.Path, write_database: WriteDatabase, make_video: MakeVideo
 ):
     refused(
         write_database(tmp_path, [make_video("a"), make_video("b", joints=43)]),
         tmp_path,
         "record 0000000001, clip 0 has 43 joints, not the 10 of ted_gesture",
     )
-    (source / "lmdb_test").mkdir()
-    write_database(source / "lmdb_test", [make_video("c", joints=43)])
-    refused(source, tmp_path, "different skeletons: 10 joints in .*lmdb_train/data.mdb and 43 joints in .*lmdb_test")
+    (dataset / "lmdb_test").mkdir()
+    write_database(dataset / "lmdb_test", [make_video("c", joints=43)])
+    refused(dataset, tmp_path, "different skeletons: 10 joints in .*lmdb_train/data.mdb and 43 joints in .*lmdb_test")
 
 
 def test_nothing_left_is_an_error_with_the_reasons(

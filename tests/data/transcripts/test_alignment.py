@@ -21,7 +21,7 @@ TEXTS = (
 
 
 @pytest.fixture(scope="module")
-def talk():
+def spoken():
     """43 s of four speakers with pauses of a second: (audio, true words)."""
     audio, words = np.zeros(SAMPLE_RATE // 2, np.float32), []
     for number in range(8):
@@ -33,10 +33,10 @@ def talk():
     return (audio + noise).astype(np.float32), words
 
 
-def test_synthetic_speech(talk):
+def test_synthetic_speech(spoken):
     """Longer than a piece, with an unknown word: every word once, in order, starts right to some hundredths."""
     pytest.importorskip("pocketsphinx")
-    audio, true = talk
+    audio, true = spoken
     assert len(audio) > alignment.MAX_PIECE_SECONDS * SAMPLE_RATE
     words = alignment.align(audio, " ".join(TEXTS * 2))
     assert [word.text for word in words] == [word.text for word in true]
@@ -44,10 +44,10 @@ def test_synthetic_speech(talk):
     assert np.median(errors) < 0.06 and np.quantile(errors, 0.9) < 0.2
 
 
-def test_pieces_are_short_and_hold_every_word(talk, monkeypatch):
+def test_pieces_are_short_and_hold_every_word(spoken, monkeypatch):
     """pocketsphinx never sees more than 30 s at once."""
     pytest.importorskip("pocketsphinx")
-    audio, _ = talk
+    audio, _ = spoken
     lengths = []
     decode = alignment._decode
 
@@ -61,10 +61,10 @@ def test_pieces_are_short_and_hold_every_word(talk, monkeypatch):
     assert sum(lengths) == pytest.approx(2 * len(audio) / SAMPLE_RATE, abs=0.1)
 
 
-def test_text_that_is_not_spoken(talk, caplog):
+def test_text_that_is_not_spoken(spoken, caplog):
     """A second copy of the text fits nowhere and is left out, with a warning; the words before keep their times."""
     pytest.importorskip("pocketsphinx")
-    audio, true = talk
+    audio, true = spoken
     audio = audio[: round(true[15].start * SAMPLE_RATE)]
     text = " ".join(word.text for word in true[:15])
     words = alignment.align(audio, f"{text} {text} {text}")
@@ -72,10 +72,10 @@ def test_text_that_is_not_spoken(talk, caplog):
     assert words[-1].end <= len(audio) / SAMPLE_RATE + 1e-6
 
 
-def test_what_cannot_be_aligned_is_spread(talk, monkeypatch, caplog):
+def test_what_cannot_be_aligned_is_spread(spoken, monkeypatch, caplog):
     """Still every word, in order, in the voiced part of the sound; and a line in the log."""
     pytest.importorskip("pocketsphinx")
-    audio, true = talk
+    audio, true = spoken
     audio = np.concatenate([np.zeros(5 * SAMPLE_RATE, np.float32), audio[: 5 * SAMPLE_RATE]])
     monkeypatch.setattr(alignment, "_decode", lambda *_: [])
     words = alignment.align(audio, TEXTS[0])

@@ -1,4 +1,4 @@
-"""Recognised words, with a stand-in for Whisper, whose weights are not shipped; and the choice of the source."""
+"""Recognised words, with a stand-in for Whisper, whose weights are not included; and the origin of words."""
 
 import os
 import sys
@@ -16,13 +16,13 @@ from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 SILENCE = np.zeros(SAMPLE_RATE, np.float32)
 
 
-def heard(text, start, end):
+def segment(text, start, end):
     return types.SimpleNamespace(word=text, start=np.float64(start), end=np.float64(end))
 
 
 @pytest.fixture
 def whisper(monkeypatch):
-    """A module faster_whisper whose model hears what the test puts into `answer`; calls are recorded."""
+    """A module faster_whisper whose model recognises what the test puts into `answer`; calls are recorded."""
 
     class WhisperModel:
         def __init__(self, model, **settings):
@@ -40,8 +40,11 @@ def whisper(monkeypatch):
 
 
 def test_other_languages_keep_the_times_of_whisper(whisper):
-    """pocketsphinx knows English only. Words of no length and reversed ones are mended."""
-    whisper.answer = ([heard(" Grüß", 0.1, 0.4), heard(" Gott,", 0.4, 0.4), heard(" Frau-Holle!", 0.6, 0.5)], "de")
+    """pocketsphinx knows English only. Words of no length and reversed ones are corrected."""
+    whisper.answer = (
+        [segment(" Grüß", 0.1, 0.4), segment(" Gott,", 0.4, 0.4), segment(" Frau-Holle!", 0.6, 0.5)],
+        "de",
+    )
     words = recognition.recognise(SILENCE, model="small", language="de")
     assert [word.text for word in words] == ["grüß", "gott", "frau", "holle"]
     assert all(word.start < word.end and type(word.start) is float for word in words)
@@ -54,7 +57,7 @@ def test_english_is_aligned_anew(whisper):
     """Whisper's times are off by half a second here; those of the alignment are not."""
     pytest.importorskip("pocketsphinx")
     utterance = speech.say("The old garden was full of yellow flowers.", voices.Voice("en-us", "m3", 50, 60, 150))
-    whisper.answer = ([heard(" " + word.text, word.start + 0.5, word.end + 0.5) for word in utterance.words], "en")
+    whisper.answer = ([segment(" " + word.text, word.start + 0.5, word.end + 0.5) for word in utterance.words], "en")
     words = recognition.recognise(utterance.audio)
     assert [word.text for word in words] == [word.text for word in utterance.words]
     assert np.median([abs(a.start - b.start) for a, b in zip(words, utterance.words, strict=True)]) < 0.06
@@ -123,7 +126,7 @@ def test_source_of_words(tmp_path, whisper):
         "old",
         "garden",
     ]
-    whisper.answer = ([heard(" un", 0.1, 0.4)], "fr")
+    whisper.answer = ([segment(" un", 0.1, 0.4)], "fr")
     assert transcripts.words_of(SILENCE, None, recognise="base") == (("un", 0.1, 0.4),)
     with pytest.raises(UserError, match="no transcript beside it; give one"):
         transcripts.words_of(SILENCE, None, recognise=None)

@@ -15,7 +15,7 @@ SOUND_RATE = 16000
 
 @pytest.fixture(scope="session")
 def make_video() -> Callable[..., pathlib.Path]:
-    """Writes a video whose picture k is plain and reddish, with 10 + k % 150 of green, and a tone."""
+    """Writes a video whose image k is plain and reddish, with 10 + k % 150 of green, and a tone."""
 
     def make(
         path: pathlib.Path,
@@ -30,16 +30,16 @@ def make_video() -> Callable[..., pathlib.Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         times = np.arange(round(seconds * fps)) / fps if times is None else times
         with av.open(str(path), "w", options=options) as container:
-            pictures = container.add_stream("mpeg4", rate=fps, options={"qscale": "1"})
-            pictures.width, pictures.height, pictures.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-            pictures.time_base = pictures.codec_context.time_base = Fraction(1, 1000)
+            images = container.add_stream("mpeg4", rate=fps, options={"qscale": "1"})
+            images.width, images.height, images.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+            images.time_base = images.codec_context.time_base = Fraction(1, 1000)
             sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono") if with_sound else None
             for number, time in enumerate(times):
-                picture = np.full((HEIGHT, WIDTH, 3), np.array([60, 0, 20]) + 10 + number % 150, np.uint8)
-                frame = av.VideoFrame.from_ndarray(picture, format="rgb24").reformat(format="yuv420p")
+                image = np.full((HEIGHT, WIDTH, 3), np.array([60, 0, 20]) + 10 + number % 150, np.uint8)
+                frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format="yuv420p")
                 frame.pts, frame.time_base = round(time * 1000), Fraction(1, 1000)
-                container.mux(pictures.encode(frame))
-            container.mux(pictures.encode())
+                container.mux(images.encode(frame))
+            container.mux(images.encode())
             if sound:
                 samples = np.sin(0.1 * np.arange(round((seconds - sound_start) * SOUND_RATE)))
                 part = av.AudioFrame.from_ndarray(0.3 * samples[None].astype(np.float32), format="fltp", layout="mono")
@@ -51,7 +51,7 @@ def make_video() -> Callable[..., pathlib.Path]:
     return make
 
 
-# A stand-in for an estimator of poses: one pose a picture, hands that wave. What else it does, its last argument says.
+# A stand-in for an estimator of poses: one pose a image, hands that wave. What else it does, its last argument says.
 ESTIMATOR = """
 import os, pathlib, signal, sys, time
 import av, numpy as np

@@ -29,7 +29,7 @@ def test_times_are_those_of_the_file(make_video, tmp_path):
 
 
 def test_times_start_with_the_sound(make_video, tmp_path):
-    """Protects the clock that words share: images that begin late are shown late."""
+    """Protects the clock of the words: images that begin late are shown late."""
     times = images.image_times(make_video(tmp_path / "late.mkv", times=0.5 + np.arange(20) / 10))
     np.testing.assert_allclose(times, 0.5 + np.arange(20) / 10, atol=0.03)
 

@@ -15,7 +15,7 @@ HEIGHT, WIDTH = 48, 64  # of the videos of conftest.py
 
 
 def points_of(count: int) -> np.ndarray:
-    """A speaker in the middle of the picture."""
+    """A speaker in the middle of the image."""
     pose = SKELETON.mean_pose - SKELETON.mean_pose[SKELETON.joint("neck")]
     return np.tile(np.array([32, 20]) + 50 * pose[:, :2], (count, 1, 1)).astype(np.float32)
 
@@ -60,7 +60,7 @@ def test_sound_and_times_stay(tmp_path, make_video):
     assert sound_seconds(tmp_path / "out.mp4") == pytest.approx(sound_seconds(video), abs=0.15)
 
 
-def test_pictures_before_the_sound_stay_before_it(tmp_path, make_video):
+def test_images_before_the_sound_stay_before_it(tmp_path, make_video):
     video = make_video(tmp_path / "video.mp4", seconds=2.0, sound_start=0.5)
     write_overlay(tmp_path / "out.mp4", video, points_of(20), np.ones((20, 43)))
     with av.open(str(tmp_path / "out.mp4")) as container:

@@ -178,14 +178,14 @@ def test_any_file_gives_poses_or_an_error(tmp_path, changes, end, is_random, dat
         assert np.isfinite(found.positions[found.confidence > 0]).all()
 
 
-# A stand-in for `holistic`: it says how bright each picture is.
+# A stand-in for `holistic`: it says how bright each image is.
 STAND_IN = """
 import sys, struct, numpy as np
 rows = []
 while header := sys.stdin.buffer.read(8):
     width, height = struct.unpack("<2I", header)
-    picture = np.frombuffer(sys.stdin.buffer.read(3 * width * height), np.uint8)
-    rows.append((picture.mean(), width, height))
+    image = np.frombuffer(sys.stdin.buffer.read(3 * width * height), np.uint8)
+    rows.append((image.mean(), width, height))
     BODY
 rows = np.array(rows, np.float32)
 hand = np.full((len(rows), 21, 3), np.nan, np.float32)
@@ -206,13 +206,13 @@ def stand_in(tmp_path, monkeypatch):
     return use
 
 
-def test_every_picture_reaches_mediapipe_in_order(tmp_path, make_video, stand_in):
+def test_every_image_reaches_mediapipe_in_order(tmp_path, make_video, stand_in):
     stand_in()
     found = pose.estimate(make_video(tmp_path / "talk.mp4", seconds=2.0))
     assert found.fps == pytest.approx(10)
     nose = found.image_points[:, SKELETON.joint("nose"), 0]
     assert len(nose) == 20
-    assert (np.diff(nose) >= 0).all()  # the pictures grow brighter by about one
+    assert (np.diff(nose) >= 0).all()  # the images grow brighter by about one
     assert 15 < nose[-1] - nose[0] < 22
     assert (found.confidence[:, SKELETON.joint("nose")] == 1).all()
     assert (found.confidence[:, SKELETON.joint("left_thumb_1")] == 0).all()
@@ -245,10 +245,10 @@ def test_mediapipe_sees_the_real_speaker(tmp_path, private_data):
     import av
 
     second = tmp_path / "second.mp4"
-    with av.open(str(private_data / "video" / "sample.mp4")) as source, av.open(str(second), "w") as container:
+    with av.open(str(private_data / "video" / "sample.mp4")) as original, av.open(str(second), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"crf": "10", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = 1280, 720, "yuv420p"
-        for number, frame in enumerate(source.decode(video=0)):
+        for number, frame in enumerate(original.decode(video=0)):
             if number == 24:
                 break
             frame.pts = None

@@ -1,4 +1,4 @@
-"""Shots are cut where the picture changes, counted in pictures and not in time; no file crashes it."""
+"""Shots are cut where the image changes, counted in images and not in time; no file crashes it."""
 
 import pathlib
 import sys
@@ -19,7 +19,7 @@ RED, DARK, WHITE = (200, 30, 30), (20, 30, 20), (230, 230, 230)
 
 
 def write_colours(path: pathlib.Path, colours, times=None) -> pathlib.Path:
-    """A video of pictures of one colour each."""
+    """A video of images of one colour each."""
     times = np.arange(len(colours)) / 20 if times is None else times
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=20, options={"qscale": "2"})
@@ -33,7 +33,7 @@ def write_colours(path: pathlib.Path, colours, times=None) -> pathlib.Path:
     return path
 
 
-def test_a_cut_lies_between_two_pictures(tmp_path):
+def test_a_cut_lies_between_two_images(tmp_path):
     video = write_colours(tmp_path / "cuts.mp4", [RED] * 30 + [DARK] * 25 + [WHITE] * 20)
     assert find_shots(video) == ((0, 30), (30, 55), (55, 75))
     assert find_shots(video, min_seconds=1.2) == ((0, 30), (30, 55))
@@ -50,8 +50,8 @@ def test_the_threshold_decides_what_is_a_cut(tmp_path):
     assert find_shots(video, threshold=5.0) == ((0, 20), (20, 40))
 
 
-def test_pictures_are_counted_where_the_frame_rate_varies(tmp_path):
-    # The first 30 pictures take 6 s, the other 30 take 1 s: by time the cut would be at frame 51 of 60.
+def test_images_are_counted_where_the_frame_rate_varies(tmp_path):
+    # The first 30 images take 6 s, the other 30 take 1 s: by time the cut would be at frame 51 of 60.
     times = np.concatenate([np.arange(30) / 5, 6 + np.arange(30) / 30])
     video = write_colours(tmp_path / "varying.mp4", [RED] * 30 + [DARK] * 30, times)
     assert len(images.image_times(video)) == 60
@@ -86,10 +86,10 @@ def test_what_to_install_is_said(tmp_path, make_video, monkeypatch):
 @settings(max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(changes=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=20), end=st.floats(0.02, 1))
 def test_damaged_videos_give_shots_or_an_error(tmp_path, make_video, changes, end):
-    source = tmp_path / "source.mp4"
-    if not source.exists():
-        make_video(source, seconds=1.0)
-    damaged = bytearray(source.read_bytes())
+    original = tmp_path / "original.mp4"
+    if not original.exists():
+        make_video(original, seconds=1.0)
+    damaged = bytearray(original.read_bytes())
     damaged = damaged[: round(end * len(damaged))]
     for place, value in changes:
         damaged[int(place * (len(damaged) - 1))] = value

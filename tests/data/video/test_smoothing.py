@@ -15,7 +15,7 @@ ELBOW, WRIST = SKELETON.joint("left_elbow"), SKELETON.joint("left_wrist")
 FINGERS = [number for number, name in enumerate(SKELETON.joints) if name.startswith("left") and name[-1].isdigit()]
 
 
-def turned(angle: float) -> np.ndarray:
+def rotation_by(angle: float) -> np.ndarray:
     """A rotation about an axis across the left forearm."""
     forearm = SKELETON.mean_pose[WRIST] - SKELETON.mean_pose[ELBOW]
     axis = np.cross(forearm, [0, 1, 0])
@@ -26,9 +26,11 @@ def waving(count: int, hertz: float = 0.8, size: float = 0.3) -> np.ndarray:
     """A speaker whose left forearm swings about the elbow."""
     positions = np.tile(SKELETON.mean_pose.astype(np.float64), (count, 1, 1))
     for frame in range(count):
-        turn = turned(size * np.sin(2 * np.pi * hertz * frame / FPS))
+        rotation = rotation_by(size * np.sin(2 * np.pi * hertz * frame / FPS))
         below = [WRIST, *FINGERS]
-        positions[frame, below] = positions[frame, ELBOW] + (positions[frame, below] - positions[frame, ELBOW]) @ turn.T
+        positions[frame, below] = (
+            positions[frame, ELBOW] + (positions[frame, below] - positions[frame, ELBOW]) @ rotation.T
+        )
     return positions
 
 
@@ -136,10 +138,10 @@ def test_what_was_never_seen_rests():
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)
-@given(count=st.integers(0, 20), seed=st.integers(0, 2**31), share=st.floats(0, 1), fps=st.floats(1, 120))
-def test_any_gaps_give_whole_poses(count, seed, share, fps):
+@given(count=st.integers(0, 20), seed=st.integers(0, 2**31), fraction=st.floats(0, 1), fps=st.floats(1, 120))
+def test_any_gaps_give_whole_poses(count, seed, fraction, fps):
     random = np.random.default_rng(seed)
-    confidence = (random.random((count, 43)) < share).astype(np.float32)
+    confidence = (random.random((count, 43)) < fraction).astype(np.float32)
     motion = np.where(confidence[..., None] > 0, waving(count) + random.normal(0, 0.1, (count, 43, 3)), np.nan)
     cleaned = clean(motion, confidence, fps)
     assert cleaned.shape == (count, 43, 3)

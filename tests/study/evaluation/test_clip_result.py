@@ -29,7 +29,7 @@ def test_each_clip_is_generated_beside_the_truth(results, corpus):
     clips = corpus.clips("test")
     assert [clip.id for clip in generated] == [clip.id for clip in true] == [clip.id for clip in clips]
     for mine, truth, clip in zip(generated, true, clips, strict=True):
-        assert mine.recording == truth.recording == clip.talk
+        assert mine.recording == truth.recording == clip.recording
         np.testing.assert_allclose(
             truth.directions, positions_to_directions(corpus.skeleton, clip.positions), atol=1e-6
         )
