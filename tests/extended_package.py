@@ -4,9 +4,9 @@ python extended_package.py COMMANDS prints {recipe: "" or what failed} as JSON.
 """
 
 import functools
-import importlib.util
 import json
 import pathlib
+import runpy
 import sys
 import traceback
 
@@ -105,10 +105,7 @@ def data_set():
     soundfile.write(folder / "one.wav", np.random.default_rng(0).normal(0, 0.1, 64_000), 16_000)
     lines = "".join(f"{start / 2}\t{start / 2 + 0.4}\tword\n" for start in range(8))
     (folder / "one.tsv").write_text(f"start\tend\tword\n{lines}")
-    script = importlib.util.spec_from_file_location("import_points", "experiments/import_points.py")
-    module = importlib.util.module_from_spec(script)
-    script.loader.exec_module(module)
-    module.main("recordings", "corpora/points")
+    runpy.run_path("experiments/import_points.py")["main"]("recordings", "corpora/points")
 
     config = launch.load_config("experiments/configs/points.py:debug", ["--config.data.path=corpora/points"])
     corpus = open_corpus(config)

@@ -146,7 +146,7 @@ def test_moving_picture_of_the_readme():
     path = ROOT / "docs" / "images" / "demo.png"
     assert path.stat().st_size < 3 << 20
     with Image.open(path) as picture:
-        assert picture.n_frames >= 30 and max(picture.size) <= 480
+        assert getattr(picture, "n_frames", 1) >= 30 and max(picture.size) <= 480
 
 
 def test_diagram_of_the_packages_has_those_of_the_contract():
