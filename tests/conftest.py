@@ -23,7 +23,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 
-pytest_plugins = ["fixtures.methods", "fixtures.torch_layers", "fixtures.training"]
+pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 

@@ -8,7 +8,6 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.train import sharding
 from ha2g_jax.train.step import step_keys, train_step
 
@@ -32,9 +31,9 @@ def make_plain(make_task):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batch):
+def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batch, draw_state):
     task = make_plain(method)
-    batch, start, ends = make_motion_batch(task, SIZE), init_state(task, jax.random.key(0)), []
+    batch, start, ends = make_motion_batch(task, SIZE), draw_state(task), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, task))
@@ -52,9 +51,9 @@ def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batc
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_half_precision_is_near_single_precision(method, make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(method, make_plain, make_motion_batch, draw_state):
     tasks = [make_plain(method, train__dtype=dtype) for dtype in ("float32", "bfloat16")]
-    start, ends = init_state(tasks[0], jax.random.key(0)), []
+    start, ends = draw_state(tasks[0]), []
     keys = step_keys(jax.random.key(1), start.step)
     for task in tasks:
 

@@ -23,8 +23,8 @@ def task(make_task):
 
 
 @pytest.fixture(scope="module")
-def state(task):
-    return init_state(task, jax.random.key(0))
+def state(task, draw_state):
+    return draw_state(task)
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +92,10 @@ def test_evaluation_samples_the_latent_of_the_speech(task, state, make_motion_ba
     assert not np.array_equal(evaluate(batch | {"audio": -batch["audio"]}, keys_of(False)), sides[1])
 
 
-def test_one_batch_is_learnt_by_heart(task, state, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(task, make_motion_batch):
     batch = make_motion_batch(task, 4)
     step = jax.jit(functools.partial(train_step, task))
-    history = []
+    state, history = init_state(task, jax.random.key(0)), []
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/l1"])

@@ -71,9 +71,9 @@ def make_plain(make_task):
     return make
 
 
-def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch):
+def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch, draw_state):
     task = make_plain()
-    batch, state = make_motion_batch(task, 3), init_state(task, jax.random.key(0))
+    batch, state = make_motion_batch(task, 3), draw_state(task)
     keys = step_keys(jax.random.key(1), state.step)
     run = jax.jit(lambda batch: METHOD.run(task, state.generator.variables, batch, keys, train=False)[0].poses[-1])
     single = jax.tree.map(lambda x: x[1:2], batch)
@@ -104,9 +104,9 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
         assert moved > 0, path
 
 
-def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, draw_state):
     tasks, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(tasks[0], jax.random.key(0))
+    state = draw_state(tasks[0])
     keys = step_keys(jax.random.key(1), state.step)
     for task in tasks:
 

@@ -42,13 +42,13 @@ def test_an_identity_is_refused(make_task):
         make_task("speech2gesture", model__identity__kind="images")
 
 
-def test_legacy_trains_as_the_published_comparison_did(make_task, make_motion_batch):
+def test_legacy_trains_as_the_published_comparison_did(make_task, make_motion_batch, draw_state):
     """A step of the other method, with the same parameters; it hears and judges otherwise."""
     methods = ("speech2gesture", "speech2gesture_legacy")
     tasks = [make_task("speech2gesture", method=method, **SHALLOW) for method in methods]
     assert [task.generator.swapped_axes for task in tasks] == [False, True]
     assert [task.discriminator.differences for task in tasks] == [1, 2]
-    state, batch = init_state(tasks[0], jax.random.key(0)), make_motion_batch(tasks[0], 3)
+    state, batch = draw_state(tasks[0]), make_motion_batch(tasks[0], 3)
     new, legacy = (jax.jit(functools.partial(train_step, task))(state, batch, jax.random.key(1))[1] for task in tasks)
     for name in ("loss/l1", "loss/discriminator"):
         assert jnp.isfinite(legacy[name]) and legacy[name] != pytest.approx(float(new[name]), rel=1e-3)
@@ -73,9 +73,9 @@ def test_one_batch_is_learnt_by_heart_against_the_adversary(make_task, make_moti
     assert float(metrics["loss/total"]) == pytest.approx(total, rel=1e-4)
 
 
-def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_plain, make_motion_batch):
+def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_plain, make_motion_batch, draw_state):
     task = make_plain()
-    batch, state = make_motion_batch(task, 3), init_state(task, jax.random.key(0))
+    batch, state = make_motion_batch(task, 3), draw_state(task)
     keys = step_keys(jax.random.key(1), state.step)
 
     @jax.jit
@@ -92,10 +92,10 @@ def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_p
     assert float(metrics["loss/gan"]) == pytest.approx(np.mean((1 - np.asarray(scores)) ** 2), rel=1e-4)
 
 
-def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
+def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch, draw_state):
     task = make_plain()
     batch = jax.tree.map(np.asarray, make_motion_batch(task, SIZE))
-    start, ends = init_state(task, jax.random.key(0)), []
+    start, ends = draw_state(task), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, task))
@@ -112,9 +112,9 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerance, err_msg=jax.tree_util.keystr(path))
 
 
-def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, draw_state):
     tasks, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(tasks[0], jax.random.key(0))
+    state = draw_state(tasks[0])
     keys = step_keys(jax.random.key(1), state.step)
     for task in tasks:
 

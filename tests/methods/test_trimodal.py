@@ -23,8 +23,8 @@ def task(make_task):
 
 
 @pytest.fixture(scope="module")
-def state(task):
-    return init_state(task, jax.random.key(0))
+def state(task, draw_state):
+    return draw_state(task)
 
 
 def keys_of(number):
@@ -97,12 +97,12 @@ def test_mirrored_windows_double_the_table_of_speakers(make_task):
         make_task("trimodal", model__identity__kind="images")
 
 
-def test_one_batch_is_learnt_by_heart(task, state, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(task, make_motion_batch):
     """With all terms, the adversary included."""
     batch = make_motion_batch(task, 4)
     step = jax.jit(functools.partial(train_step, task))
     assert task.warmup_steps == 0
-    history = []
+    state, history = init_state(task, jax.random.key(0)), []
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/huber"])
