@@ -1,21 +1,34 @@
-"""Settings of every test: CPU with 8 virtual devices, strict ranks, warnings as errors, a compile cache."""
+"""Settings of every test: CPU with 8 virtual devices, strict ranks, warnings as errors, fast compilation.
+
+Nearly all of the time of the tests is compilation, so programs are compiled without optimisation and by the older
+code generator of XLA, which takes a quarter of the time, and what was compiled is kept in `.cache/jax`. These settings
+are variables of the environment, so that processes that tests start, notebooks among them, have them as well.
+"""
 
 import os
 import pathlib
+import signal
 
 os.environ["JAX_PLATFORMS"] = "cpu"
-os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
+os.environ["XLA_FLAGS"] = (
+    "--xla_force_host_platform_device_count=8 --xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false "
+) + os.environ.get("XLA_FLAGS", "")  # of two equal flags the last holds
+os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
+    "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
+)
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 import jax
 import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 
-pytest_plugins = ["fixtures.methods", "fixtures.torch_layers", "fixtures.training"]
+pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jax.config.update("jax_compilation_cache_dir", str(ROOT / ".cache" / "jax"))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+# A shell starts background jobs with interrupts ignored, and the processes that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

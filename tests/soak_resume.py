@@ -156,11 +156,11 @@ def command(data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int 
 @contextlib.contextmanager
 def training(arguments: list[str], log: pathlib.Path, **environment: str) -> Iterator[subprocess.Popen]:
     """A run in a process group of its own, of which nothing is left at the end; its output is appended to `log`."""
-    values = os.environ | {
+    values = {
         "JAX_PLATFORMS": "cpu",
-        "XLA_FLAGS": "",
         "JAX_COMPILATION_CACHE_DIR": str(ROOT / ".cache" / "jax"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+        **os.environ,
     }
     with log.open("a") as file:
         process = subprocess.Popen(

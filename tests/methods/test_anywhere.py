@@ -10,7 +10,6 @@ import pytest
 
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.train import sharding
-from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step
 
 METHODS = ("joint_embedding", "trimodal")
@@ -35,9 +34,9 @@ def make_plain(make_objective):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batch):
+def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batch, draw_state):
     objective = make_plain(method)
-    batch, start, ends = make_motion_batch(objective, SIZE), init_state(objective, jax.random.key(0)), []
+    batch, start, ends = make_motion_batch(objective, SIZE), draw_state(objective), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))
@@ -55,9 +54,9 @@ def test_eight_devices_take_the_step_of_one(method, make_plain, make_motion_batc
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_half_precision_is_near_single_precision(method, make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(method, make_plain, make_motion_batch, draw_state):
     objectives = [make_plain(method, train__dtype=dtype) for dtype in ("float32", "bfloat16")]
-    start, ends = init_state(objectives[0], jax.random.key(0)), []
+    start, ends = draw_state(objectives[0]), []
     keys = step_keys(objectives[0].spec, jax.random.key(1), start.step)
     for objective in objectives:
 

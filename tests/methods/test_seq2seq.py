@@ -13,7 +13,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
 from ha2g_jax.methods.seq2seq import continuity, mse, variance
 from ha2g_jax.train import sharding
-from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 300, 16
@@ -46,10 +45,10 @@ def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
     assert make_objective("seq2seq").generator.num_words == 11 + 2
 
 
-def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch, draw_state):
     changes = {"model__inferer__hidden_dim": 16, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     objective = make_objective("seq2seq", train__steps=STEPS, **changes)
-    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
+    batch, state, history = make_motion_batch(objective, 4), draw_state(objective), []
     step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
@@ -72,9 +71,9 @@ def make_plain(make_objective):
     return make
 
 
-def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch):
+def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch, draw_state):
     objective = make_plain()
-    batch, state = make_motion_batch(objective, 3), init_state(objective, jax.random.key(0))
+    batch, state = make_motion_batch(objective, 3), draw_state(objective)
     keys = step_keys(objective.spec, jax.random.key(1), state.step)
     run = jax.jit(
         lambda batch: seq2seq.run(objective.spec, state.generator.variables, batch, keys, train=False)[0].poses[-1]
@@ -86,10 +85,10 @@ def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch):
     assert np.isfinite(list(metrics.values())).all()
 
 
-def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
+def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch, draw_state):
     objective = make_plain()
     batch = jax.tree.map(np.asarray, make_motion_batch(objective, SIZE))
-    start, ends = init_state(objective, jax.random.key(0)), []
+    start, ends = draw_state(objective), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))
@@ -107,9 +106,9 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
         assert moved > 0, path
 
 
-def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, draw_state):
     objectives, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(objectives[0], jax.random.key(0))
+    state = draw_state(objectives[0])
     keys = step_keys(objectives[0].spec, jax.random.key(1), state.step)
     for objective in objectives:
 

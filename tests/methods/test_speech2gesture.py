@@ -14,7 +14,6 @@ from ha2g_jax.methods import speech2gesture
 from ha2g_jax.methods.forward import discriminate
 from ha2g_jax.methods.speech2gesture import l1
 from ha2g_jax.train import sharding
-from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 150, 16
@@ -44,23 +43,23 @@ def test_an_identity_is_refused(make_objective):
         make_objective("speech2gesture", model__identity__kind="images")
 
 
-def test_legacy_trains_as_the_published_comparison_did(make_objective, make_motion_batch):
+def test_legacy_trains_as_the_published_comparison_did(make_objective, make_motion_batch, draw_state):
     """A step with the same parameters takes another input and has another discriminator."""
     objectives = [make_objective("speech2gesture", model__legacy=legacy, **SHALLOW) for legacy in (False, True)]
     assert [objective.spec.generator.swapped_axes for objective in objectives] == [False, True]
     assert [objective.spec.discriminator.differences for objective in objectives] == [1, 2]
-    state, batch = init_state(objectives[0], jax.random.key(0)), make_motion_batch(objectives[0], 3)
+    state, batch = draw_state(objectives[0]), make_motion_batch(objectives[0], 3)
     steps = [jax.jit(functools.partial(train_step, objective)) for objective in objectives]
     new, legacy = (step(state, batch, jax.random.key(1))[1] for step in steps)
     for name in ("loss/l1", "loss/discriminator"):
         assert jnp.isfinite(legacy[name]) and legacy[name] != pytest.approx(float(new[name]), rel=1e-3)
 
 
-def test_one_batch_is_learnt_by_heart_against_the_adversary(make_objective, make_motion_batch):
+def test_one_batch_is_learnt_by_heart_against_the_adversary(make_objective, make_motion_batch, draw_state):
     changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     objective = make_objective("speech2gesture", train__steps=STEPS, **(SHALLOW | changes))
     assert objective.warmup_steps == 0
-    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
+    batch, state, history = make_motion_batch(objective, 4), draw_state(objective), []
     before = jax.tree.map(np.asarray, state.discriminator.params)
     step = jax.jit(functools.partial(train_step, objective))
     for number in range(STEPS):
@@ -75,9 +74,9 @@ def test_one_batch_is_learnt_by_heart_against_the_adversary(make_objective, make
     assert float(metrics["loss/total"]) == pytest.approx(total, rel=1e-4)
 
 
-def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_plain, make_motion_batch):
+def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_plain, make_motion_batch, draw_state):
     objective = make_plain()
-    batch, state = make_motion_batch(objective, 3), init_state(objective, jax.random.key(0))
+    batch, state = make_motion_batch(objective, 3), draw_state(objective)
     keys = step_keys(objective.spec, jax.random.key(1), state.step)
 
     @jax.jit
@@ -94,10 +93,10 @@ def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_p
     assert float(metrics["loss/gan"]) == pytest.approx(np.mean((1 - np.asarray(scores)) ** 2), rel=1e-4)
 
 
-def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
+def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch, draw_state):
     objective = make_plain()
     batch = jax.tree.map(np.asarray, make_motion_batch(objective, SIZE))
-    start, ends = init_state(objective, jax.random.key(0)), []
+    start, ends = draw_state(objective), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))
@@ -114,9 +113,9 @@ def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerance, err_msg=jax.tree_util.keystr(path))
 
 
-def test_half_precision_is_near_single_precision(make_plain, make_motion_batch):
+def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, draw_state):
     objectives, found = [make_plain(train__dtype=dtype) for dtype in ("float32", "bfloat16")], []
-    state = init_state(objectives[0], jax.random.key(0))
+    state = draw_state(objectives[0])
     keys = step_keys(objectives[0].spec, jax.random.key(1), state.step)
     for objective in objectives:
 

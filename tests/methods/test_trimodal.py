@@ -10,7 +10,6 @@ import pytest
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import trimodal
 from ha2g_jax.methods.trimodal import kld, style
-from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS = 300
@@ -24,8 +23,8 @@ def objective(make_objective):
 
 
 @pytest.fixture(scope="module")
-def state(objective):
-    return init_state(objective, jax.random.key(0))
+def state(objective, draw_state):
+    return draw_state(objective)
 
 
 def keys_of(spec, number):

@@ -27,7 +27,6 @@ from ha2g_jax.train.objective import Objective, build_objective, init_state
 
 STOP_AT = 2  # the step at which the last process asks to end
 
-_ROOT = pathlib.Path(__file__).parent.parent.parent
 _TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without a cache
 
 
@@ -97,11 +96,7 @@ def finish(
         variables: of the environment, for each process.
     """
     common = {
-        "JAX_PLATFORMS": "cpu",
-        "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
-        "JAX_COMPILATION_CACHE_DIR": str(_ROOT / ".cache" / "jax"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
-        "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",  # on CPUs only process 0 finds what it compiled before in the cache
+        "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}",
     }
 
     def run(command: Sequence[str], own: dict[str, str]) -> tuple[int | None, str]:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import pathlib
 import shutil
 import signal
@@ -63,11 +64,11 @@ def test_sigterm_ends_a_run_in_time_with_a_checkpoint(soak, tiny_talk, tmp_path)
 def test_sigterm_while_the_first_step_is_compiled_ends_a_run_in_time(soak, tiny_talk, tmp_path):
     workdir, log, cache = tmp_path / "run", tmp_path / "log", tmp_path / "cache"
     cache.mkdir()
-    for path in (SOAK.parent.parent / ".cache" / "jax").glob("jit_init_state-*"):  # all but the step
+    for path in pathlib.Path(os.environ["JAX_COMPILATION_CACHE_DIR"]).glob("jit_init_state-*"):  # all but the step
         shutil.copy(path, cache)
     with soak.training(soak.command(tiny_talk, workdir, ENDLESS), log, JAX_COMPILATION_CACHE_DIR=str(cache)) as run:
         soak.until(lambda: (workdir / "metrics.jsonl").exists(), run)
-        time.sleep(2.0)  # the compiler is at work by then, and takes many times that
+        time.sleep(2.0)  # the compiler is at work by then, and takes longer than that
         assert not soak.lines(workdir)
         run.send_signal(signal.SIGTERM)
         assert run.wait(timeout=30) == 0, log.read_text()

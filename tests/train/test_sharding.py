@@ -11,17 +11,16 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
-from ha2g_jax.train.objective import init_state
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 NUM_STEPS, BATCH_SIZE = 5, 8
 
 
 @pytest.fixture(scope="module")
-def start(make_batch):
+def start(make_batch, draw_state):
     """Task, state and batches of `NUM_STEPS` steps of plain gradient descent, all terms of the objective at work."""
     objective = processes.sgd_objective()
-    state = init_state(objective, jax.random.key(0)).replace(step=jnp.int32(objective.warmup_steps))
+    state = draw_state(objective).replace(step=jnp.int32(objective.warmup_steps))
     return objective, jax.device_get(state), [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
 
 
