@@ -6,7 +6,7 @@
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
 # make notebooks     run the notebooks and store their output
-# make clean         remove everything that these targets made here
+# make clean         remove the environments, out/ and caches
 
 PYTHON ?= python3
 VENV ?= .venv

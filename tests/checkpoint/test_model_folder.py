@@ -1,4 +1,4 @@
-"""A model folder gives back the model, and one that is damaged says so in one line."""
+"""A model folder restores the model, and a damaged one is reported in one line."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ def saved(debug_model, tmp_path_factory):
 
 @pytest.fixture
 def folder(saved, tmp_path):
-    """A copy to damage."""
+    """A copy that a test may damage."""
     return shutil.copytree(saved, tmp_path / "model")
 
 

@@ -1,4 +1,4 @@
-"""Joint Embedding has the size of its table, both latents decode, and its own layers equal PyTorch's."""
+"""Joint Embedding has the sizes of its table, decodes both latents, and its layers equal PyTorch's."""
 
 from typing import Any
 

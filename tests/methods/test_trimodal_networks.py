@@ -1,4 +1,4 @@
-"""Trimodal has the size of its table, sees what it should on each frame, and equals PyTorch's layers."""
+"""Trimodal has the sizes of its table, the right inputs at each frame, and equals PyTorch's layers."""
 
 import jax
 import jax.numpy as jnp
@@ -52,7 +52,7 @@ def test_shapes_of_what_is_heard_and_inferred(batch):
 
 @pytest.mark.torch
 def test_inference_equals_pytorch(oracles):
-    """Each frame is read as [seed or 0 ; seed bit ; speech ; style]."""
+    """The input of each frame is [seed or 0 ; seed bit ; speech ; style]."""
     torch = pytest.importorskip("torch")
     torch.manual_seed(0)
     nn = torch.nn

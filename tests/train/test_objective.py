@@ -1,4 +1,4 @@
-"""An objective is what its config says, and refuses what it cannot train."""
+"""An objective follows its config, and settings that cannot be trained are refused."""
 
 import jax
 import jax.numpy as jnp
