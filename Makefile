@@ -1,11 +1,12 @@
-# make demo       a figure that gestures to examples/hello.wav, in out/demo.mp4
-# make test       the tests
-# make test-torch the numerics against PyTorch
-# make test-blender exports and the add-on in Blender (its wheel wants Python 3.11)
-# make test-web  the viewer in Chromium and exports by Khronos' validator (need node and chromium)
-# make pose       the environment of the pose estimator, in the user's cache
-# make lint       style, types and the direction of imports
-# make notebooks  run the notebooks and store their output
+# make demo          write a video of a figure that gestures to examples/hello.wav, out/demo.mp4
+# make test          run the tests
+# make test-torch    compare the numerics with PyTorch
+# make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
+# make test-web      test the viewer in Chromium, and exports with the validator of Khronos (needs node and chromium)
+# make pose          install the environment of the pose estimator in the user's cache
+# make lint          check style, types and the direction of imports
+# make notebooks     run the notebooks and store their output
+# make clean         remove the environments, out/ and caches
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -42,7 +43,7 @@ notebooks: $(VENV)/test
 	$(VENV)/bin/jupytext --sync notebooks/*.py
 	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
 
-# One stamp an extra: installed once, again when pyproject.toml changes.
+# One stamp file for each extra: it is installed once, and again when pyproject.toml changes.
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --upgrade pip

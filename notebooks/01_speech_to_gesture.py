@@ -14,11 +14,11 @@
 # %% [markdown]
 # # Speech to gesture
 #
-# A speech file goes in, a moving upper body with fingers comes out. This notebook loads the demo model that
-# ships with the package, animates a sentence, looks at the motion as frames, curves and video, and shows what
-# the speaking style changes.
+# This notebook generates the motion of an upper body with fingers from a speech file. It loads the demo model of
+# the package, animates a sentence, shows the motion as images, curves and video, and shows the effect of the
+# speaking style.
 #
-# The demo model has learned from the *Talk corpus*, a synthetic one (see `docs/talk.md`). It is a testbed, not a
+# The demo model was trained on the *Talk corpus*, which is synthetic (see `docs/talk.md`). It is a testbed, not a
 # model of people.
 
 # %%
@@ -34,6 +34,7 @@ from ha2g_jax import figure
 from ha2g_jax.features import audio
 from ha2g_jax.motion import video
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.synthesis import Style
 
 speech = pathlib.Path("../examples/hello.wav")
 model = ha2g_jax.load("demo")
@@ -41,8 +42,8 @@ motion = model.generate(speech, seed=0)
 motion.positions.shape, motion.fps
 
 # %% [markdown]
-# `motion.directions` are unit vectors along the 42 bones, `motion.positions` the 43 joints they lead to, in
-# metres with y pointing down. There are exactly `round(duration x fps)` frames.
+# `motion.directions` are unit vectors along the 42 bones, and `motion.positions` are the positions of the 43
+# joints in metres, with y pointing down. There are exactly `round(duration x fps)` frames.
 
 # %%
 skeleton = load_skeleton("ted_expressive")
@@ -57,7 +58,7 @@ plt.show()
 # %% [markdown]
 # ## Does the motion follow the sound?
 #
-# Wrist speed under the loudness of the speech: strokes come with stressed syllables.
+# The plot shows the speed of the wrists below the loudness of the speech: strokes occur at stressed syllables.
 
 # %%
 samples = audio.read_audio(speech)
@@ -77,14 +78,14 @@ plt.show()
 # %% [markdown]
 # ## Style
 #
-# The same speech in the styles of several speakers. A style can also come from pictures of a person
-# (`reference_images=[...]`) or be drawn from the prior (`style_seed=7`).
+# The same speech in the styles of several speakers. A style can also be that of a person in images
+# (`Style(images=[...])`), or be drawn from the prior (`Style(seed=7)`).
 
 # %%
 speakers = list(model.assets.speakers)[:4]
 _, axes = plt.subplots(1, len(speakers), figsize=(12, 3))
 for axis, speaker in zip(axes, speakers, strict=True):
-    positions = model.generate(speech, speaker=speaker, seed=0).positions
+    positions = model.generate(speech, style=Style(speaker=speaker), seed=0).positions
     wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
     axis.plot(wrists[:, :, 0], -wrists[:, :, 1])
     axis.set_title(speaker)
@@ -94,7 +95,7 @@ plt.show()
 # %% [markdown]
 # ## A video with sound
 #
-# The same that `ha2g generate` writes beside the `.npz`.
+# `ha2g generate` writes the same video beside the `.npz`.
 
 # %%
 path = pathlib.Path(tempfile.mkdtemp()) / "hello.mp4"

@@ -12,10 +12,10 @@
 # ---
 
 # %% [markdown]
-# # Looking at motion
+# # View motion
 #
-# Generated motion in the viewer, several side by side, and one of them as a page to send to somebody. Turn the figure
-# by dragging; space plays, `?` lists the keys (`docs/viewer.md`).
+# This notebook shows generated motion in the viewer, several motions side by side, and writes a page that can be sent
+# to others. Drag to rotate the figure; space plays, `?` lists the keys (`docs/viewer.md`).
 
 # %%
 import pathlib
@@ -26,6 +26,7 @@ from ha2g_jax import viewer
 from ha2g_jax.features import audio
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import mirror_directions
+from ha2g_jax.synthesis import Style
 
 speech = pathlib.Path("../examples/hello.wav")
 samples = audio.read_audio(speech)
@@ -38,22 +39,22 @@ viewer.view(motion, samples)
 # %% [markdown]
 # ## Side by side
 #
-# The same speech in another style, and the first motion seen in a mirror. Press `o` to lay one over the other, `b` for
-# the bones; the pointer names the joints.
+# The same speech in another style, and the first motion mirrored. Press `o` to overlay the motions and `b` to show the
+# bones; the names of the joints appear at the pointer.
 
 # %%
 mirrored = Motion.from_directions(motion.skeleton, mirror_directions(motion.skeleton, motion.directions), motion.fps)
 motions = {
     "style 0": motion,
-    "style 7": model.generate(speech, seed=0, style_seed=7),
-    "style 0 in a mirror": mirrored,
+    "style 7": model.generate(speech, seed=0, style=Style(seed=7)),
+    "style 0 mirrored": mirrored,
 }
 viewer.view(motions, samples, height=520)
 
 # %% [markdown]
-# ## A page to send
+# ## A page to share
 #
-# One file that works offline. `ha2g view MOTION ... --audio WAV -o view.html` makes the same.
+# The page is one file that works offline. `ha2g view MOTION ... --audio WAV -o view.html` writes the same page.
 
 # %%
 page = viewer.write_page(pathlib.Path(tempfile.mkdtemp()) / "styles.html", motions, samples)

@@ -1,4 +1,4 @@
-"""What was saved comes back exactly; what is damaged is found, named and passed over; a full disk loses nothing."""
+"""A checkpoint is restored exactly; damage is found, named and skipped; a full disk loses no checkpoint."""
 
 import contextlib
 import ctypes
@@ -42,7 +42,7 @@ def _assert_equal(found: TrainState, expected: TrainState) -> None:
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
-    """A folder with checkpoints 2 and 3, of which nothing may be changed."""
+    """A folder with checkpoints 2 and 3, which tests must not change."""
     folder = tmp_path_factory.mktemp("run") / "latest"
     with contextlib.closing(Checkpoints(folder, keep=2)) as checkpoints:
         for step in (1, 2, 3):
@@ -52,12 +52,12 @@ def saved(tmp_path_factory):
 
 @pytest.fixture
 def folder(saved, tmp_path):
-    """A copy of `saved` to damage."""
+    """A copy of `saved` that a test may damage."""
     return shutil.copytree(saved, tmp_path / "latest")
 
 
 def _files(folder: pathlib.Path) -> list[pathlib.Path]:
-    """Those that hold what was saved, or the checksums of it."""
+    """Return the files with the saved arrays or with checksums."""
     return sorted(
         path for path in folder.rglob("*") if (path.is_file() and path.parent != folder) or path.name == CHECKSUMS
     )

@@ -1,7 +1,7 @@
-"""Reads the encoder of a Whisper model from CTranslate2's model.bin and writes it as Hugging Face has it.
+"""Read the encoder of a Whisper model from CTranslate2's model.bin and write it in the form of Hugging Face.
 
-The format (version 6, little-endian): a version, the name and revision of the model, the number of variables; of each
-its name, shape, type and bytes; then aliases, other names for a variable. A string is its length with a closing 0,
+The format (version 6, little-endian): a version, the name and revision of the model, the number of variables; for each
+the name, shape, type and bytes; then aliases, other names for a variable. A string is its length with a closing 0,
 uint16, and its bytes. Quantised values are the true ones times a scale, of each row or of the whole variable.
 """
 
@@ -27,7 +27,7 @@ _KINDS = {"gamma": "weight", "beta": "bias", "weight": "weight", "bias": "bias"}
 
 
 def read_variables(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """All variables of a model.bin, as they are stored, aliases under both names."""
+    """Return all variables of a model.bin as they are stored, aliases under both names."""
     with path.open("rb") as file:
 
         def number(form: str) -> int:
@@ -55,14 +55,14 @@ def read_variables(path: pathlib.Path) -> dict[str, np.ndarray]:
 
 
 def dequantize(variables: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """A variable as float32."""
+    """Return a variable as float32."""
     values = variables[name].astype(np.float32)
     scale = np.asarray(variables.get(f"{name}_scale", 1), np.float32)
     return values / scale.reshape(scale.shape + (1,) * (values.ndim - scale.ndim))
 
 
 def encoder_tensors(variables: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The encoder's weights as float32, under the names that `transformers` gives them."""
+    """Return the weights of the encoder as float32, by their names in `transformers`."""
     tensors = {"model.encoder.embed_positions.weight": dequantize(variables, "encoder/position_encodings/encodings")}
 
     def add(ours: str, theirs: str) -> None:
@@ -87,12 +87,12 @@ def encoder_tensors(variables: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def num_layers(variables: dict[str, np.ndarray]) -> int:
-    """Blocks of the encoder."""
+    """Return the number of blocks of the encoder."""
     return len({name.split("/")[1] for name in variables if re.match(r"encoder/layer_\d+/", name)})
 
 
 def write_folder(model: pathlib.Path, folder: pathlib.Path, dtype: type = np.float32) -> None:
-    """Writes the encoder of a folder in CTranslate2's form as a folder in Hugging Face's form."""
+    """Write the encoder of a CTranslate2 folder as a Hugging Face folder."""
     variables = read_variables(model / "model.bin")
     tensors = encoder_tensors(variables)
     d_model, num_mels, _ = tensors["model.encoder.conv1.weight"].shape

@@ -1,4 +1,4 @@
-"""Features of a frozen Whisper encoder have the shapes of E_a's, lie at the right times, and train their maps only."""
+"""Features of a frozen Whisper encoder have the shapes of E_a and the right times, and only their maps are trained."""
 
 from typing import Any
 
@@ -47,7 +47,7 @@ def test_an_early_a_middle_and_the_last_block(layers, blocks):
 
 @pytest.mark.parametrize("fps", [15, 30])
 def test_features_lie_at_the_middle_of_the_frames(fps):
-    """Features that say their own time say that of the frame afterwards."""
+    """Features that are equal to their own time are equal to that of the frame after resampling."""
     times = 0.02 * np.arange(114, dtype=np.float32)
     features = np.stack([times, -times], axis=1)[None].repeat(2, axis=0)
     middles = (np.arange(34) + 0.5) / fps
@@ -61,7 +61,7 @@ def test_a_window_that_is_too_short_is_refused():
 
 
 def test_whisper_is_frozen_and_its_maps_learn(mel, variables):
-    """Twenty steps of Adam come close to a target, without a bit of Whisper's parameters changing."""
+    """Twenty steps of Adam come close to a target, and Whisper's parameters do not change."""
     encoder = AsrAudioEncoder(WHISPER, feature_dim=5)
     optimizer = optax.adam(3e-2)
 

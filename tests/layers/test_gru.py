@@ -13,7 +13,7 @@ def _sigmoid(x):
 
 
 def _numpy_direction(x, params, suffix):
-    """One direction of one layer in float64, x: (B, N, inputs)."""
+    """Compute one direction of one layer in float64 for x (B, N, inputs)."""
     weight_ih, weight_hh, bias_ih, bias_hh = (
         np.asarray(params[name + suffix], np.float64) for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
     )

@@ -1,4 +1,4 @@
-"""Identity encoders: the ResNet-18 equals PyTorch's layers, and the M frames are a set."""
+"""Identity encoders: the ResNet-18 equals PyTorch's layers, and the order of the M images has no effect."""
 
 import jax
 import jax.numpy as jnp

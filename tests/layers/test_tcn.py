@@ -1,4 +1,4 @@
-"""The text encoder sees exactly the words it should, and equals PyTorch's layers."""
+"""The text encoder has exactly the stated receptive field, and equals PyTorch's layers."""
 
 import jax
 import jax.numpy as jnp

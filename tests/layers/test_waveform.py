@@ -30,7 +30,7 @@ def test_a_window_becomes_34_steps_and_the_parameters_are_those_of_the_table():
 
 
 def test_each_step_hears_the_sound_of_its_frame():
-    """A click moves the features of a few steps about its own time, and the same click later those of later steps."""
+    """A click changes the features of a few steps about its time; the same click later changes those of later steps."""
     encoder = WaveformEncoder(feature_dim=4)
     variables = jax.jit(lambda key: encoder.init(key, jnp.zeros((1, SAMPLES)), train=False))(jax.random.key(0))
     clicks = np.zeros((4, SAMPLES), np.float32)

@@ -43,7 +43,7 @@ def dense(params, x):
 
 
 def block_by_hand(params, x, heads):
-    """x (positions, channels) through a pre-norm block, head by head."""
+    """Apply a pre-norm block to x (positions, channels), head by head."""
     normed = norm(params["attention_norm"], x)
     query, key, value = (dense(params["attention"][name], normed) for name in ("query", "key", "value"))
     mixed = []
@@ -110,7 +110,7 @@ def test_other_spectrograms_are_refused(shape):
 
 
 def test_quantised_variables_are_restored():
-    """A scale of each row, one of the whole, and none."""
+    """With one scale for each row, one for the whole variable, and none."""
     variables = {
         "a": np.array([[127, -64], [0, 1]], np.int8),
         "a_scale": np.array([127, 4], np.float32),
@@ -124,7 +124,7 @@ def test_quantised_variables_are_restored():
 
 
 def test_real_weights_give_what_faster_whisper_gives(tmp_path):
-    """With tiny.en at hand (HA2G_WHISPER_MODEL): through a folder as Hugging Face has it, on 30 s with speech in it."""
+    """If tiny.en is available (HA2G_WHISPER_MODEL): by way of a Hugging Face folder, on 30 s that contain speech."""
     faster_whisper = pytest.importorskip("faster_whisper")
     model = os.environ.get("HA2G_WHISPER_MODEL")
     if model is None:

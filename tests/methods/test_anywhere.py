@@ -1,4 +1,4 @@
-"""The baselines on several devices and in half precision: the same step, to rounding."""
+"""The baselines take the same step, up to rounding, on several devices and in half precision."""
 
 import dataclasses
 import functools

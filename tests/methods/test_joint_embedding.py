@@ -1,4 +1,4 @@
-"""Joint Embedding: its loss, the coin that decides which latent is decoded, and that it can learn."""
+"""Joint Embedding: its loss, the coin that decides which latent is decoded, and overfitting of one batch."""
 
 import functools
 
@@ -17,7 +17,7 @@ STEPS = 300
 
 @pytest.fixture(scope="module")
 def objective(make_objective):
-    """Wide enough to learn a batch by heart: the decoder makes all motion of one latent."""
+    """An objective wide enough to overfit one batch: the decoder generates the whole motion from one latent."""
     changes = {"model__inferer__hidden_dim": 64, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     return make_objective("joint_embedding", train__steps=STEPS, **changes)
 
@@ -29,7 +29,7 @@ def state(objective, draw_state):
 
 @pytest.fixture(scope="module")
 def run(objective, state):
-    """The generator in training mode: (batch, keys) -> its poses, and the batch statistics afterwards."""
+    """The generator in training mode: (batch, keys) -> poses, and the batch statistics afterwards."""
 
     def run(batch, keys):
         outputs, (batch_stats, _) = joint_embedding.run(
@@ -41,7 +41,7 @@ def run(objective, state):
 
 
 def keys_of(spec, from_speech):
-    """Keys of a step whose coin falls on one side."""
+    """Return the keys of a step whose coin falls on one side."""
     for number in range(64):
         keys = step_keys(spec, jax.random.key(number), jnp.int32(0))
         if bool(jax.random.bernoulli(keys["coin"])) == from_speech:
@@ -80,7 +80,7 @@ def test_a_coin_decides_which_latent_is_decoded(from_speech, objective, state, r
 
 
 def test_evaluation_samples_the_latent_of_the_speech(objective, state, make_motion_batch):
-    """A batch of one, on either side of the coin."""
+    """For a batch of one, whatever the coin."""
     evaluate = jax.jit(
         lambda batch, keys: joint_embedding.run(objective.spec, state.generator.variables, batch, keys, train=False)[
             0

@@ -1,4 +1,4 @@
-"""Joint Embedding has the size of its table, both latents decode, and its own layers equal PyTorch's."""
+"""Joint Embedding has the sizes of its table, decodes both latents, and its layers equal PyTorch's."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def test_has_as_many_parameters_as_the_original(pose_dim, count):
     shapes = jax.eval_shape(lambda key: model.init(key, *arguments(pose_dim), train=False), jax.random.key(0))
     assert shapes["params"]["text"].pop("embedding")["embedding"].shape[0] == 9
     assert sum(leaf.size for leaf in jax.tree.leaves(shapes["params"])) == count
-    assert model.style_dim == 32
+    assert model.latent_dim == 32
 
 
 @pytest.mark.parametrize("batch", [1, 3])
@@ -42,14 +42,16 @@ def test_a_pose_latent_can_take_the_place_of_a_speech_latent(batch):
 
     def run(key):
         variables = model.init(key, speech, None, seed, train=False)
-        heard = model.apply(variables, speech, train=False, method="listen")
-        levels: Any = model.apply(variables, heard, jnp.zeros((batch, 32)), seed, train=False, method="infer")
+        features = model.apply(variables, speech, train=False, method=JointEmbedding.encode_speech)
+        levels: Any = model.apply(
+            variables, features, jnp.zeros((batch, 32)), seed, train=False, method=JointEmbedding.infer
+        )
         (poses,) = levels
-        latent, _ = model.apply(variables, poses, train=False, method="encode_pose")
-        return heard, poses, latent, model.apply(variables, latent, seed, train=False, method="decode")
+        latent, _ = model.apply(variables, poses, train=False, method=JointEmbedding.encode_pose)
+        return features, poses, latent, model.apply(variables, latent, seed, train=False, method=JointEmbedding.decode)
 
-    heard, poses, latent, decoded = jax.eval_shape(run, jax.random.key(0))
-    assert [array.shape for array in (*heard, latent)] == [(batch, 32)] * 3
+    features, poses, latent, decoded = jax.eval_shape(run, jax.random.key(0))
+    assert [array.shape for array in (*features, latent)] == [(batch, 32)] * 3
     assert poses.shape == decoded.shape == (batch, FRAMES, 6)
 
 
@@ -64,9 +66,11 @@ def test_style_is_the_noise_of_the_latent(oracles):
     }
     mean, log_variance, noise, other_noise = rng.normal(size=(4, 3, 32)).astype(np.float32)
     infer = jax.jit(
-        lambda noise: model.apply(variables, (mean, log_variance), noise, seed, train=False, method="infer")
+        lambda noise: model.apply(
+            variables, (mean, log_variance), noise, seed, train=False, method=JointEmbedding.infer
+        )
     )
-    decode = jax.jit(lambda latent: model.apply(variables, latent, seed, train=False, method="decode"))
+    decode = jax.jit(lambda latent: model.apply(variables, latent, seed, train=False, method=JointEmbedding.decode))
     (poses,) = infer(noise)
     oracles.assert_close(poses, decode(mean + np.exp(0.5 * log_variance) * noise))
     assert not np.allclose(poses, infer(other_noise)[0])
@@ -94,8 +98,8 @@ def test_context_encoder_equals_pytorch(train, oracles):
     expected = tuple(oracles.value(linears[name](hidden)) for name in ("mean", "log_variance"))
 
     run = jax.jit(lambda x: ContextEncoder(3, 8, 2).apply(variables, x, train=train, mutable=["batch_stats"]))
-    heard, updates = run(oracles.value(x))
-    oracles.assert_close(heard, expected)
+    features, updates = run(oracles.value(x))
+    oracles.assert_close(features, expected)
     oracles.assert_close(updates["batch_stats"]["norm"], oracles.statistics(norm))
     # The GRU's own gradient, through the last step alone.
     (expected_gradient,) = torch.autograd.grad(linears["mean"](hidden).sum(), gru.weight_hh_l0)
@@ -133,5 +137,5 @@ def test_decoder_equals_pytorch(oracles):
         },
         "batch_stats": {"seed_encoder": {"norm": oracles.statistics(norm)}},
     }
-    run = jax.jit(lambda *args: small().apply(variables, *args, train=False, method="decode"))
+    run = jax.jit(lambda *args: small().apply(variables, *args, train=False, method=JointEmbedding.decode))
     oracles.assert_close(run(oracles.value(latent), oracles.value(seed)), oracles.value(out))

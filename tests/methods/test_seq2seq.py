@@ -1,4 +1,4 @@
-"""Attention Seq2Seq: its terms, that it can learn, and that it does so anywhere."""
+"""Attention Seq2Seq: its terms, overfitting of one batch, and the same step on several devices."""
 
 import dataclasses
 import functools
@@ -62,7 +62,7 @@ def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch, draw_st
 
 @pytest.fixture(scope="module")
 def make_plain(make_objective):
-    """A function from changes to a objective of some width under gradient descent and without dropout."""
+    """A function from changes to an objective of some width under gradient descent and without dropout."""
 
     def make(**changes):
         objective = make_objective("seq2seq", model__inferer__dropout=0.0, train__batch_size=SIZE, **WIDE, **changes)

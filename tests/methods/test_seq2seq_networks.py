@@ -1,4 +1,4 @@
-"""Attention Seq2Seq has the parts of its table, follows its equations and rolls out from the seed as described."""
+"""Attention Seq2Seq has the parts of its table, follows its equations and continues the seed poses as described."""
 
 import functools
 
@@ -20,7 +20,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def variables(model):
-    """Values of no special kind for every parameter and statistic."""
+    """Generic values for every parameter and statistic."""
     start = functools.partial(model.init, train=False)
     shapes = jax.eval_shape(start, jax.random.key(0), {"plain_words": WORDS}, None, _seed(4))
     rng = np.random.default_rng(1)
@@ -55,8 +55,8 @@ def test_shapes_of_every_part():
     def parts(key):
         inputs, seed = {"plain_words": jnp.zeros((2, 32), jnp.int32)}, jnp.zeros((2, 4, 27))
         variables = model.init(key, inputs, None, seed, train=False)
-        sentence = model.apply(variables, inputs, train=False, method="listen")
-        return sentence, model.apply(variables, sentence, None, seed, train=False, method="infer")
+        sentence = model.apply(variables, inputs, train=False, method=Seq2Seq.encode_speech)
+        return sentence, model.apply(variables, sentence, seed, train=False, method=Seq2Seq.infer)
 
     sentence, poses = jax.eval_shape(parts, jax.random.key(0))
     assert sentence.words.shape == (2, 32, 200)
@@ -69,7 +69,7 @@ def _sigmoid(x):
 
 
 def _cell(params, suffix, state, x):
-    """One step of a GRU in float64, for one clip."""
+    """Compute one step of a GRU in float64, for one clip."""
     (w_r, w_z, w_n), (u_r, u_z, u_n), (b_r, b_z, b_n), (c_r, c_z, c_n) = (
         np.split(np.asarray(params[name + suffix], np.float64), 3)
         for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
@@ -87,7 +87,7 @@ def _direction(params, suffix, inputs):
 
 
 def _numpy_sentence(params, words):
-    """e (T, h), and the first two entries of the list of final states, of one sentence without its padding."""
+    """Return e (T, h) and the first two entries of the list of final states, for one sentence without its padding."""
     inputs, final = list(np.asarray(params["embedding"]["embedding"], np.float64)[words]), []
     for layer in range(2):
         forward = _direction(params["gru"], f"_l{layer}", inputs)
@@ -99,7 +99,7 @@ def _numpy_sentence(params, words):
 
 
 def _numpy_step(variables, states, pose, words):
-    """One step of the decoder in evaluation; attention over all of `words`, with W [h ; e] as one product."""
+    """Compute one step of the decoder in evaluation; attention over all of `words`, with W [h ; e] as one product."""
     params, statistics = variables["params"]["decoder"], variables["batch_stats"]["decoder"]["norm"]
     kernel = np.concatenate(
         [params["attention_state"]["kernel"], variables["params"]["attention_words"]["kernel"]]
@@ -121,7 +121,7 @@ def _numpy_step(variables, states, pose, words):
 
 
 def test_equals_the_equations(model, variables, oracles):
-    """Encoder, start of the decoder, attention over the padding too, decoder and roll-out, clip by clip."""
+    """Encoder, start of the decoder, attention also over the padding, and decoder over all frames, clip by clip."""
     seed = _seed(4)
     found = _run(model, variables, WORDS, seed)
     for row, words in enumerate(WORDS):
@@ -167,7 +167,7 @@ def test_statistics_move_at_every_frame_of_the_batch(model, variables):
 
     decoder = PoseDecoder(POSE_DIM, HIDDEN_DIM, layers=2, dropout=0.0)
     step = jax.jit(functools.partial(decoder.apply, train=True, mutable=["batch_stats"]))
-    words, states = model.apply(variables, inputs, train=False, method="listen")
+    words, states = model.apply(variables, inputs, train=False, method=Seq2Seq.encode_speech)
     keys = words @ variables["params"]["attention_words"]["kernel"]
     statistics, states, pose = variables["batch_stats"]["decoder"], tuple(jnp.moveaxis(states, 1, 0)), seed[:, 0]
     for frame in range(1, NUM_FRAMES):
@@ -183,7 +183,7 @@ def test_statistics_move_at_every_frame_of_the_batch(model, variables):
 
 @pytest.mark.parametrize(("dropout", "is_different"), [(0.0, False), (0.5, True)])
 def test_dropout_draws_anew_at_every_frame(model, variables, dropout, is_different):
-    """A decoder that neither remembers nor sees anything makes the same pose at every frame, but for dropout."""
+    """A decoder without memory and inputs gives the same pose at every frame, except for dropout."""
     blind = jax.tree.map(np.copy, variables)
     decoder = blind["params"]["decoder"]
     decoder["linear_in"]["kernel"][:POSE_DIM] = 0

@@ -1,4 +1,4 @@
-"""Speech2Gesture: its terms, that it can learn, and that it does so anywhere."""
+"""Speech2Gesture: its terms, overfitting of one batch, and the same step on several devices."""
 
 import dataclasses
 import functools
@@ -23,7 +23,7 @@ SHALLOW = {"model__audio__channels": (4,), "model__inferer__layers": 1, "model__
 
 @pytest.fixture(scope="module")
 def make_plain(make_objective):
-    """A function from changes to a objective of few layers under gradient descent."""
+    """A function from changes to an objective of few layers under gradient descent."""
 
     def make(**changes):
         objective = make_objective("speech2gesture", train__batch_size=SIZE, **(SHALLOW | changes))

@@ -1,4 +1,4 @@
-"""Speech2Gesture has the layers of its table, hears in time what it moves to, and judges differences."""
+"""Speech2Gesture has the layers of its table, depends on the speech at each frame, and judges differences."""
 
 import functools
 
@@ -22,7 +22,7 @@ def model():
 
 
 def _variables(module, *arguments):
-    """Kernels that keep the size of what passes, and other values of no special kind."""
+    """Return kernels that keep the magnitude of their input, and other generic values."""
     rng = np.random.default_rng(0)
 
     def draw(path, x):
@@ -37,7 +37,7 @@ def _variables(module, *arguments):
 
 @pytest.fixture(scope="module")
 def variables(model):
-    """Parameters, and statistics that fit them, so that in evaluation no value is lost on the way."""
+    """Parameters with matching statistics, so that in evaluation no values vanish."""
     rng = np.random.default_rng(0)
     inputs = {"mel": rng.uniform(-80, 0, (4, 128, NUM_COLUMNS)).astype(np.float32)}
     seed = rng.normal(size=(4, 4, 6)).astype(np.float32)
@@ -67,7 +67,7 @@ def test_has_as_many_parameters_as_the_published_comparison(pose_dim, generator_
 
 
 def _stages(module, *arguments):
-    """Name of each part that makes one array -> its shape without the batch."""
+    """Return name of each part with one output array -> shape of the output without the batch axis."""
 
     def run(key):
         _, state = module.apply(module.init(key, *arguments, train=False), *arguments, train=False, **capture)
@@ -115,7 +115,7 @@ def test_shapes_of_every_stage_of_the_discriminator():
     ("size", "kernel", "stride", "before"), [(35, 4, 2, 1), (34, 4, 2, 1), (9, 4, 1, 1), (7, 3, 1, 1)]
 )
 def test_odd_padding_goes_to_the_right(size, kernel, stride, before):
-    """Against a sum over a window by hand; the missing rest of the padding lies at the end."""
+    """Compared with an explicit sum over a window; an odd rest of the padding is at the end."""
     x = np.random.default_rng(0).uniform(1, 2, (1, size, 1)).astype(np.float32)
     params = {"conv": {"kernel": np.ones((kernel, 1, 1), np.float32), "bias": np.zeros(1, np.float32)}}
     params["norm"] = {"scale": np.full(1, np.sqrt(1 + 1e-5), np.float32), "bias": np.zeros(1, np.float32)}
@@ -141,7 +141,7 @@ def test_time_is_laid_on_frames_without_aligned_corners():
 
 
 def test_swapped_axes_lay_frequency_on_the_frames():
-    """As in the published comparison: of the 7 times only the one in the middle is heard, in every frame."""
+    """As in the published comparison: every frame depends on the middle one of the 7 times only."""
     x = np.random.default_rng(0).normal(size=(2, 14, 7, 3)).astype(np.float32)
     swapped = jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES, swapped=True))
     np.testing.assert_allclose(swapped(x), lay_on_frames(jnp.asarray(x.swapaxes(1, 2)), NUM_FRAMES), rtol=1e-6)
@@ -150,12 +150,12 @@ def test_swapped_axes_lay_frequency_on_the_frames():
 
 
 def _columns_of_frames():
-    """The column of the mel at the middle of each frame."""
+    """Return the mel column at the middle of each frame."""
     return (np.arange(NUM_FRAMES) + 0.5) * NUM_COLUMNS / NUM_FRAMES - 0.5
 
 
 def _influence(run, mel, draws=16):
-    """(N, columns): the share of each column of the mel in what moves a frame of `run(mel)`, by random projections."""
+    """Return (N, columns), the influence of each mel column on a frame of `run(mel)`, by random projections."""
 
     def gradients(key):
         output, pull_back = jax.vjp(run, mel)
@@ -172,10 +172,10 @@ def _influence(run, mel, draws=16):
 
 
 def test_a_frame_listens_to_its_own_time(model, variables):
-    """The features on frames, before the U-Net spreads them, are of the speech around each frame.
+    """The features of a frame, before the U-Net mixes frames, depend on the speech around the frame.
 
     Of the 9 columns of the smallest map the unpadded convolution leaves 7, which are stretched over all frames: those
-    at the ends listen some 15 columns of the mel, half a second, further inside.
+    at the ends depend on speech some 15 mel columns, half a second, further inside.
     """
     mel = np.random.default_rng(3).uniform(-80, 0, (1, 128, NUM_COLUMNS)).astype(np.float32)
 
@@ -205,7 +205,7 @@ def test_a_click_moves_the_poses_near_it_most(model, variables):
 
 @pytest.mark.parametrize(("differences", "num_scores"), [(1, 9), (2, 8)])
 def test_scores_are_of_differences(differences, num_scores):
-    """Of first ones; in the published comparison of second ones, to which steady drift is nothing."""
+    """Scores use first differences; in the published comparison second ones, which ignore a steady drift."""
     poses = np.random.default_rng(0).normal(size=(2, NUM_FRAMES, 5)).astype(np.float32)
     module = PatchDiscriminator(channels=4, differences=differences)
     variables = _variables(module, poses)
@@ -226,7 +226,7 @@ def test_any_number_of_seed_frames_and_a_single_clip(model, num_seed_frames):
 
 @pytest.mark.torch
 def test_equals_pytorch(model, variables, oracles):
-    """The whole generator, in training and in evaluation, against the layers of its table in PyTorch."""
+    """The whole generator, in training and in evaluation, compared with the layers of its table in PyTorch."""
     torch = pytest.importorskip("torch")
     functional = torch.nn.functional
     rng = np.random.default_rng(5)

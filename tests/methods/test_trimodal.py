@@ -1,4 +1,4 @@
-"""Trimodal: its terms, the second run in other styles, and that it can learn."""
+"""Trimodal: its terms, the second run in other styles, and overfitting of one batch."""
 
 import functools
 
@@ -17,7 +17,7 @@ STEPS = 300
 
 @pytest.fixture(scope="module")
 def objective(make_objective):
-    """Wide enough to learn a batch by heart."""
+    """An objective wide enough to overfit one batch."""
     changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     return make_objective("trimodal", train__steps=STEPS, **changes)
 
@@ -104,7 +104,7 @@ def test_mirrored_windows_double_the_table_of_speakers(make_objective):
 
 
 def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
-    """With all terms, the adversary included."""
+    """With all terms, including the GAN term."""
     batch = make_motion_batch(objective, 4)
     step = jax.jit(functools.partial(train_step, objective))
     assert objective.warmup_steps == 0

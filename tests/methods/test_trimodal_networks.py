@@ -1,4 +1,4 @@
-"""Trimodal has the size of its table, sees what it should on each frame, and equals PyTorch's layers."""
+"""Trimodal has the sizes of its table, the right inputs at each frame, and equals PyTorch's layers."""
 
 import jax
 import jax.numpy as jnp
@@ -32,43 +32,43 @@ def test_has_as_many_parameters_as_the_original(pose_dim, count):
     for part, rows in (("text", 9), ("identity", 3)):
         assert shapes["params"][part].pop("embedding")["embedding"].shape[0] == rows
     assert sum(leaf.size for leaf in jax.tree.leaves(shapes["params"])) == count
-    assert model.style_dim == 16
+    assert model.identity.feature_dim == 16
 
 
 @pytest.mark.parametrize("batch", [1, 3])
-def test_shapes_of_what_is_heard_and_inferred(batch):
+def test_shapes_of_features_and_poses(batch):
     model = small()
     speech, speaker, seed = arguments(6, batch)
 
     def run(key):
         variables = model.init(key, speech, speaker, seed, train=False)
-        heard = model.apply(variables, speech, train=False, method="listen")
-        style, _ = model.apply(variables, speaker, train=False, method="encode_identity")
-        return heard, style, model.apply(variables, heard, style, seed, train=False, method="infer")
+        features = model.apply(variables, speech, train=False, method=Trimodal.encode_speech)
+        style, _ = model.apply(variables, speaker, train=False, method=Trimodal.encode_identity)
+        return features, style, model.apply(variables, features, style, seed, train=False, method=Trimodal.infer)
 
-    heard, style, (poses,) = jax.eval_shape(run, jax.random.key(0))
-    assert (heard.shape, style.shape, poses.shape) == ((batch, FRAMES, 6), (batch, 2), (batch, FRAMES, 6))
+    features, style, (poses,) = jax.eval_shape(run, jax.random.key(0))
+    assert (features.shape, style.shape, poses.shape) == ((batch, FRAMES, 6), (batch, 2), (batch, FRAMES, 6))
 
 
 @pytest.mark.torch
 def test_inference_equals_pytorch(oracles):
-    """Each frame is read as [seed or 0 ; seed bit ; speech ; style]."""
+    """The input of each frame is [seed or 0 ; seed bit ; speech ; style]."""
     torch = pytest.importorskip("torch")
     torch.manual_seed(0)
     nn = torch.nn
     gru = nn.GRU(6 + 1 + 5 + 2, 8, num_layers=2, bidirectional=True, batch_first=True)
     linears = [nn.Linear(8, 4), nn.Linear(4, 6)]
-    heard, style, seed = torch.randn(3, FRAMES, 5), torch.randn(3, 2), torch.randn(3, SEEDS, 6)
+    features, style, seed = torch.randn(3, FRAMES, 5), torch.randn(3, 2), torch.randn(3, SEEDS, 6)
     known = torch.zeros(3, FRAMES, 7)
     known[:, :SEEDS, :6], known[:, :SEEDS, 6] = seed, 1
-    states, _ = gru(torch.cat([known, heard, style[:, None].expand(-1, FRAMES, -1)], dim=-1))
+    states, _ = gru(torch.cat([known, features, style[:, None].expand(-1, FRAMES, -1)], dim=-1))
     hidden = nn.functional.leaky_relu(linears[0](states[..., :8] + states[..., 8:]), 0.01)
     out = linears[1](hidden)
 
     params = {f"linear_{index}": oracles.dense(layer) for index, layer in enumerate(linears, 1)}
     variables = {"params": {"decoder": params | {"gru": oracles.gru(gru)}}}
-    run = jax.jit(lambda *args: small(layers=2).apply(variables, *args, train=False, method="infer"))
-    (poses,) = run(*(oracles.value(array) for array in (heard, style, seed)))
+    run = jax.jit(lambda *args: small(layers=2).apply(variables, *args, train=False, method=Trimodal.infer))
+    (poses,) = run(*(oracles.value(array) for array in (features, style, seed)))
     oracles.assert_close(poses, oracles.value(out))
 
 

@@ -1,4 +1,4 @@
-"""A Whisper folder as Hugging Face has it is read in all its forms; one that is something else says so in one line."""
+"""Whisper folders of Hugging Face are read in all their forms; other folders are refused in one line."""
 
 import json
 
@@ -25,7 +25,7 @@ CONFIG = {
 
 
 def make_tensors() -> dict[str, np.ndarray]:
-    """Random tensors of a whole model, numbers that bfloat16 has; those of the decoder are not even finite."""
+    """Return random tensors of a whole model, exact in bfloat16; those of the decoder are not finite."""
     shapes = {"conv1.weight": (8, 6, 3), "conv2.weight": (8, 8, 3), "conv1.bias": (8,), "conv2.bias": (8,)}
     shapes |= {"layer_norm.weight": (8,), "layer_norm.bias": (8,)}
     for layer in ("layers.0.", "layers.1."):
@@ -61,7 +61,7 @@ def folder(tensors, tmp_path):
 
 
 def assert_are(params, tensors, prefix="model.encoder."):
-    """Each parameter is where it belongs, in the order of Linen's axes."""
+    """Check that each parameter has its place and Linen's order of axes."""
     for ours, theirs in (("conv_1", "conv1"), ("conv_2", "conv2")):
         # (outputs, inputs, taps) to (taps, inputs, outputs)
         np.testing.assert_array_equal(params[ours]["kernel"], tensors[f"{prefix}{theirs}.weight"].transpose(2, 1, 0))
@@ -85,7 +85,7 @@ def assert_are(params, tensors, prefix="model.encoder."):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16, ml_dtypes.bfloat16])
 def test_all_weights_find_their_place(tensors, tmp_path, dtype):
-    """And nothing else is read: the decoder's tensors here are NaN."""
+    """The tensors of the decoder, which are NaN here, are not read."""
     sizes, params = whisper_weights.load(write(tmp_path, tensors, dtype))
     assert sizes == (6, 8, 2, 2, 20)
     assert {leaf.dtype for leaf in jax.tree.leaves(params)} == {np.dtype(np.float32)}
@@ -102,7 +102,7 @@ def test_names_without_prefix_and_without_a_decoder(tensors, tmp_path):
 
 
 def shard(folder, tensors):
-    """The first half of the encoder, the other half, and the decoder, as files beside an index."""
+    """Write the first half of the encoder, the other half, and the decoder as files beside an index."""
     (folder / "model.safetensors").unlink()
     encoder = [name for name in tensors if "encoder" in name]
     parts = {"a.safetensors": encoder[::2], "b.safetensors": encoder[1::2]}
@@ -115,7 +115,7 @@ def shard(folder, tensors):
 
 
 def test_shards(folder, tensors):
-    """The shard of the decoder is not even there."""
+    """The shard of the decoder does not exist."""
     shard(folder, tensors)
     assert_are(whisper_weights.load(folder).params, tensors)
     (folder / "b.safetensors").unlink()

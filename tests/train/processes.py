@@ -1,7 +1,7 @@
-"""Starts the processes of a run for the tests, and is what they run.
+"""Start the processes of a run for the tests; also the script that these processes run.
 
-`python processes.py COORDINATOR COUNT ID START.npz END.npz` trains on this process' rows of the batches in a file. The
-tests take the functions from here with `runpy`.
+`python processes.py COORDINATOR COUNT ID START.npz END.npz` trains on the rows of this process in batches of a file.
+The tests import the functions of this file with `runpy`.
 """
 
 import concurrent.futures
@@ -48,7 +48,7 @@ def train(
     devices: list[Any],
     stop_at: int = -1,
 ) -> tuple[TrainState, list[dict[str, np.ndarray]]]:
-    """The state after a step on each batch (this process' rows of it), and the metrics of the steps."""
+    """Return the state after a step on the rows of this process in each batch, and the metrics of the steps."""
     mesh = sharding.data_mesh(devices)
     step = sharding.compile_step(objective, mesh)
     state, history = sharding.replicate(mesh, state), []
@@ -61,7 +61,7 @@ def train(
 def train_in_processes(
     folder: pathlib.Path, state: TrainState, batches: Sequence[dict[str, np.ndarray]], count: int, devices: int
 ) -> tuple[list[np.ndarray], list[bool]]:
-    """The leaves of the state after `train` in `count` processes with `devices` each, and which steps were to end."""
+    """Run `train` in `count` processes with `devices` each; return the leaves of the state and which steps stop."""
     start, end = folder / "start.npz", folder / "end.npz"
     leaves: dict[str, Any] = {f"state/{number}": leaf for number, leaf in enumerate(jax.tree.leaves(state))}
     rows: dict[str, Any] = {
@@ -80,7 +80,7 @@ def train_in_processes(
 
 
 def free_address() -> str:
-    """HOST:PORT of this machine that nobody listens at."""
+    """Return a free HOST:PORT of this machine."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         return f"127.0.0.1:{server.getsockname()[1]}"
 
@@ -88,12 +88,12 @@ def free_address() -> str:
 def finish(
     commands: Sequence[Sequence[str]], devices: int = 1, variables: Sequence[dict[str, str]] = ()
 ) -> list[tuple[int | None, str]]:
-    """Runs commands at the same time: of each the exit code (None if it did not end in time) and what it printed.
+    """Run commands at the same time; return for each the exit code (None if it did not end in time) and its output.
 
     Args:
-        commands: one a process.
-        devices: virtual CPU devices of each process.
-        variables: of the environment, for each process.
+        commands: one command for each process.
+        devices: number of virtual CPU devices of each process.
+        variables: environment variables of each process.
     """
     common = {
         "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}",

@@ -1,4 +1,4 @@
-"""What cannot be used is refused before a run starts, and what makes no difference is let through."""
+"""Settings that cannot be used are refused before a run starts, and changes without effect are accepted."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def config():
 
 @pytest.fixture
 def workdir(config, tmp_path):
-    """A folder that a run of `config` has described."""
+    """The workdir of a run of `config`."""
     skeleton = load_skeleton("ted_gesture")
     starts = skeleton.mean_directions[None, None].repeat(4, axis=1)
     model_folder.write_description(tmp_path, config, Assets(skeleton, Vocabulary(("one",)), {}, starts))

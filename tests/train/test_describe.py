@@ -1,4 +1,4 @@
-"""The description of a config lists the shapes that the paper's tables print."""
+"""The description of a config lists the shapes in the tables of the paper."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The doctor names what is wrong and what to do, spoils nothing, and measures a step."""
+"""`ha2g doctor` names what is wrong and what to do, changes nothing, and measures a step."""
 
 import json
 import types
@@ -20,7 +20,7 @@ def config(tiny_talk):
 
 
 def troubles(findings: list[machine.Finding]) -> dict[str, str]:
-    """Name -> what is wrong, of all that is."""
+    """Return name -> trouble of the findings that have one."""
     return {finding.name: finding.trouble for finding in findings if finding.trouble}
 
 
@@ -40,7 +40,7 @@ def test_all_is_well_with_a_config_that_fits_its_data(config):
 
 @pytest.fixture
 def a_step(monkeypatch, tmp_path, tiny_talk):
-    """The arguments of a command that finds all well, on a step that is not compiled."""
+    """The arguments of a command that finds no trouble, with a step that is not compiled."""
     monkeypatch.setattr(doctor, "_step", lambda config, corpus: machine.Finding("step", "quick"))
     path = tmp_path / "config.py"
     path.write_text(

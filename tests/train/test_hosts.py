@@ -1,4 +1,4 @@
-"""Processes find each other by flags, Slurm or Kubernetes, and none is left behind when one fails."""
+"""Processes find each other by flags, Slurm or Kubernetes, and all end when one fails."""
 
 import pathlib
 import re
@@ -29,7 +29,7 @@ SLURM = {
 
 @pytest.fixture
 def joined(monkeypatch):
-    """What `jax.distributed.initialize` was called with, in an environment that says nothing."""
+    """The arguments of `jax.distributed.initialize`, in an environment without its variables."""
     for name in (*SLURM, "JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID", "JOB_COMPLETION_INDEX"):
         monkeypatch.delenv(name, raising=False)
     calls = []

@@ -1,4 +1,4 @@
-"""What a run takes of a corpus that is not divided as it would like."""
+"""Inputs of a run on a corpus with unusual splits."""
 
 import dataclasses
 
@@ -19,12 +19,12 @@ def config():
 
 
 def spec_of(config, corpus):
-    """The networks of a config on a corpus."""
+    """Build the networks of a config on a corpus."""
     return build(config, corpus.skeleton, len(corpus.vocabulary()), len(corpus.speakers_of("train")))
 
 
 def divide(tiny_talk, path, **splits: str):
-    """A corpus whose splits hold one clip each, of the speakers named."""
+    """Write a corpus whose splits have one clip of each named speaker."""
     clip = Corpus.open(tiny_talk).clips("train")[0]
     with CorpusWriter(path, splits=tuple(splits), skeleton="ted_expressive", fps=15, metadata={}) as writer:
         for split, speaker in splits.items():
@@ -34,14 +34,14 @@ def divide(tiny_talk, path, **splits: str):
 
 
 def test_without_a_validation_split(config, tiny_talk, tmp_path):
-    """One recording is one talk, which no split divides: a run does without validation."""
+    """A corpus of one recording cannot be split, so that a run has no validation."""
     for number, splits in enumerate(({"train": "ada"}, {"train": "ada", "val": ""})):
         corpus = divide(tiny_talk, tmp_path / str(number), **splits)
         assert inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary()) is None
 
 
 def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
-    """With images anybody can be validated on; with a table only speakers it has a row for."""
+    """With images any speaker can be used for validation; with a table only those that have a row."""
     corpus = divide(tiny_talk, tmp_path / "corpus", train="ada", val="ben", test="ada")
     with_images = inputs.open_validation(config, spec_of(config, corpus), corpus, corpus.vocabulary())
     assert with_images is not None

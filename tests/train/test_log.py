@@ -1,4 +1,4 @@
-"""Lines are exact means, also across a resume; their speeds are of training alone."""
+"""Lines are exact means, also across a resume; their speeds count only the time of training."""
 
 import json
 
@@ -12,7 +12,7 @@ from ha2g_jax.train.log import NotFinite, StepLog
 
 
 class _Lines(list):
-    """A writer that keeps what it gets."""
+    """A writer that stores the lines."""
 
     def write(self, step, metrics):
         self.append((step, metrics))
@@ -28,7 +28,7 @@ def lines():
 
 @pytest.fixture
 def start(lines):
-    """A function that begins a log of batches of two."""
+    """A function that starts a log for batches of two windows."""
 
     def start(every=2, pending=None):
         bar = tqdm.tqdm(disable=True)
@@ -39,7 +39,7 @@ def start(lines):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A function that lets time pass, for the log only."""
+    """A function that advances the clock of the log."""
     now = [100.0]
     monkeypatch.setattr(logs.time, "perf_counter", lambda: now[0])
 

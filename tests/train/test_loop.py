@@ -1,4 +1,4 @@
-"""A run writes what it promises, stops cleanly, and goes on as if it had never been stopped."""
+"""A run writes its files, stops cleanly, and continues as if it had never been stopped."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The switches of precision, average and rates: what each may change, and what it may not."""
+"""Settings of precision, average and learning rates: what each changes and what it does not change."""
 
 import functools
 
@@ -16,7 +16,7 @@ PRODUCTS = ("dot_general", "conv_general_dilated")
 
 
 def products(jaxpr):
-    """The dtypes of the operands of every matrix product and convolution, those of inner functions too."""
+    """Return the dtypes of the operands of every matrix product and convolution, also in inner functions."""
     for equation in jaxpr.eqns:
         if equation.primitive.name in PRODUCTS:
             yield from (str(operand.aval.dtype) for operand in equation.invars)
@@ -57,7 +57,7 @@ def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch,
 
 @pytest.fixture(scope="module")
 def switched(make_config, build, state, batch):
-    """A step with every switch of this file on: (compiled, state before, state after, metrics)."""
+    """A step with all these settings: (compiled, state before, state after, metrics)."""
     config = make_config()
     config.train.update({"dtype": "bfloat16", "ema": 0.5, "clip_norm": 0.1, "schedule": "cosine", "steps": 8})
     objective = build(config, steps_per_epoch=2)

@@ -1,4 +1,4 @@
-"""An objective is what its config says, and refuses what it cannot train."""
+"""An objective follows its config, and settings that cannot be trained are refused."""
 
 import jax
 import jax.numpy as jnp
@@ -76,9 +76,9 @@ def test_a_number_that_makes_no_sense_is_named(config, build, field, value, expe
 
 
 def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build):
-    assert build(config).generator.identity.num_speakers == 5
+    assert build(config).spec.generator.identity.num_speakers == 5
     config.data.mirror = 0.5
-    assert build(config).generator.identity.num_speakers == 10
+    assert build(config).spec.generator.identity.num_speakers == 10
 
 
 def test_word_vectors_of_another_size_are_refused(config):
@@ -95,6 +95,6 @@ def test_restored_poses_are_the_unit_vectors_that_went_in(objective, make_batch)
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
 
 
-def test_task_is_a_static_argument(objective):
+def test_an_objective_is_a_static_argument(objective):
     count = jax.jit(lambda objective, x: x + objective.spec.num_frames, static_argnums=0)
     assert count(objective, 1) == 35

@@ -1,4 +1,4 @@
-"""The update of one step: its rate is the run's, and the gradient is cut to its norm before Adam sees it."""
+"""The update of one step: the learning rate follows the step of the run, and the gradient is clipped before Adam."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ PARAMS: Any = jax.tree.map(jnp.zeros_like, GRADIENT)
 
 
 def update(optimizer: Any, step: int) -> Any:
-    """The first update and the state after it."""
+    """Return the first update and the state after it."""
     return optimizer.update(GRADIENT, optimizer.init(PARAMS), PARAMS, step=jnp.int32(step))
 
 

@@ -1,4 +1,4 @@
-"""The networks can learn: one batch by heart, with the adversary and every other term but the prior on angles."""
+"""The networks can overfit one batch, with the GAN term and every other term except the physical one."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""A trace is whole, readable without more software, and nothing where it is not asked for."""
+"""A trace is complete and readable without more software; without the option there is none."""
 
 import gzip
 import json
@@ -28,7 +28,7 @@ def traces(folder: pathlib.Path) -> list[pathlib.Path]:
 
 
 def traced_steps(path: pathlib.Path) -> list[int]:
-    """Numbers of the steps in a trace."""
+    """Return the numbers of the steps in a trace."""
     events = json.loads(gzip.decompress(path.read_bytes()))["traceEvents"]
     return sorted(int(event["args"]["step_num"]) for event in events if event.get("name") == "train")
 

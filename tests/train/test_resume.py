@@ -1,4 +1,4 @@
-"""A run that is killed or asked to stop, as a process of its own, goes on as if nothing had happened."""
+"""A run in its own process that is killed or asked to stop continues as if it had not been stopped."""
 
 import importlib.util
 import json
@@ -26,7 +26,7 @@ def soak():
 
 @pytest.fixture(scope="module")
 def soaked(soak, tiny_talk, tmp_path_factory):
-    """A folder with the runs "whole" and "broken", the second killed three times, and what differs between them."""
+    """A folder with the runs "whole" and "broken", the second killed three times, and their differences."""
     folder = tmp_path_factory.mktemp("soak")
     return folder, soak.soak(tiny_talk, folder, kills=3, steps=25)
 

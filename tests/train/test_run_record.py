@@ -1,4 +1,4 @@
-"""Every start of a run is recorded, and a record that cannot be had or read stops no run."""
+"""Every start of a run is recorded, and a missing or damaged record does not stop a run."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from ha2g_jax.train import run_record
 
 @pytest.fixture
 def start(tmp_path, tiny_talk):
-    """A function that records a start at a step and gives what `run.json` then has."""
+    """A function that records a start at a step and returns the content of `run.json`."""
     config, corpus = configs.debug(configs.paper("ted_expressive")), Corpus.open(tiny_talk)
 
     def start(step):

@@ -1,4 +1,4 @@
-"""Any number of devices and processes gives the numbers of one."""
+"""The results do not depend on the number of devices and processes."""
 
 import pathlib
 import runpy
@@ -18,7 +18,7 @@ NUM_STEPS, BATCH_SIZE = 5, 8
 
 @pytest.fixture(scope="module")
 def start(make_batch, draw_state):
-    """Task, state and batches of `NUM_STEPS` steps of plain gradient descent, all terms of the objective at work."""
+    """Objective, state and batches for `NUM_STEPS` steps of plain gradient descent with all terms of the objective."""
     objective = processes.sgd_objective()
     state = draw_state(objective).replace(step=jnp.int32(objective.warmup_steps))
     return objective, jax.device_get(state), [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
@@ -31,7 +31,7 @@ def alone(start):
 
 
 def assert_same_parameters(found, expected, before):
-    """Within 1e-5 of the largest value of each array.
+    """Check that arrays differ by at most 1e-5 of the largest value of each array.
 
     A bias right before a BatchNorm has no gradient: it leaves its 0 only by rounding, to values around 1e-10, which
     agree to no digit. An absolute bound of 1e-9 lets them pass, and is checked to be far below what steps change.

@@ -1,4 +1,4 @@
-"""A signal is noted once there is something to save, and ends the process at once before that."""
+"""A signal is only recorded once there are steps to save; before that it ends the process at once."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""Each source of data trains: the config that is meant for it takes two steps on what the import made."""
+"""Training works on each kind of data: its config takes two steps on an imported corpus."""
 
 import json
 import pathlib
@@ -19,7 +19,7 @@ SOURCES = {
 
 
 def train_two_steps(config: str, data: pathlib.Path, workdir: pathlib.Path) -> list[dict]:
-    """What the run wrote to metrics.jsonl."""
+    """Return the lines of metrics.jsonl."""
     flags = (
         f"--config={ROOT}/experiments/configs/{config}.py:debug",
         f"--workdir={workdir}",
@@ -42,6 +42,6 @@ def test_two_steps_on_recordings(config, private_data, tmp_path):
 
 
 def test_two_steps_on_images(tiny_talk, tmp_path):
-    """What videos become: clips with images of their speakers."""
+    """Videos are imported as clips with images of the speakers."""
     lines = train_two_steps("video", tiny_talk, tmp_path / "run")
     assert any("validation/loss/huber" in line for line in lines)

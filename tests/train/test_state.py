@@ -1,4 +1,4 @@
-"""Fresh networks: same key, same numbers; word vectors where the objective has them."""
+"""Initial networks: the same key gives the same numbers, and word vectors replace random ones."""
 
 import dataclasses
 import functools

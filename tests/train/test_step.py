@@ -1,4 +1,4 @@
-"""One step: the shared forward pass changes nothing, warm-up holds back the adversary, chance comes from keys."""
+"""One step: the shared forward pass changes no result, warm-up has no GAN term, and noise comes from keys."""
 
 import functools
 
@@ -28,7 +28,7 @@ def equal(first, second):
 
 
 def two_pass_step(objective, state, batch, key):
-    """The plain alternation: a forward pass to train the discriminator, another to train the generator."""
+    """Do the usual alternation: a forward pass to train the discriminator, another to train the generator."""
     keys = steps.step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
     fake = method_of(objective.spec).run(objective.spec, state.generator.variables, batch, keys)[0].poses[-1]

@@ -1,4 +1,4 @@
-"""What a run writes can be read by others, and a run that goes on leaves no trace of what it will write again."""
+"""Other programs can read the files of a run, and a run that continues removes lines that it will write again."""
 
 import json
 import sys
@@ -18,7 +18,7 @@ def config():
 
 @pytest.fixture
 def write(tmp_path, config):
-    """A function that starts at a step and writes one line for each of others, with a metric twice its step."""
+    """A function that starts at a step and writes a line for each given step, whose metric is twice the step."""
 
     def write(start, *steps, is_first=True):
         writer = open_writers(tmp_path, start, config, is_first)
@@ -30,7 +30,7 @@ def write(tmp_path, config):
 
 
 def _scalars(folder):
-    """(step, value) of the metric as TensorBoard's own reader sees them."""
+    """Read (step, value) of the metric with TensorBoard's own reader."""
     events = event_accumulator.EventAccumulator(str(folder / "tensorboard"))
     events.Reload()
     return [(event.step, event.value) for event in events.Scalars("loss/huber")]
@@ -91,7 +91,7 @@ def test_metrics_that_are_not_there_are_named(tmp_path):
 
 
 class _Wandb:
-    """Stands for the package: remembers what it is told."""
+    """Replacement of the package that records the calls."""
 
     class Settings(dict):
         pass

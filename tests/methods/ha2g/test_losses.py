@@ -1,4 +1,4 @@
-"""The terms of the objective against numbers worked out by hand, and at the points where gradients break."""
+"""Terms of the objective compared with numbers computed by hand, and at points where gradients may fail."""
 
 import math
 
@@ -117,7 +117,7 @@ def test_contrastive_in_blocks_equals_the_whole_matrix(block, monkeypatch):
 
 
 def test_contrastive_without_some_negatives():
-    """Two rows of Table 3: what is left out is no candidate, but the positive always is one."""
+    """Two rows of Table 3: levels that are left out are no candidates, but the positive always is."""
     text, low, mid, high = random_features(1)
     unit = [x.reshape(-1, x.shape[-1]) / jnp.linalg.norm(x, axis=-1).reshape(-1, 1) for x in (text, low, mid, high)]
     logits = {name: unit[0] @ level.T / 0.07 for name, level in zip(losses.AUDIO_LEVELS, unit[1:], strict=True)}

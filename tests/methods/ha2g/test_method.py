@@ -1,4 +1,4 @@
-"""A batch in parts: the update of the whole on any number of devices, in less memory."""
+"""A batch in parts gives the update of the whole batch on any number of devices, in less memory."""
 
 import dataclasses
 import functools
@@ -37,7 +37,7 @@ def objectives(config, build):
 
 
 def residuals(objective, state, batch):
-    """Shapes of what the forward pass of the generator keeps for the gradient."""
+    """Return the shapes of the values that the forward pass of the generator keeps for the gradient."""
 
     def run(state, batch, key):
         variables, keys = state.generator.variables, step_keys(objective.spec, key, state.step)

@@ -1,4 +1,4 @@
-"""The generator: what each level may depend on, and the blend of Eq. 3."""
+"""The generator: inputs of each level, and the blend of Eq. 3."""
 
 import jax
 import jax.numpy as jnp
