@@ -147,7 +147,7 @@ def command(data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int 
         "train.validate_every": VALIDATE_EVERY,
     }
     return [
-        *(sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={ROOT}/experiments/configs/talk.py:debug"),
+        *(sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={ROOT}/tests/one_stage.py:debug"),
         f"--workdir={workdir}",
         *(f"--config.{name}={value}" for name, value in settings.items()),
     ]

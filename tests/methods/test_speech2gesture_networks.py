@@ -167,7 +167,10 @@ def _influence(run, mel, draws=16):
 
         return jax.lax.map(of_frame, jnp.arange(NUM_FRAMES))
 
-    squares = np.sum(jax.lax.map(jax.jit(gradients), jax.random.split(jax.random.key(1), draws)), axis=0)
+    # Optimised, because here it is the run that takes long.
+    options: dict[str, bool | int | str] = {"xla_backend_optimization_level": 3}
+    every = jax.jit(lambda keys: jax.lax.map(gradients, keys), compiler_options=options)
+    squares = np.sum(every(jax.random.split(jax.random.key(1), draws)), axis=0)
     return squares / squares.sum(axis=1, keepdims=True)
 
 

@@ -15,7 +15,7 @@ from ha2g_jax.train import hosts
 from ha2g_jax.train.writers import read_metrics
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
-TALK = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "talk.py"
+CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "trimodal.py"
 SLURM = {
     "SLURM_JOB_ID": "1234",
     "SLURM_STEP_NODELIST": "node[07-08]",
@@ -184,7 +184,7 @@ def test_processes_that_all_fail_keep_their_exit_code():
 
 def test_a_run_of_two_processes_through_the_launcher(tiny_talk, tmp_path):
     workdir, address = tmp_path / "run", processes.free_address()
-    common = [sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={TALK}:debug", f"--workdir={workdir}"]
+    common = [sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={CONFIG}:talk:debug", f"--workdir={workdir}"]
     common += [f"--config.data.path={tiny_talk}", "--config.train.devices=0"]
     commands = [[*common, f"--coordinator={address}", "--num_processes=2", f"--process_id={n}"] for n in "01"]
     first, second = processes.finish(commands)

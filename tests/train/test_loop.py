@@ -19,7 +19,8 @@ from ha2g_jax.train import loop
 from ha2g_jax.train.log import StepLog
 from ha2g_jax.train.writers import read_metrics
 
-CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "talk.py"
+ROOT = pathlib.Path(__file__).parent.parent.parent
+CONFIG = ROOT / "tests" / "one_stage.py"
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +131,7 @@ def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path,
 
 
 def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
-    gesture = CONFIG.with_name("ted_gesture.py")
+    gesture = ROOT / "experiments" / "configs" / "ted_gesture.py"
     config = launch.load_config(f"{gesture}:debug", [f"--config.data.path={tiny_talk}"])
     with pytest.raises(UserError, match="ted_expressive at 15 fps, the config ted_gesture"):
         loop.train(config, tmp_path / "run")
