@@ -114,7 +114,7 @@ def _windows(config: Config, corpus: Corpus, identity: str) -> Windows:
         TRAIN,
         corpus.vocabulary(),
         num_frames=config.data.num_frames,
-        num_reference_frames=config.data.num_seed_frames,
+        num_reference_images=config.data.num_reference_images,
         image_size=config.data.image_size if identity == "images" else None,
         cache_bytes=int(config.data.cache_gib * 2**30),
     )

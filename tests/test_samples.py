@@ -77,7 +77,7 @@ def test_the_style_is_the_speaker_s_then_the_images_then_the_prior(debug_model, 
     unfinished = dataclasses.replace(debug_model.assets, speakers={"ada": np.zeros(0, np.float32)})
     seen = style(known, assets=unfinished)
     np.testing.assert_array_equal(seen, style(clip))
-    prior = style(dataclasses.replace(clip, reference_frames=None))
+    prior = style(dataclasses.replace(clip, reference_images=None))
     table = debug_model.spec._replace(identity="speaker")
     np.testing.assert_array_equal(prior, style(clip, spec=table))
     assert seen.shape == prior.shape == ada.shape

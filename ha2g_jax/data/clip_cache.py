@@ -16,12 +16,12 @@ class Track(NamedTuple):
     Attributes:
         speech: speech features.
         directions: (T, bones, 3) float32 direction vectors.
-        frames: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
+        images: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
     """
 
     speech: Speech
     directions: np.ndarray
-    frames: np.ndarray | None
+    images: np.ndarray | None
 
 
 class ClipCache:
@@ -59,5 +59,5 @@ class ClipCache:
 
 
 def _num_bytes(track: Track) -> int:
-    images = 0 if track.frames is None else track.frames.nbytes
+    images = 0 if track.images is None else track.images.nbytes
     return track.speech.num_bytes + track.directions.nbytes + images

@@ -52,7 +52,7 @@ def wrong_types(fields: dict[str, Any]) -> list[str]:
         "audio": isinstance(fields["audio"], bytes),
         "words": all(isinstance(text, str) and _is_number(a) and _is_number(b) for text, a, b in fields["words"]),
         "window_starts": all(isinstance(start, int) for start in fields["window_starts"]),
-        "reference_frames": _is_images(fields["reference_frames"]),
+        "reference_images": _is_images(fields["reference_images"]),
     }
     return [name for name, right in is_right.items() if not right]
 
@@ -149,7 +149,7 @@ def _check_confidence(fields: dict[str, Any]) -> Iterator[str]:
 
 def _check_images(fields: dict[str, Any]) -> Iterator[str]:
     sizes = set()
-    for frame in fields["reference_frames"] or ():
+    for frame in fields["reference_images"] or ():
         try:
             image = Image.open(io.BytesIO(frame))
             sizes.add(image.size)

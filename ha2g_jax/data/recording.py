@@ -30,7 +30,7 @@ class Recording(NamedTuple):
         words: words in order of time, in seconds from the start of the audio.
         positions: (T, joints, 3) in metres, in the axes of the skeleton, at the corpus' frame rate.
         confidence: (T, joints) float32 in [0, 1], None if the positions were not estimated.
-        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
+        reference_images: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
         start: start of the shot in its file, in seconds.
     """
 
@@ -40,7 +40,7 @@ class Recording(NamedTuple):
     words: tuple[Word, ...]
     positions: np.ndarray
     confidence: np.ndarray | None = None
-    reference_frames: np.ndarray | None = None
+    reference_images: np.ndarray | None = None
     start: float = 0.0
 
 
@@ -111,7 +111,7 @@ def _cut(recording: Recording, start: int, end: int, fps: float, number: int) ->
         audio=recording.audio[round(begin * SAMPLE_RATE) : round(finish * SAMPLE_RATE)],
         words=tuple(words),
         positions=recording.positions[start:end],
-        reference_frames=recording.reference_frames,
+        reference_images=recording.reference_images,
         recording_start=recording.start + begin,
         window_starts=(),
         recording=recording.name,

@@ -60,7 +60,7 @@ class Clip:
         audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
         words: words in order of time, in seconds from the start of the clip.
         positions: (T, joints, 3) in metres, y down; float32, or float64 where rounding would change short bones.
-        reference_frames: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
+        reference_images: (M, 224, 224, 3) uint8 images of the speaker, None if there are none.
         recording_start: start of the clip in its recording, in seconds.
         window_starts: frames at which a training window may start.
         strokes: true gestures, in a corpus where they are known.
@@ -75,7 +75,7 @@ class Clip:
     audio: np.ndarray
     words: tuple[Word, ...]
     positions: np.ndarray
-    reference_frames: np.ndarray | None
+    reference_images: np.ndarray | None
     recording_start: float
     window_starts: tuple[int, ...]
     strokes: tuple[Stroke, ...] = ()
@@ -85,7 +85,9 @@ class Clip:
 
 
 # Fields of `Clip` that have another name in a record.
-STORED_NAMES: Mapping[str, str] = types.MappingProxyType({"recording": "talk", "recording_start": "source_time"})
+STORED_NAMES: Mapping[str, str] = types.MappingProxyType(
+    {"recording": "talk", "recording_start": "source_time", "reference_images": "reference_frames"}
+)
 
 
 def encode_clip(clip: Clip) -> bytes:
@@ -105,8 +107,8 @@ def encode_clip(clip: Clip) -> bytes:
     fields["positions"] = _pack(clip.positions)
     if clip.confidence is not None:
         fields["confidence"] = _pack(clip.confidence)
-    if clip.reference_frames is not None:
-        fields["reference_frames"] = [_to_jpeg(frame) for frame in clip.reference_frames]
+    if clip.reference_images is not None:
+        fields["reference_frames"] = [_to_jpeg(image) for image in clip.reference_images]
     return cast(bytes, msgpack.packb(fields))
 
 
@@ -121,8 +123,8 @@ def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
         UserError: the bytes are not a whole record.
     """
     fields = unpack(record, name)
-    audio, frames = decode_audio(fields, name), decode_frames(fields, name)
-    return Clip(**{**fields, "audio": audio, "reference_frames": frames})
+    audio, images = decode_audio(fields, name), decode_images(fields, name)
+    return Clip(**{**fields, "audio": audio, "reference_images": images})
 
 
 def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any]:
@@ -134,7 +136,7 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         name: name of the record in an error message.
 
     Returns:
-        The fields of `Clip` by name; "audio" is FLAC, "reference_frames" a list of JPEG images or None.
+        The fields of `Clip` by name; "audio" is FLAC, "reference_images" a list of JPEG images or None.
 
     Raises:
         UserError: the bytes are not a whole record.
@@ -197,7 +199,7 @@ def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
     return audio
 
 
-def decode_frames(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
+def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
     """Decode the images of a clip that `unpack` has unpacked.
 
     Args:
@@ -211,10 +213,10 @@ def decode_frames(fields: dict[str, Any], name: str, count: int | None = None) -
     Raises:
         UserError: the fields are not images of one size.
     """
-    if fields["reference_frames"] is None:
+    if fields["reference_images"] is None:
         return None
     try:
-        images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in fields["reference_frames"][:count]]
+        images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in fields["reference_images"][:count]]
         return np.stack([np.asarray(image) for image in images])
     except (OSError, ValueError, TypeError, SyntaxError, Image.DecompressionBombError) as error:
         raise _corrupt(f"clip {fields['id']}, {name},", error) from error

@@ -51,7 +51,7 @@ def make_index(
         fields = clips.fields(number)
         place = f"clip {fields['id']} ({clips.place(number)})"
         _check_positions(fields["positions"], corpus, place)
-        _check_images(fields["reference_frames"], num_images, place)
+        _check_images(fields["reference_images"], num_images, place)
         if fields["speaker"] not in speaker_index:
             raise UserError(
                 f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; make or import the corpus again"

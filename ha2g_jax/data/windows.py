@@ -33,7 +33,7 @@ class Windows:
         vocabulary: vocabulary of the training split.
         num_frames: length N of a window in frames.
         inputs: names of the speech inputs, among `data.speech.INPUTS`.
-        num_reference_frames: number M of images of a speaker.
+        num_reference_images: number M of images of a speaker.
         image_size: width and height S of the images in pixels; None leaves them out.
         among: names of the speakers whose clips are used; all by default.
         cache_bytes: maximum memory for decoded clips.
@@ -53,7 +53,7 @@ class Windows:
         vocabulary: Vocabulary,
         *,
         num_frames: int,
-        num_reference_frames: int,
+        num_reference_images: int,
         inputs: Collection[str] = ("mel", "words"),
         image_size: int | None = None,
         among: Container[str] | None = None,
@@ -62,9 +62,9 @@ class Windows:
         self.num_frames, self.cache_bytes = num_frames, cache_bytes
         self.skeleton, self.num_training_speakers = corpus.skeleton, len(corpus.speakers_of(TRAIN))
         self._fps, self._vocabulary, self._inputs = corpus.fps, vocabulary, tuple(inputs)
-        num_images = 0 if image_size is None else num_reference_frames
+        num_images = 0 if image_size is None else num_reference_images
         self._index = make_index(corpus, split, num_frames, num_images, among)
-        self._read = _Reader(corpus.clips(split), self.skeleton, self._inputs, num_reference_frames, image_size)
+        self._read = _Reader(corpus.clips(split), self.skeleton, self._inputs, num_reference_images, image_size)
         self._cache = ClipCache(self._read.track, cache_bytes)
         self._last_motion: tuple[int, np.ndarray] | None = None
 
@@ -104,8 +104,8 @@ class Windows:
             "directions": track.directions[start : start + self.num_frames],
             "speaker": self._index.speakers[number],
         }
-        if track.frames is not None:
-            example["images"] = track.frames
+        if track.images is not None:
+            example["images"] = track.images
         return example
 
     def name(self, index: int) -> str:
@@ -141,7 +141,7 @@ class Windows:
         """Return the indices of the speakers of the split."""
         return set(self._index.speakers.tolist())
 
-    def reference_frames(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
+    def reference_images(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
         """Return images of a speaker.
 
         Args:
@@ -154,7 +154,7 @@ class Windows:
         images = []
         for number in np.flatnonzero(self._index.speakers == speaker)[:limit].tolist():
             track = self._cache.peek(number)
-            frames = track.frames if track is not None else self._read.frames(number)
+            frames = track.images if track is not None else self._read.images(number)
             if frames is not None:
                 images.append(frames)
         return images
@@ -169,7 +169,7 @@ class _Reader(NamedTuple):
     clips: Clips
     skeleton: Skeleton
     inputs: tuple[str, ...]
-    num_reference_frames: int
+    num_reference_images: int
     image_size: int | None
 
     def track(self, number: int) -> Track:
@@ -180,7 +180,7 @@ class _Reader(NamedTuple):
         track = Track(
             speech=speech.prepare(audio, fields["words"], self.inputs),
             directions=self._directions(fields),
-            frames=self._resized(fields, number),
+            images=self._resized(fields, number),
         )
         for array in track[1:]:
             if array is not None:
@@ -190,7 +190,7 @@ class _Reader(NamedTuple):
     def motion(self, number: int) -> np.ndarray:
         return self._directions(self.clips.fields(number))
 
-    def frames(self, number: int) -> np.ndarray | None:
+    def images(self, number: int) -> np.ndarray | None:
         return None if self.image_size is None else self._resized(self.clips.fields(number), number)
 
     def _directions(self, fields: dict[str, Any]) -> np.ndarray:
@@ -199,11 +199,11 @@ class _Reader(NamedTuple):
     def _resized(self, fields: dict[str, Any], number: int) -> np.ndarray | None:
         if self.image_size is None:
             return None
-        frames = records.decode_frames(fields, self.clips.place(number), self.num_reference_frames)
-        return None if frames is None else resize_frames(frames, self.image_size)
+        frames = records.decode_images(fields, self.clips.place(number), self.num_reference_images)
+        return None if frames is None else resize_images(frames, self.image_size)
 
 
-def resize_frames(frames: np.ndarray, size: int) -> np.ndarray:
+def resize_images(frames: np.ndarray, size: int) -> np.ndarray:
     """Resize images to the input size of the identity encoder E_ID.
 
     Args:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.windows import resize_frames
+from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.synthesis import Model
@@ -24,7 +24,7 @@ def clip_identity(model: Model, clip: Clip) -> np.ndarray:
     if spec.identity != "images":
         known = model.assets.speakers
         return np.asarray(known.get(clip.speaker, np.mean(list(known.values()), axis=0)), np.float32)
-    if clip.reference_frames is None:
+    if clip.reference_images is None:
         raise UserError(f"clip {clip.id} has no reference images, which this model needs; give a corpus that has them")
-    images = resize_frames(clip.reference_frames[: spec.num_reference_images], spec.image_size)
+    images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
     return np.asarray(encode_identity(spec, model.variables, images))

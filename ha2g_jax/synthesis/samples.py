@@ -10,7 +10,7 @@ import tqdm
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.windows import resize_frames
+from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.methods.build import encode_identity
@@ -69,7 +69,7 @@ def _style(model: Model, clip: Clip) -> np.ndarray:
     spec, parts = model.spec, (model.spec, model.variables, model.assets)
     if len(model.assets.speakers.get(clip.speaker, ())):
         return choose_style(*parts, Style(speaker=clip.speaker))[0]
-    if spec.identity == "images" and clip.reference_frames is not None:
-        images = resize_frames(clip.reference_frames[: spec.num_reference_images], spec.image_size)
+    if spec.identity == "images" and clip.reference_images is not None:
+        images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
         return np.asarray(encode_identity(spec, model.variables, images))
     return choose_style(*parts, seed=_SEED)[0]

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.data.windows import resize_frames
+from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec, Variables
@@ -139,5 +139,5 @@ def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequ
             raise UserError(f"{path} cannot be read as an image; expected a PNG or JPEG of a person") from error
         side = min(upright.size)
         square = np.asarray(ImageOps.fit(upright, (side, side)))
-        images.append(resize_frames(square[None], spec.image_size))
+        images.append(resize_images(square[None], spec.image_size))
     return np.asarray(encode_identity(spec, variables, np.concatenate(images)))

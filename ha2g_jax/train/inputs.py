@@ -63,7 +63,7 @@ def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabul
         vocabulary,
         num_frames=spec.num_frames,
         inputs=spec.training_inputs,
-        num_reference_frames=spec.num_reference_images,
+        num_reference_images=spec.num_reference_images,
         image_size=spec.image_size if spec.identity == "images" else None,
         among=frozenset(corpus.speakers_of(TRAIN)) if spec.identity == "speaker" else None,
         cache_bytes=int(config.data.cache_gib * 2**30),

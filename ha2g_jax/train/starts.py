@@ -53,7 +53,7 @@ def speaker_identities(
     def identity(speaker):
         if spec.identity == "speaker":
             return np.asarray(encode_identity(spec, variables, np.int32(speaker)))
-        images = windows.reference_frames(speaker, limit=_CLIPS_PER_SPEAKER)
+        images = windows.reference_images(speaker, limit=_CLIPS_PER_SPEAKER)
         return np.mean([encode_identity(spec, variables, image) for image in images], axis=0)
 
     return {name: identity(speaker) for speaker, name in enumerate(names)}

@@ -22,7 +22,7 @@ def example() -> dict[str, Any]:
         "words": rng.integers(0, 9, 34).astype(np.int32),
         "directions": normalize(directions.astype(np.float32)),
         "speaker": np.int32(2),
-        "frames": rng.integers(0, 256, (4, 8, 8, 3)).astype(np.uint8),
+        "images": rng.integers(0, 256, (4, 8, 8, 3)).astype(np.uint8),
     }
 
 
@@ -32,7 +32,7 @@ def test_mirror_changes_pose_images_and_speaker_together(example):
     before, after = (directions_to_positions(SKELETON, e["directions"]) for e in (example, mirrored))
     # The two sides differ in their mean bone lengths by a few millimetres.
     np.testing.assert_allclose(after[:, left], before[:, right] * (-1, 1, 1), atol=0.02)
-    np.testing.assert_array_equal(mirrored["frames"][:, :, 0], example["frames"][:, :, -1])
+    np.testing.assert_array_equal(mirrored["images"][:, :, 0], example["images"][:, :, -1])
     assert mirrored["speaker"].dtype == np.int32
     assert mirrored["speaker"] == 2 + NUM_SPEAKERS
     for name in ("mel", "words"):
@@ -131,7 +131,7 @@ def test_random_numbers_decide_all(example):
 def test_each_setting_alone(example):
     """A probability of 1 changes every example, and only the arrays that it is about."""
     changes = {
-        "mirror": ({"mirror": 1.0}, {"directions", "speaker", "frames"}),
+        "mirror": ({"mirror": 1.0}, {"directions", "speaker", "images"}),
         "gain": ({"gain_db": 20.0}, {"mel"}),
         "noise": ({"noise": 1.0, "noise_snr_db": (0.0, 5.0)}, {"mel"}),
         "nothing": ({"jitter": 3}, set()),

@@ -26,7 +26,7 @@ EVERYTHING = Augmentation(jitter=9, mirror=0.5, gain_db=6.0, noise=0.5)
 @pytest.fixture(scope="module")
 def windows(tiny_talk) -> Windows:
     corpus = Corpus.open(tiny_talk)
-    return Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4, image_size=32)
+    return Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=4, image_size=32)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_hosts_have_the_rows_of_a_batch_in_order(windows, expected, first):
 
 def test_each_epoch_has_every_window_in_another_order(tiny_talk):
     corpus = Corpus.open(tiny_talk)
-    windows = Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_frames=4)
+    windows = Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_images=4)
     everything = sorted(windows[index]["directions"].tobytes() for index in range(len(windows)))
     drawn = [batch["directions"][0].tobytes() for batch in _take(batches(windows, 1, 0), 2 * len(windows))]
     first, second = drawn[: len(windows)], drawn[len(windows) :]
@@ -158,7 +158,7 @@ def damaged(tiny_talk, tmp_path_factory) -> pathlib.Path:
 def test_a_users_error_reaches_the_caller(damaged, workers, monkeypatch):
     monkeypatch.setattr("ha2g_jax.data.batches._check_shared_memory", lambda *_: None)  # which would meet it first
     corpus = Corpus.open(damaged)
-    windows = Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4)
+    windows = Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=4)
     iterator = batches(windows, 2, 0, workers=workers)
     with pytest.raises(UserError, match=r"clip val-.*, record \d+ of .*train-00000.array_record, is damaged"):
         next(iterator)
@@ -173,7 +173,7 @@ from ha2g_jax.data.windows import Windows
 
 def main():
     corpus = Corpus.open(sys.argv[1])
-    windows = Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_frames=4)
+    windows = Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_images=4)
     signal.signal(signal.SIGTERM, lambda *_: None)
     iterator = batches(windows, 2, 0, workers=2)
     if sys.argv[2] == "working":

@@ -27,7 +27,7 @@ def make_clip(name: str, speaker: str, word: str, seed: int) -> Clip:
         audio=np.zeros(4000, np.float32),
         words=(Word(word, 0.0, 0.2),),
         positions=rng.normal(size=(5 + seed, 10, 3)).astype(np.float32),
-        reference_frames=None,
+        reference_images=None,
         recording_start=0.0,
         window_starts=(0,),
     )

@@ -25,7 +25,7 @@ def make_clip(number: int, frames: int) -> Clip:
         audio=np.zeros(frames * 16000 // 15, np.float32),
         words=(),
         positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (frames, 1, 1)),
-        reference_frames=None,
+        reference_images=None,
         recording_start=(number % 2) * 100.0,
         window_starts=(0,),
         recording=f"recording-{number // 2}",

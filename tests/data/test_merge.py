@@ -25,7 +25,7 @@ def make_clip(name: str, speaker: str, word: str, skeleton: str = "ted_gesture")
         audio=(rng.normal(size=48000) / 10).astype(np.float32),
         words=(Word(word, 0.1, 0.4),),
         positions=np.tile(directions_to_positions(bones, bones.mean_directions), (45, 1, 1)),
-        reference_frames=rng.integers(0, 255, (1, 32, 32, 3), np.uint8),
+        reference_images=rng.integers(0, 255, (1, 32, 32, 3), np.uint8),
         recording_start=0.0,
         window_starts=(0, 10),
         recording=f"{name}-file",

@@ -20,7 +20,7 @@ def clip() -> Clip:
         audio=rng.uniform(-0.9, 0.9, 8000).astype(np.float32),
         words=(Word("hello", 0.1, 0.3), Word("naïve", 0.3, 0.45)),
         positions=rng.normal(size=(8, 43, 3)).astype(np.float32),
-        reference_frames=np.full((2, 224, 224, 3), (30, 120, 200), np.uint8),
+        reference_images=np.full((2, 224, 224, 3), (30, 120, 200), np.uint8),
         recording_start=1.5,
         window_starts=(0, 10),
         strokes=(Stroke(0.2, 0.1, 0.4, "semantic", "left", 1.25, "one"),),
@@ -34,7 +34,7 @@ def test_round_trip(clip):
     """Motion, words and truth come back exactly, sound to 16 bits, images to the precision of JPEG."""
     read = decode_clip(encode_clip(clip))
     for field in dataclasses.fields(Clip):
-        if field.name not in ("audio", "positions", "reference_frames", "confidence"):
+        if field.name not in ("audio", "positions", "reference_images", "confidence"):
             assert getattr(read, field.name) == getattr(clip, field.name), field.name
     assert read.audio.dtype == np.float32
     np.testing.assert_allclose(read.audio, clip.audio, atol=2**-15)
@@ -42,13 +42,13 @@ def test_round_trip(clip):
     np.testing.assert_array_equal(read.confidence, clip.confidence)
     assert isinstance(read.strokes[0], Stroke)
     assert isinstance(read.words[0], Word)
-    assert read.reference_frames is not None and clip.reference_frames is not None
-    assert np.abs(read.reference_frames.astype(int) - clip.reference_frames).max() <= 3
+    assert read.reference_images is not None and clip.reference_images is not None
+    assert np.abs(read.reference_images.astype(int) - clip.reference_images).max() <= 3
 
 
 def test_bytes_are_stable(clip):
     """What is decoded encodes to the same bytes, so copies of a corpus have equal hashes."""
-    clip = dataclasses.replace(clip, reference_frames=None)
+    clip = dataclasses.replace(clip, reference_images=None)
     record = encode_clip(clip)
     assert encode_clip(decode_clip(record)) == record
 

@@ -34,7 +34,7 @@ def make_clip(name: str, recording: str = "", time: float = 0.0, **changes) -> C
         audio=np.zeros(48000, np.float32),
         words=(Word("one", 0.1, 0.4), Word("two", 0.5, 0.9)),
         positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (FRAMES, 1, 1)),
-        reference_frames=np.zeros((2, 224, 224, 3), np.uint8),
+        reference_images=np.zeros((2, 224, 224, 3), np.uint8),
         recording_start=time,
         window_starts=(0, 10),
         recording=recording or name,
@@ -113,7 +113,7 @@ CONFIDENT = np.full((FRAMES, SKELETON.num_joints), 1.5, np.float32)
         (make_clip("bad", confidence=CONFIDENT[1:]), "confidence of shape"),
         (with_fields(CLIP, reference_frames=[b"no image"]), "an image of the speaker cannot be read"),
         (
-            make_clip("bad", reference_frames=np.zeros((1, 8, 5000, 3), np.uint8)),
+            make_clip("bad", reference_images=np.zeros((1, 8, 5000, 3), np.uint8)),
             "an image of the speaker is 5000 x 8 pixels",
         ),
         (make_clip("good"), "its id occurs more than once"),
@@ -131,7 +131,7 @@ def test_a_bad_clip_is_found_and_named(tmp_path, record, finding):
     assert re.search(finding, found[0])
 
 
-GENUINE = encode_clip(make_clip("a", reference_frames=None))
+GENUINE = encode_clip(make_clip("a", reference_images=None))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

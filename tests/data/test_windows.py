@@ -11,7 +11,7 @@ from ha2g_jax.data.clip_cache import ClipCache
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.data.windows import Windows, resize_frames
+from ha2g_jax.data.windows import Windows, resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, window_column
 from ha2g_jax.features.text import UNKNOWN, Word
@@ -42,7 +42,7 @@ def _clip(name: str = "a", speaker: str = "ada", **changes) -> Clip:
         audio=audio,
         words=(Word("long", 0.5, 1.5), Word("click", EVENT / 15, EVENT / 15 + 0.2)),
         positions=_positions(),
-        reference_frames=np.full((4, 224, 224, 3), 90, np.uint8),
+        reference_images=np.full((4, 224, 224, 3), 90, np.uint8),
         recording_start=0.0,
         window_starts=(0, 10, 20, 26, 30),
     )
@@ -66,7 +66,7 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Corpus:
 
 @pytest.fixture
 def windows(corpus: Corpus) -> Windows:
-    return Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4)
+    return Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=4)
 
 
 def test_windows_that_do_not_fit_the_clip_are_left_out(windows):
@@ -106,27 +106,27 @@ def test_a_delay_shifts_everything(windows):
 
 
 def test_reference_frames_are_resized_once_per_clip(corpus):
-    windows = Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=4, image_size=32)
+    windows = Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=4, image_size=32)
     assert windows[0]["images"].shape == (4, 32, 32, 3) and windows[0]["images"].dtype == np.uint8
     assert windows[0]["images"] is windows[1]["images"]
-    assert (resize_frames(np.full((1, 48, 48, 3), 7, np.uint8), 32) == 7).all()
+    assert (resize_images(np.full((1, 48, 48, 3), 7, np.uint8), 32) == 7).all()
 
 
 def test_errors_say_what_to_do(corpus):
     with pytest.raises(UserError, match="61 frames"):
-        Windows(corpus, "train", corpus.vocabulary(), num_frames=61, num_reference_frames=4)
+        Windows(corpus, "train", corpus.vocabulary(), num_frames=61, num_reference_images=4)
     with pytest.raises(UserError, match=r"identity\.kind=speakers"):
-        Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_frames=7, image_size=32)
+        Windows(corpus, "train", corpus.vocabulary(), num_frames=34, num_reference_images=7, image_size=32)
 
 
 def _val(corpus: Corpus, **options) -> Windows:
-    return Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_frames=4, **options)
+    return Windows(corpus, "val", corpus.vocabulary(), num_frames=34, num_reference_images=4, **options)
 
 
 @pytest.fixture
 def count_decoding(monkeypatch):
     """How often audio and images of a clip were decoded."""
-    counts = {"audio": 0, "frames": 0}
+    counts = {"audio": 0, "images": 0}
     for kind in counts:
         decode = getattr(records, f"decode_{kind}")
 
@@ -140,16 +140,16 @@ def count_decoding(monkeypatch):
 
 def test_a_clip_is_decoded_when_asked_for_and_then_kept(corpus, count_decoding):
     windows = _val(corpus, image_size=32)
-    assert count_decoding == {"audio": 0, "frames": 0}
+    assert count_decoding == {"audio": 0, "images": 0}
     for index in range(4):  # the windows of clip b
         windows[index]
-    assert count_decoding == {"audio": 1, "frames": 1}
+    assert count_decoding == {"audio": 1, "images": 1}
     windows[4]
-    assert count_decoding == {"audio": 2, "frames": 2}
+    assert count_decoding == {"audio": 2, "images": 2}
 
 
 def test_the_cache_keeps_to_its_size(corpus, count_decoding):
-    """Room for two of three clips: the one longest unused goes. Room for none: all still works."""
+    """A cache of two of three clips drops the one longest unused; a cache of none still works."""
     track = _val(corpus)._read.track(0)
     size = track.speech.num_bytes + track.directions.nbytes + 1000
     windows = _val(corpus, cache_bytes=2 * size)
@@ -168,13 +168,13 @@ def test_the_cache_keeps_to_its_size(corpus, count_decoding):
 def test_motion_and_images_decode_no_speech(corpus, count_decoding):
     windows = _val(corpus, image_size=32)
     motion = [windows.directions(index) for index in range(len(windows))]
-    assert count_decoding == {"audio": 0, "frames": 0}
+    assert count_decoding == {"audio": 0, "images": 0}
     ada, ben = corpus.speakers.index("ada"), corpus.speakers.index("ben")
     assert windows.speakers() == {ada, ben}
-    assert len(windows.reference_frames(ada, limit=1)) == 1
-    assert count_decoding == {"audio": 0, "frames": 1}
-    assert [frames.shape for frames in windows.reference_frames(ada)] == [(4, 32, 32, 3)] * 2
-    assert _val(corpus).reference_frames(ada) == []
+    assert len(windows.reference_images(ada, limit=1)) == 1
+    assert count_decoding == {"audio": 0, "images": 1}
+    assert [images.shape for images in windows.reference_images(ada)] == [(4, 32, 32, 3)] * 2
+    assert _val(corpus).reference_images(ada) == []
     for index in range(len(windows)):
         np.testing.assert_array_equal(motion[index], windows[index]["directions"])
 
@@ -227,7 +227,7 @@ def _with_nan() -> np.ndarray:
         ({"positions": _with_nan()}, r"clip bad \(record 1 of .*val-00000.array_record\) .*NaN.* frame 7; correct"),
         ({"positions": np.zeros((60, 43, 3), np.float32)}, r"clip bad \(record 1 of .*\(60, 43, 3\), expected"),
         ({"positions": np.zeros((60, 10), np.float32)}, r"clip bad \(record 1 of .*\(60, 10\), expected \(T, 10, 3\)"),
-        ({"reference_frames": None}, r"clip bad \(record 1 of .* has 0 images .*identity\.kind=speakers"),
+        ({"reference_images": None}, r"clip bad \(record 1 of .* has 0 images .*identity\.kind=speakers"),
     ],
 )
 def test_a_record_that_cannot_be_used_is_named_at_the_start(tmp_path, change, message):

@@ -203,7 +203,7 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
             audio=audio,
             words=words,
             positions=positions,
-            reference_frames=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
+            reference_images=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
             recording_start=time,
             window_starts=tuple(range(0, len(positions) - length + 1, stride)),
             strokes=strokes,

@@ -205,7 +205,7 @@ def _make_clip(vid: str, raw: _RawClip, positions: np.ndarray, starts: tuple[int
         audio=raw.audio,
         words=tuple(word for word in words if word.start <= word.end),
         positions=positions,
-        reference_frames=None,
+        reference_images=None,
         recording_start=raw.start,
         window_starts=starts,
         recording=vid,

@@ -190,6 +190,6 @@ def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> l
         cropped[i : i + settings.num_reference_frames] for i in range(0, len(cropped), settings.num_reference_frames)
     ]
     return [
-        dataclasses.replace(clip, reference_frames=np.stack(of_clip))
+        dataclasses.replace(clip, reference_images=np.stack(of_clip))
         for clip, of_clip in zip(clips, of_clips, strict=True)
     ]

@@ -30,7 +30,7 @@ _ROWS = {  # title and format of each number of a split in the table
     "words_per_minute": ("words per minute", ".0f"),
     "vocabulary": ("different words", ",d"),
     "unknown_words": ("words unknown to training", ".1%"),
-    "reference_frames": ("images of speakers", ",d"),
+    "reference_images": ("images of speakers", ",d"),
     "confidence": ("mean confidence", ".2f"),
     "both_hands": ("frames with both hands", ".1%"),
 }
@@ -46,7 +46,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
     Returns:
         A dict ready for JSON. "splits" and "total": clips, recordings, speakers, hours, windows, words,
         words_per_minute, vocabulary (number of different words), unknown_words (fraction of words that training does
-        not have), reference_frames (number of images), confidence (mean), both_hands (fraction of the frames in which
+        not have), reference_images (number of images), confidence (mean), both_hands (fraction of the frames in which
         every joint of both hands is seen); None for values that the corpus does not have. "training":
         `TrainingMotion.result`. "import": the report of the import. "failed": videos that failed. "clip_seconds" and
         "clip_pace": counts of clips over `SECONDS_EDGES` and `PACE_EDGES`.
@@ -242,7 +242,7 @@ class _Counts:
         self._clips += 1
         self._frames += len(fields["positions"])
         self._windows += len(fields["window_starts"])
-        self._images += len(fields["reference_frames"] or ())
+        self._images += len(fields["reference_images"] or ())
         self._recordings.add(fields["recording"] or fields["id"])
         self._speakers.add(fields["speaker"])
         self._words.update(word.text.lower() for word in fields["words"])
@@ -266,7 +266,7 @@ class _Counts:
             "words_per_minute": words / minutes if minutes else None,
             "vocabulary": len(self._words),
             "unknown_words": unknown,
-            "reference_frames": self._images,
+            "reference_images": self._images,
             "confidence": self._confidence / self._judged if self._judged else None,
             "both_hands": self._both_hands / self._judged if self._judged and self._hands else None,
         }

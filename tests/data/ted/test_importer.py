@@ -127,7 +127,7 @@ def independent_directions(clip: dict[str, Any], skeleton: Skeleton) -> np.ndarr
 
 def check_directions(corpus: Corpus, split: str, clips: list[dict[str, Any]], skeleton: Skeleton) -> int:
     """Compares all windows with the independent computation; returns their number."""
-    windows = Windows(corpus, split, corpus.vocabulary(), num_frames=34, num_reference_frames=0)
+    windows = Windows(corpus, split, corpus.vocabulary(), num_frames=34, num_reference_images=0)
     expected = {clip["start_time"]: independent_directions(clip, skeleton) for clip in clips}
     for index in range(len(windows)):
         clip_id, start = windows.name(index).split("@")

@@ -34,7 +34,7 @@ def test_a_video_becomes_a_clip(extract, make_recording, tmp_path):
     assert clip.words[3] == ("word3", pytest.approx(1.6), pytest.approx(1.9))
     assert clip.confidence is not None and clip.confidence[0, 20] == 0 and clip.confidence[40].min() == 1
     assert clip.positions.shape == (89, 43, 3) and np.isfinite(clip.positions).all() and clip.window_starts
-    assert clip.reference_frames is not None and clip.reference_frames.shape == (4, 224, 224, 3)
+    assert clip.reference_images is not None and clip.reference_images.shape == (4, 224, 224, 3)
     assert (extracted.frames, extracted.frames_with_both_hands, extracted.shots) == (60, 45, 1)
     assert extracted.seconds == pytest.approx(6, abs=0.01)
     assert (extracted.report.videos, extracted.report.clips, extracted.report.kept) == (1, 1, len(clip.window_starts))
@@ -75,10 +75,10 @@ def test_a_clip_shows_its_own_first_images(extract, make_recording, tmp_path):
     """Protects the pairing of clips and images: two clips of one shot have different ones."""
     extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=12), max_seconds=9.0, num_reference_frames=2)
     first, second = (records.decode_clip(record) for record in extracted.records)
-    assert second.id == "folder/talk-1" and first.reference_frames is not None and second.reference_frames is not None
+    assert second.id == "folder/talk-1" and first.reference_images is not None and second.reference_images is not None
     shown = 10 + second.recording_start * 10  # green rises by one each image
-    assert abs(float(second.reference_frames[0][..., 1].mean()) - shown) < 3
-    assert abs(float(first.reference_frames[0][..., 1].mean()) - 10) < 3 and shown > 40
+    assert abs(float(second.reference_images[0][..., 1].mean()) - shown) < 3
+    assert abs(float(first.reference_images[0][..., 1].mean()) - 10) < 3 and shown > 40
 
 
 def test_resampling_is_linear_at_any_spacing():

@@ -5,14 +5,14 @@ import hashlib
 import jax
 import numpy as np
 import pytest
-from ha2g_jax.methods.building import build_task
-from ha2g_jax.methods.task import example_batch, subtract_mean
 
 from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.methods.method import subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.study.evaluation.features import PoseFeatures
 
@@ -22,9 +22,7 @@ def folder(tmp_path_factory):
     """An auto-encoder of TED-Gesture with random weights."""
     config = presets.parse("ted_gesture:debug", "autoencoder")
     skeleton = load_skeleton("ted_gesture")
-    task = build_task(config, skeleton, 0, 0)
-    arguments = task.method.arguments(task, example_batch(task))
-    shapes = jax.eval_shape(lambda key: task.generator.init(key, *arguments, train=False), jax.random.key(0))
+    shapes = variable_shapes(build(config, skeleton, 0, 0))
     random = np.random.default_rng(0)
     variables = {
         "params": jax.tree.map(lambda x: random.normal(0, 0.1, x.shape).astype(np.float32), shapes["params"]),

@@ -122,7 +122,7 @@ def truth_of(name: str, hits: np.ndarray, words: tuple[Stroke, ...] = ()) -> Tru
         audio=np.zeros(0, np.float32),
         words=(),
         positions=np.zeros((300, 43, 3), np.float32),
-        reference_frames=None,
+        reference_images=None,
         recording_start=0.0,
         window_starts=(),
         strokes=words,
@@ -187,8 +187,8 @@ def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
     f_id = identity.clip_identity(debug_model, clip)
     assert f_id.shape == (18,)
     with pytest.raises(UserError, match="no reference frames"):
-        identity.clip_identity(debug_model, dataclasses.replace(clip, reference_frames=None))
-    by_name = dataclasses.replace(debug_model, task=dataclasses.replace(debug_model.task, identity_input="speaker"))
+        identity.clip_identity(debug_model, dataclasses.replace(clip, reference_images=None))
+    by_name = dataclasses.replace(debug_model, spec=debug_model.spec._replace(identity="speaker"))
     ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
     np.testing.assert_array_equal(identity.clip_identity(by_name, dataclasses.replace(clip, speaker="ada")), ada)
     unknown = identity.clip_identity(by_name, dataclasses.replace(clip, speaker="eve"))
