@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
 
@@ -17,10 +18,10 @@ NUM_STEPS, BATCH_SIZE = 5, 8
 
 
 @pytest.fixture(scope="module")
-def start(make_batch, draw_state):
+def start(make_batch):
     """Objective, state and batches for `NUM_STEPS` steps of plain gradient descent with all terms of the objective."""
     objective = processes.sgd_objective()
-    state = draw_state(objective).replace(step=jnp.int32(objective.warmup_steps))
+    state = init_state(objective, jax.random.key(0)).replace(step=jnp.int32(objective.warmup_steps))
     return objective, jax.device_get(state), [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
 
 
