@@ -1,6 +1,6 @@
 """HA2G: the hierarchical audio learner and pose inferer with the objective of Eq. 9."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -27,8 +27,6 @@ term_names: tuple[str, ...] = ("gan", "huber", "physical", "style", "kld", "cont
 has_parts = True
 init_arguments = speech_arguments
 
-# The input of each kind of E_a.
-_AUDIO_INPUTS = {"resnet_se": "mel", "whisper": "asr_mel"}
 _COORDINATORS = ("levels", "tied")
 
 
@@ -86,8 +84,9 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: an unknown choice.
     """
     audio, inferer = config.model.audio, config.model.inferer
+    encoder = _AUDIO_ENCODERS[choice("model.audio.kind", audio.kind, tuple(_AUDIO_ENCODERS))](config)
     generator = HA2G(
-        audio=_audio_encoder(config),
+        audio=encoder,
         text=text_encoder(config, vocabulary_size),
         identity=_identity_encoder(config, num_speakers),
         level_channels=_level_channels(inferer.levels, skeleton),
@@ -99,29 +98,36 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         dropout=inferer.dropout,
     )
     discriminator = Discriminator(**config.model.discriminator)
-    speech = (_AUDIO_INPUTS[audio.kind],)
+    inputs = encoder.inputs
     # The words serve the contrastive loss alone, so that generation does without them.
-    return make_spec(config, skeleton, generator, discriminator, inputs=speech, training_inputs=(*speech, "words"))
+    return make_spec(config, skeleton, generator, discriminator, inputs=inputs, training_inputs=(*inputs, "words"))
 
 
-def _audio_encoder(config: Config) -> AudioEncoder | AsrAudioEncoder:
-    audio = config.model.audio
-    if choice("model.audio.kind", audio.kind, tuple(_AUDIO_INPUTS)) == "whisper":
-        _check_whisper(config)
-        return AsrAudioEncoder(
-            whisper=WhisperEncoder(**audio.whisper),
-            feature_dim=audio.feature_dim,
-            num_frames=config.data.num_frames,
-            fps=config.data.fps,
-        )
+def _resnet_se(config: Config) -> AudioEncoder:
+    audio, data = config.model.audio, config.data
     settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
     return AudioEncoder(
         **settings,
         feature_dim=audio.feature_dim,
-        num_frames=config.data.num_frames,
-        fps=config.data.fps,
+        num_frames=data.num_frames,
+        fps=data.fps,
         is_recomputed=config.model.recompute,
     )
+
+
+def _whisper(config: Config) -> AsrAudioEncoder:
+    audio, data = config.model.audio, config.data
+    _check_whisper(config)
+    return AsrAudioEncoder(
+        whisper=WhisperEncoder(**audio.whisper),
+        feature_dim=audio.feature_dim,
+        num_frames=data.num_frames,
+        fps=data.fps,
+    )
+
+
+# E_a by `config.model.audio.kind`; the `inputs` of an encoder names its speech input.
+_AUDIO_ENCODERS: dict[str, Callable[[Config], Any]] = {"resnet_se": _resnet_se, "whisper": _whisper}
 
 
 def _check_whisper(config: Config) -> None:

@@ -1,14 +1,15 @@
 """HA2G, the generator: hierarchical audio learner and hierarchical pose inferer (HA2G, section 3)."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.asr_audio import AsrAudioEncoder
 from ha2g_jax.layers.gru import BiGRU
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet_se import AudioEncoder, Features
+from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.tcn import TextEncoder
 
 
@@ -68,7 +69,7 @@ class HA2G(nn.Module):
     "dropout" in training.
 
     Attributes:
-        audio: E_a.
+        audio: E_a, which maps one input, named by its `inputs`, to `Features`.
         text: E_t; its features serve the contrastive loss only, never the poses.
         identity: E_ID.
         level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
@@ -78,7 +79,7 @@ class HA2G(nn.Module):
         hidden_dim, layers, dropout: of each stage's GRU.
     """
 
-    audio: AudioEncoder | AsrAudioEncoder
+    audio: Any
     text: TextEncoder
     identity: ImageIdentity | SpeakerIdentity
     level_channels: tuple[tuple[int, ...], ...]
