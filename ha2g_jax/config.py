@@ -15,6 +15,8 @@ from ha2g_jax.errors import UserError
 # An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
 
+MIN_FPS, MAX_FPS = 15, 30  # frames per second that features and networks can be derived for
+
 
 def paper(skeleton: str) -> Config:
     """Return the config of HA2G with the sizes and settings of the paper.
@@ -134,6 +136,23 @@ def from_json(values: dict[str, Any]) -> Config:
     if "train" not in values:
         del config.train
     return config.lock()
+
+
+def check_fps(fps: float, name: str) -> None:
+    """Check that features and networks can be derived for a frame rate.
+
+    Args:
+        fps: frames per second.
+        name: name of the rate in the error message.
+
+    Raises:
+        UserError: the rate is not a whole number from 15 to 30.
+    """
+    if fps not in range(MIN_FPS, MAX_FPS + 1):
+        raise UserError(
+            f"{name} is {fps:g}, expected a whole number from {MIN_FPS} to {MAX_FPS}: make the corpus at such a rate "
+            "(--fps of ha2g data make-talk, import-bvh and import-smplx) and set --config.data.fps to it"
+        )
 
 
 def small(config: Config) -> Config:

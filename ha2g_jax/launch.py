@@ -12,7 +12,7 @@ from absl import flags
 from ml_collections import config_flags
 
 from ha2g_jax import config_renames
-from ha2g_jax.config import Config
+from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
 
 _USAGE = """\
@@ -105,6 +105,8 @@ def _parse(argv: list[str]) -> Arguments:
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
     except (flags.Error, TypeError, ValueError) as error:
+        if match := re.search(r"--?config\.data\.fps=(\d+\.\d+)\b", str(error)):
+            check_fps(float(match[1]), "config.data.fps")
         raise UserError(_one_line(error)) from error
     if not spec or not values.workdir:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")

@@ -13,6 +13,13 @@ ROOT = pathlib.Path(__file__).parent.parent
 TALK = str(ROOT / "experiments" / "configs" / "talk.py")
 
 
+def test_a_frame_rate_that_is_no_whole_number_is_named():
+    with pytest.raises(
+        UserError, match=r"config.data.fps is 29.97, expected a whole number from 15 to 30"
+    ):
+        launch.load_config("experiments/configs/talk.py:debug", ["--config.data.fps=29.97"])
+
+
 def test_a_spec_and_overrides_give_a_locked_config():
     config = launch.load_config(f"{TALK}:small", ["--config.train.batch_size=48", "--config.train.betas=(0.9, 0.99)"])
     assert (config.train.batch_size, config.train.betas) == (48, (0.9, 0.99))

@@ -5,15 +5,14 @@ from typing import Any
 
 import jax
 
-from ha2g_jax.config import Config
+from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
 from ha2g_jax.skeleton import Skeleton
 
-# The frame rates and lengths of windows that features and networks can be derived for.
-MIN_FPS, MAX_FPS = 15, 30
+# The lengths of windows that features and networks can be derived for.
 MIN_FRAMES, MAX_FRAMES = 17, 68
 
 
@@ -38,11 +37,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
 
 def _check_window(data: Config) -> None:
     """Check the sizes of a window, from which all networks and features derive theirs."""
-    if data.fps not in range(MIN_FPS, MAX_FPS + 1):
-        raise UserError(
-            f"config.data.fps is {data.fps:g}, expected a whole number from {MIN_FPS} to {MAX_FPS}: make the corpus at "
-            "such a rate (--fps of ha2g data make-talk, import-bvh and import-smplx) and set --config.data.fps to it"
-        )
+    check_fps(data.fps, "config.data.fps")
     if not MIN_FRAMES <= data.num_frames <= MAX_FRAMES:
         raise UserError(
             f"config.data.num_frames is {data.num_frames}, expected {MIN_FRAMES} to {MAX_FRAMES}: set "

@@ -5,7 +5,7 @@ from typing import Any
 import grain
 import numpy as np
 
-from ha2g_jax.config import Config
+from ha2g_jax.config import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -32,6 +32,7 @@ def open_corpus(config: Config) -> Corpus:
     if not config.data.path:
         raise UserError("config.data.path is empty: set --config.data.path to 'talk' or to the folder of a corpus")
     corpus = Corpus.open(talk_path(config.data.path))
+    check_fps(corpus.fps, f"the frame rate of {corpus.path}")
     found, expected = (corpus.skeleton.name, corpus.fps), (config.skeleton, config.data.fps)
     if found != expected:
         raise UserError(
