@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint.state import init_state
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 NUM_STEPS, BATCH_SIZE = 5, 8

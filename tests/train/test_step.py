@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from ha2g_jax.methods.objective import subtract_mean
 
 from ha2g_jax.methods import adversarial
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.forward import discriminate
 from ha2g_jax.methods.ha2g.method import term_names
+from ha2g_jax.methods.method import subtract_mean
 from ha2g_jax.train import step as steps
 from ha2g_jax.train.objective import init_state
 
