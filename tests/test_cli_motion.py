@@ -112,7 +112,7 @@ MISTAKES = {
     "same names": (["video", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
     "figure suffix": (["keyframes", "{}/a.npz", "-o", "{out}/x.pdf"], ".png or .svg"),
     "count": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
-    "words": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "no transcript"),
+    "words": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "not a transcript"),
 }
 
 

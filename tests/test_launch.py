@@ -14,9 +14,7 @@ TALK = str(ROOT / "experiments" / "configs" / "talk.py")
 
 
 def test_a_frame_rate_that_is_no_whole_number_is_named():
-    with pytest.raises(
-        UserError, match=r"config.data.fps is 29.97, expected a whole number from 15 to 30"
-    ):
+    with pytest.raises(UserError, match=r"config.data.fps is 29.97, expected a whole number from 15 to 30"):
         launch.load_config("experiments/configs/talk.py:debug", ["--config.data.fps=29.97"])
 
 

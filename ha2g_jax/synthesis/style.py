@@ -54,6 +54,8 @@ def choose_style(
         UserError: more than one style is requested, a speaker is unknown, a weight is impossible, an image cannot be
             read, a seed is negative, or the model has no styles.
     """
+    if not isinstance(style, Style):
+        raise UserError(f"the style is {style!r}; give a Style, such as Style(speaker='ada')")
     if sum(part is not None for part in style) > 1:
         raise UserError(
             "the style has more than one source; give only a speaker, a mixture, reference images or a style seed"

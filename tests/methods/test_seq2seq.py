@@ -13,6 +13,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
 from ha2g_jax.methods.seq2seq import continuity, mse, variance
 from ha2g_jax.train import sharding
+from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 300, 16
@@ -42,13 +43,13 @@ def test_an_identity_is_refused(make_objective):
 
 
 def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
-    assert make_objective("seq2seq").generator.num_words == 11 + 2
+    assert make_objective("seq2seq").spec.generator.num_words == 11 + 2
 
 
-def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch, draw_state):
+def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch):
     changes = {"model__inferer__hidden_dim": 16, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
     objective = make_objective("seq2seq", train__steps=STEPS, **changes)
-    batch, state, history = make_motion_batch(objective, 4), draw_state(objective), []
+    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
     step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))
@@ -85,10 +86,10 @@ def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch, dra
     assert np.isfinite(list(metrics.values())).all()
 
 
-def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch, draw_state):
+def test_eight_devices_take_the_step_of_one(make_plain, make_motion_batch):
     objective = make_plain()
     batch = jax.tree.map(np.asarray, make_motion_batch(objective, SIZE))
-    start, ends = draw_state(objective), []
+    start, ends = init_state(objective, jax.random.key(0)), []
     for devices in (jax.devices()[:1], jax.devices()):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))

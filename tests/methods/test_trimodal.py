@@ -97,7 +97,7 @@ def test_validation_of_one_window_is_finite_and_has_all_terms(objective, state, 
 
 
 def test_mirrored_windows_double_the_table_of_speakers(make_objective):
-    rows = [make_objective("trimodal", data__mirror=share).generator.identity.num_speakers for share in (0.0, 0.5)]
+    rows = [make_objective("trimodal", data__mirror=share).spec.generator.identity.num_speakers for share in (0.0, 0.5)]
     assert rows == [5, 10]
     with pytest.raises(UserError, match=r"identity.kind is 'images', expected one of speakers"):
         make_objective("trimodal", model__identity__kind="images")

@@ -44,7 +44,10 @@ def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch,
             has_aux=True,
         )
         logits, back = jax.vjp(
-            lambda poses: discriminate(objective.spec, state.discriminator.variables, poses, key)[0], outputs.poses[-1]
+            lambda poses: discriminate(
+                objective.spec, state.discriminator.variables, poses, key, compute=objective.compute
+            )[0],
+            outputs.poses[-1],
         )
         return outputs, logits, pull_back(outputs), back(logits)
 

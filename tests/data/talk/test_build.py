@@ -98,7 +98,7 @@ def test_refusals(tiny_talk, tmp_path):
 
 
 def test_interruption_leaves_nothing(monkeypatch, tmp_path):
-    def interrupted(plan):
+    def interrupted(plan, fps):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(build, "_make_clips", interrupted)

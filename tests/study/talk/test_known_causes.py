@@ -186,7 +186,7 @@ def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
     clip = Corpus.open(tiny_talk).clips("test")[0]
     f_id = identity.clip_identity(debug_model, clip)
     assert f_id.shape == (18,)
-    with pytest.raises(UserError, match="no reference frames"):
+    with pytest.raises(UserError, match="no reference images"):
         identity.clip_identity(debug_model, dataclasses.replace(clip, reference_images=None))
     by_name = dataclasses.replace(debug_model, spec=debug_model.spec._replace(identity="speaker"))
     ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
