@@ -1,6 +1,7 @@
 """A trained model that generates motion from speech."""
 
 import dataclasses
+import importlib.metadata
 import math
 import pathlib
 from collections.abc import Sequence
@@ -9,7 +10,6 @@ from typing import Any, NamedTuple, TypedDict
 import jax
 import numpy as np
 
-from ha2g_jax import __version__
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
@@ -144,7 +144,7 @@ class Model:
         directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
         asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
         meta = {
-            "version": __version__,
+            "version": importlib.metadata.version("ha2g-jax"),
             "model": self.config.name,
             "checkpoint": self.assets.hash,
             "speech": audio.name,
