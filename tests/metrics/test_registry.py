@@ -1,4 +1,4 @@
-"""One table of metrics: every name once, and what is not in it is an error."""
+"""The table of metrics has every name once, and refuses a name that it lacks."""
 
 import subprocess
 import sys
