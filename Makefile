@@ -1,5 +1,6 @@
 # make demo          write a video of a figure that gestures to examples/hello.wav, out/demo.mp4
 # make test          run the tests
+# make fuzz          give every reader damaged files, for an hour (FUZZ_SECONDS)
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
 # make test-web      test the viewer in Chromium, and exports with the validator of Khronos (needs node and chromium)
@@ -11,8 +12,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_WORKERS ?= 2
+FUZZ_SECONDS ?= 3600
 
-.PHONY: demo test test-torch test-blender test-web pose lint notebooks clean
+.PHONY: demo test fuzz test-torch test-blender test-web pose lint notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -20,6 +22,11 @@ demo: $(VENV)/demo
 
 test: $(VENV)/test
 	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS) --dist worksteal
+
+fuzz: $(VENV)/test
+	@end=$$(( $$(date +%s) + $(FUZZ_SECONDS) )); while [ $$(date +%s) -lt $$end ]; do \
+		HA2G_FUZZ_EXAMPLES=500 $(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS) tests/fuzz || exit 1; \
+	done
 
 test-torch: $(VENV)-torch/torch
 	$(VENV)-torch/bin/python -m pytest -m torch

@@ -1,14 +1,18 @@
 """The `ha2g` command: arguments only; each command calls one function of the package."""
 
 import argparse
+import io
 import json
 import os
 import pathlib
 import signal
 import sys
+import traceback
 
+from ha2g_jax import __version__
 from ha2g_jax.cli import data, evaluate, export, generate, view
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -18,9 +22,11 @@ def main(argv: list[str] | None = None) -> int:
         argv: arguments; by default those of this process.
 
     Returns:
-        0; 1 if `doctor` or `data validate` find an error; 2 for a mistake of the user; 130 for Ctrl-C.
+        0; 1 if `doctor` or `data validate` find an error, or for a fault of this program, whose traceback is printed; 2
+        for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C.
     """
     argv = sys.argv[1:] if argv is None else argv
+    _print_any_path()
     try:
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
             from ha2g_jax import launch
@@ -38,7 +44,25 @@ def main(argv: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the output has stopped reading, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # the exit code of SIGPIPE in a shell
+    except MemoryError:
+        print("ha2g: out of memory; give a shorter or smaller input, or close other programs", file=sys.stderr)
+        return 2
+    except OSError as error:
+        where = "".join(f" {shown(name)}:" for name in (error.filename, error.filename2) if isinstance(name, str))
+        print(f"ha2g:{where} {reason(error).lower()}", file=sys.stderr)
+        return 2
+    except Exception:
+        traceback.print_exc()
+        print(f"ha2g: a fault of ha2g {__version__}; please report the text above as SECURITY.md says", file=sys.stderr)
+        return 1
     return code
+
+
+def _print_any_path() -> None:
+    """Print names of files that are not UTF-8 with escapes, instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _parser() -> argparse.ArgumentParser:

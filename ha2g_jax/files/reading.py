@@ -1,0 +1,134 @@
+"""Reading of files of unknown origin: their exceptions become one-line errors, and sizes are checked first."""
+
+import contextlib
+import json
+import os
+import pathlib
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.limits import MAX_JSON_DEPTH, MAX_NAME_LENGTH
+
+# Exceptions by which parsers answer damaged or hostile content; UnicodeError is a ValueError, OverflowError an
+# ArithmeticError.
+_OF_CONTENT = (ValueError, ArithmeticError, RecursionError, EOFError, struct.error, zlib.error)
+
+
+def shown(path: str | os.PathLike) -> str:
+    """Return a path as printable text, whatever its bytes and its length.
+
+    Args:
+        path: path, which may hold bytes that are not UTF-8.
+
+    Returns:
+        The path with such bytes and control characters as escapes, its middle left out if it is very long.
+    """
+    text = os.fsencode(path).decode("utf-8", errors="backslashreplace")
+    text = "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+    if len(text) <= MAX_NAME_LENGTH:
+        return text
+    return f"{text[: MAX_NAME_LENGTH // 2]}...{text[-MAX_NAME_LENGTH // 2 :]}"
+
+
+@contextlib.contextmanager
+def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> Iterator[None]:
+    """Turn the exceptions of a reader into a `UserError` that names the file.
+
+    Args:
+        path: path of the file that is read in this context.
+        expected: kind of file, with its article: "a BVH file".
+        also: further exceptions by which the parser answers damaged content.
+
+    Raises:
+        UserError: the file is missing or unreadable, its content is not as expected, or memory did not suffice. A
+            `UserError` of the reader itself passes unchanged.
+    """
+    try:
+        yield
+    except MemoryError as error:
+        raise UserError(f"{shown(path)} needs more memory than there is; expected {expected} of usual size") from error
+    except OSError as error:
+        raise UserError(f"cannot read {shown(path)} ({reason(error)}); expected {expected}") from error
+    except (*_OF_CONTENT, *also) as error:
+        raise UserError(f"{shown(path)} is not {expected} ({reason(error)})") from error
+
+
+def reason(error: BaseException) -> str:
+    """Return the message of an exception in one short line.
+
+    Args:
+        error: exception of a parser or of the system.
+    """
+    if isinstance(error, RecursionError):
+        return "nested too deep"
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    text = " ".join(text.split()) or type(error).__name__
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def read_bytes(path: str | os.PathLike, expected: str, max_bytes: int) -> bytes:
+    """Read a whole file that must not be larger than `max_bytes`.
+
+    Args:
+        path: path of a regular file or a pipe.
+        expected: kind of file, with its article.
+        max_bytes: maximum size in bytes, checked while reading: the size that a system reports may be 0 or old.
+
+    Raises:
+        UserError: the file is missing, a folder, unreadable or too large.
+    """
+    with reading(path, expected), pathlib.Path(path).open("rb") as file:
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise UserError(f"{shown(path)} has more than {max_bytes} bytes, which is too large for {expected}")
+    return content
+
+
+def read_json(path: str | os.PathLike, expected: str, max_bytes: int) -> Any:
+    """Read a JSON document of limited size and depth.
+
+    Args:
+        path: path of the file.
+        expected: kind of file, with its article.
+        max_bytes: maximum size in bytes.
+
+    Raises:
+        UserError: the file is missing, unreadable, too large, not JSON in UTF-8, or nested too deep.
+    """
+    content = read_bytes(path, expected, max_bytes)
+    with reading(path, expected):
+        return parse_json(content)
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON whose values are nested at most `MAX_JSON_DEPTH` deep.
+
+    Args:
+        text: JSON, in UTF-8 if bytes, with or without a byte order mark.
+
+    Raises:
+        ValueError: the text is not JSON, or is nested too deep.
+    """
+    if isinstance(text, bytes):
+        text = text.decode("utf-8-sig")
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    layer, depth = [value], 0
+    while layer:
+        if depth > MAX_JSON_DEPTH:
+            raise ValueError("nested too deep")
+        layer = [inner for outer in layer for inner in _children(outer)]
+        depth += 1
+    return value
+
+
+def _children(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return list(value.values())
+    return value if isinstance(value, list) else []

@@ -1,0 +1,68 @@
+"""Exceptions of readers become one line that names the file."""
+
+import errno
+import json
+import os
+
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import parse_json, read_bytes, read_json, reading, shown
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (ValueError("bad\nnumber"), r"x\.bvh is not a BVH file \(bad number\)"),
+        (OverflowError("int too large"), "int too large"),
+        (RecursionError("maximum depth"), "nested too deep"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "invalid start byte"),
+        (MemoryError(), r"x\.bvh needs more memory"),
+        (OSError(errno.EIO, "Input/output error"), r"cannot read .*x\.bvh \(Input/output error\)"),
+    ],
+)
+def test_exceptions_of_input_name_the_file(error, message):
+    with pytest.raises(UserError, match=message) as caught, reading("x.bvh", "a BVH file"):
+        raise error
+    assert "\n" not in str(caught.value)
+    assert caught.value.__cause__ is error
+
+
+def test_other_exceptions_pass_unless_named():
+    with pytest.raises(KeyError), reading("x.bvh", "a BVH file"):
+        raise KeyError("x")
+    with pytest.raises(UserError, match="not a BVH file"), reading("x.bvh", "a BVH file", KeyError):
+        raise KeyError("x")
+    with pytest.raises(UserError, match=r"^as it is$"), reading("x.bvh", "a BVH file"):
+        raise UserError("as it is")
+
+
+def test_any_path_is_shown():
+    assert shown("sp\u00e9ech.wav") == "sp\u00e9ech.wav"
+    assert shown(os.fsdecode(b"a\xff\n.wav")) == "a\\xff\\n.wav"
+    assert len(shown("x" * 5000)) < 300
+
+
+def test_a_file_beyond_the_size_is_not_read(tmp_path):
+    (tmp_path / "a").write_bytes(b"12345")
+    assert read_bytes(tmp_path / "a", "a text", 5) == b"12345"
+    with pytest.raises(UserError, match="more than 4 bytes"):
+        read_bytes(tmp_path / "a", "a text", 4)
+    with pytest.raises(UserError, match="No such file"):
+        read_bytes(tmp_path / "b", "a text", 4)
+    with pytest.raises(UserError, match="cannot read"):
+        read_bytes(tmp_path / ("x" * 300), "a text", 4)
+
+
+@pytest.mark.parametrize("text", ["[" * 200_000, "[" * 65 + "1" + "]" * 65, '{"a":' * 100_000])
+def test_json_nested_deep_is_refused(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(UserError, match=r"a\.json is not a list of words \("):
+        read_json(tmp_path / "a.json", "a list of words", 1 << 20)
+
+
+def test_json_is_read_as_by_the_library(tmp_path):
+    value = {"a": [1, 2.5, None, {"b": "\u00e9"}], "c": []}
+    assert parse_json(json.dumps(value)) == value
+    (tmp_path / "a.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(value).encode())
+    assert read_json(tmp_path / "a.json", "words", 1 << 20) == value
