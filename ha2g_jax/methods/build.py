@@ -7,13 +7,14 @@ import jax
 
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
+from ha2g_jax.limits import MAX_SPEAKERS, MAX_VOCABULARY, MAX_WINDOW_FRAMES
 from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
+from ha2g_jax.methods.ranges import check_ranges
 from ha2g_jax.skeleton import Skeleton
 
-# The lengths of windows that features and networks can be derived for.
-MIN_FRAMES, MAX_FRAMES = 17, 68
+MIN_FRAMES = 17  # of a window, that features and networks can be derived for
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -29,18 +30,22 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     Raises:
         UserError: an unknown choice, or a setting that the method cannot use.
     """
+    check_ranges(config)
     method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
     _check_window(config.data)
     choice("model.identity.kind", config.model.identity.kind, tuple(IDENTITIES))
+    for kind, count, most in (("words", vocabulary_size, MAX_VOCABULARY), ("speakers", num_speakers, MAX_SPEAKERS)):
+        if count > most:
+            raise UserError(f"a model of {count} {kind}, expected at most {most}: choose a smaller corpus")
     return method.build(config, skeleton, vocabulary_size, num_speakers)
 
 
 def _check_window(data: Config) -> None:
     """Check the sizes of a window, from which all networks and features derive theirs."""
     check_fps(data.fps, "config.data.fps")
-    if not MIN_FRAMES <= data.num_frames <= MAX_FRAMES:
+    if not MIN_FRAMES <= data.num_frames <= MAX_WINDOW_FRAMES:
         raise UserError(
-            f"config.data.num_frames is {data.num_frames}, expected {MIN_FRAMES} to {MAX_FRAMES}: set "
+            f"config.data.num_frames is {data.num_frames}, expected {MIN_FRAMES} to {MAX_WINDOW_FRAMES}: set "
             "--config.data.num_frames"
         )
     if not 1 <= data.num_seed_frames <= data.num_frames // 2:

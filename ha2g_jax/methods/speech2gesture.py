@@ -12,6 +12,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.methods.choices import choice
@@ -24,6 +26,7 @@ _SLOPE = 0.2
 _MEL_RANGE = 80.0
 _SEED_HIDDEN_DIM = 32
 _SEED_DIM = 16
+_VALID_KERNEL = 3  # of the last convolution on the spectrogram, which is not padded
 
 
 class Block(nn.Module):
@@ -95,7 +98,7 @@ class SpectrogramEncoder(nn.Module):
             x = Block(channels, (3, 3), name=f"block_{index}")(x, train=train)
             x = Block(channels, (4, 4), stride=2, name=f"down_{index}")(x, train=train)
         x = Block(self.channels[-1], (3, 3), name="block_same")(x, train=train)
-        x = Block(self.channels[-1], (3, 3), padding="VALID", name="block_valid")(x, train=train)
+        x = Block(self.channels[-1], (_VALID_KERNEL, _VALID_KERNEL), padding="VALID", name="block_valid")(x, train=train)
         return lay_on_frames(x, self.num_frames, swapped=self.swapped_axes)
 
 
@@ -237,6 +240,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     choice("model.identity.kind", config.model.identity.kind, ("none",))
     choice("model.audio.kind", config.model.audio.kind, ("spectrogram",))
     legacy = config.model.legacy
+    _check_stages(config)
     generator = Speech2Gesture(
         pose_dim=skeleton.pose_dim,
         num_frames=config.data.num_frames,
@@ -247,6 +251,17 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     )
     discriminator = PatchDiscriminator(config.model.discriminator.hidden_dim, differences=2 if legacy else 1)
     return make_spec(config, skeleton, generator, discriminator, inputs=("mel",))
+
+
+def _check_stages(config: Config) -> None:
+    """Check that the stages of the spectrogram leave as much of it as the convolution after them needs."""
+    sides = (NUM_MELS, window_columns(config.data.num_frames, config.data.fps))
+    stages = len(config.model.audio.spectrogram.channels)
+    if min(-(-side // 2**stages) for side in sides) < _VALID_KERNEL:
+        raise UserError(
+            f"config.model.audio.spectrogram.channels has {stages} stages, each of which halves a spectrogram of "
+            f"{sides[0]} x {sides[1]}: set fewer"
+        )
 
 
 def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:

@@ -4,21 +4,22 @@ Only the tensors of the encoder are read, so that the folder need not contain th
 `transformers`, with or without the prefix "model.".
 """
 
-import contextlib
-import json
+import math
 import pathlib
-from collections.abc import Iterator
+import reprlib
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import safetensors
 from flax import traverse_util
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.asr_mel import asr_columns
+from ha2g_jax.files.reading import parse_json, read_bytes, reason, reading, shown
+from ha2g_jax.files.tensors import open_tensors, read_tensor
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
+from ha2g_jax.limits import MAX_CHANNELS, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES, MAX_WHISPER_LAYERS
 
 CONFIG, WEIGHTS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
 
@@ -37,7 +38,7 @@ _PARTS = {
 }
 _ENDS = {"conv_1": "conv1", "conv_2": "conv2", "norm": "layer_norm"}
 _KINDS = {"kernel": "weight", "scale": "weight", "bias": "bias"}
-_TYPES = ("F32", "F16", "BF16")
+_MAX_POSITIONS = 100_000  # Whisper has 1,500
 _POSITION_TOLERANCE = 0.01  # the error of bfloat16 is 0.004
 
 
@@ -51,8 +52,14 @@ class WhisperSizes(NamedTuple):
     ffn_dim: int
 
 
-# Names of the fields in config.json, in the same order.
-_FIELDS = ("num_mel_bins", "d_model", "encoder_layers", "encoder_attention_heads", "encoder_ffn_dim")
+# Names of the fields in config.json, in the same order, and their limits.
+_FIELDS = {
+    "num_mel_bins": MAX_CHANNELS,
+    "d_model": MAX_CHANNELS,
+    "encoder_layers": MAX_WHISPER_LAYERS,
+    "encoder_attention_heads": MAX_CHANNELS,
+    "encoder_ffn_dim": MAX_CHANNELS,
+}
 
 
 class WhisperWeights(NamedTuple):
@@ -81,12 +88,17 @@ def load(folder: str | pathlib.Path) -> WhisperWeights:
     places = _places(folder)
     # Kernels are (..., inputs, outputs) here and (outputs, inputs, ...) there.
     shapes = {name: shape[::-1] for name, shape in _parameters(sizes).items()}
+    if (num_bytes := 2 * sum(map(math.prod, shapes.values()))) > MAX_WEIGHTS_BYTES:
+        raise UserError(
+            f"the encoder of {shown(folder)} has {num_bytes} bytes in 16 bits, expected at most {MAX_WEIGHTS_BYTES}; "
+            "choose a smaller Whisper model"
+        )
     params = {}
     for name, shape in shapes.items():
         place = places.get(_their_name(name))
         if place is None:
             raise UserError(
-                f"{folder} has no tensor {_PREFIXES[0]}{_their_name(name)}, which {CONFIG} asks for; "
+                f"{shown(folder)} has no tensor {_PREFIXES[0]}{_their_name(name)}, which {CONFIG} asks for; "
                 "download all of the model again"
             )
         params[name] = np.ascontiguousarray(_read(place, shape).T)
@@ -105,36 +117,43 @@ def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:
         UserError: there is no config.json, or it is not that of a Whisper model.
     """
     path = pathlib.Path(folder) / CONFIG
-    config = _read_json(path)
+    config = _read_json(path, MAX_CONFIG_BYTES)
     kind, activation = config.get("model_type"), config.get("activation_function", "gelu")
     if kind != "whisper" or activation != "gelu":
-        found = f"model_type {kind!r}" if kind != "whisper" else f"activation_function {activation!r}"
-        raise UserError(f"{path} has {found}; expected a Whisper model ('whisper', 'gelu'), such as whisper-tiny.en")
-    for field in _FIELDS:
-        if type(config.get(field)) is not int or config[field] < 1:
+        field, value = ("model_type", kind) if kind != "whisper" else ("activation_function", activation)
+        raise UserError(
+            f"{shown(path)} has {field} {reprlib.repr(value)}; expected a Whisper model ('whisper', 'gelu'), such as "
+            "whisper-tiny.en"
+        )
+    for field, most in _FIELDS.items():
+        if type(config.get(field)) is not int or not 1 <= config[field] <= most:
             raise UserError(
-                f"{path} has {field} {config.get(field)!r}; expected a whole number from 1, as a Whisper model has"
+                f"{shown(path)} has {field} {reprlib.repr(config.get(field))}; expected a whole number from 1 to "
+                f"{most}, as a Whisper model has"
             )
     sizes = WhisperSizes(*(config[field] for field in _FIELDS))
     if sizes.d_model % sizes.heads or sizes.d_model % 2 or sizes.d_model < 4:
         raise UserError(
-            f"{path} has d_model {sizes.d_model} and {sizes.heads} encoder_attention_heads; "
+            f"{shown(path)} has d_model {sizes.d_model} and {sizes.heads} encoder_attention_heads; "
             "expected an even multiple of the heads, at least 4"
         )
     return sizes
 
 
-def _read_json(path: pathlib.Path) -> dict[str, Any]:
-    try:
-        values = json.loads(path.read_bytes())
-    except OSError:
+def _read_json(path: pathlib.Path, max_bytes: int) -> dict[str, Any]:
+    with reading(path, "a JSON file of a Whisper model"):
+        exists = path.is_file()
+    if not exists:
         raise UserError(
-            f"no file {path}; expected a folder with {CONFIG} and {WEIGHTS}, as Hugging Face has Whisper models"
-        ) from None
+            f"no file {shown(path)}; expected a folder with {CONFIG} and {WEIGHTS}, as Hugging Face has Whisper models"
+        )
+    content = read_bytes(path, "a JSON file of a Whisper model", max_bytes)
+    try:
+        values = parse_json(content)
     except ValueError as error:
-        raise UserError(f"{path} is damaged ({error}); download it again") from error
+        raise UserError(f"{shown(path)} is damaged ({reason(error)}); download it again") from error
     if not isinstance(values, dict):
-        raise UserError(f"{path} is damaged (not a JSON object); download it again")
+        raise UserError(f"{shown(path)} is damaged (not a JSON object); download it again")
     return values
 
 
@@ -148,15 +167,15 @@ class _Place(NamedTuple):
 def _places(folder: pathlib.Path) -> dict[str, _Place]:
     """Return name of each tensor of the encoder, without prefix -> file and full name."""
     if (folder / WEIGHTS).is_file():
-        with _open(folder / WEIGHTS) as file:
+        with open_tensors(folder / WEIGHTS) as file:
             shards = dict.fromkeys(file.keys(), WEIGHTS)
     elif (folder / INDEX).is_file():
-        shards = _read_json(folder / INDEX).get("weight_map")
+        shards = _read_json(folder / INDEX, MAX_HEADER_BYTES).get("weight_map")
         if not isinstance(shards, dict) or not all(_is_file_name(shard) for shard in shards.values()):
-            raise UserError(f"{folder / INDEX} has no weight_map from tensors to files beside it; download it again")
+            raise UserError(f"{shown(folder / INDEX)} has no weight_map from tensors to files beside it; download it again")
     else:
         raise UserError(
-            f"no {WEIGHTS} in {folder}; expected a Whisper model as Hugging Face has it, in the form of safetensors"
+            f"no {WEIGHTS} in {shown(folder)}; expected a Whisper model as Hugging Face has it, in the form of safetensors"
         )
     places = {}
     for name, shard in shards.items():
@@ -186,48 +205,34 @@ def _their_name(name: str) -> str:
     return f"{theirs}.{_KINDS[kind]}"
 
 
-def _read(place: _Place, shape: tuple[int, ...] | None) -> np.ndarray:
-    """Read a tensor as float32; a `shape` other than None is checked before."""
-    with _open(place.path) as file:
-        stored = file.get_slice(place.name)
-        found, dtype = tuple(stored.get_shape()), stored.get_dtype()
-        if shape is not None and found != shape:
+def _read(place: _Place, shape: tuple[int, ...]) -> np.ndarray:
+    """Read a tensor as float32 after its shape was checked."""
+    with open_tensors(place.path) as file:
+        found = _shape(file, place)
+        if found != shape:
             raise UserError(
-                f"{place.path} has {place.name} of shape {found}, expected {shape} from {CONFIG}: "
+                f"{shown(place.path)} has {place.name} of shape {found}, expected {shape} from {CONFIG}: "
                 "the files belong to two models; download them again"
             )
-        if dtype not in _TYPES:
-            raise UserError(
-                f"{place.path} has {place.name} as {dtype}, expected one of {', '.join(_TYPES)}: "
-                "choose a model that is not quantised"
-            )
-        tensor = file.get_tensor(place.name).astype(np.float32)
-    if not np.isfinite(tensor).all():
-        raise UserError(f"{place.path} has values in {place.name} that are not finite; choose another model")
-    return tensor
+        return read_tensor(file, place.name, place.path)
+
+
+def _shape(file: Any, place: _Place) -> tuple[int, ...]:
+    return tuple(file.get_slice(place.name).get_shape())
 
 
 def _check_positions(place: _Place, channels: int) -> None:
     """Check that the positions, which are not parameters of `WhisperEncoder`, are Whisper's sinusoids."""
-    positions = _read(place, None)
+    with open_tensors(place.path) as file:
+        shape = _shape(file, place)
+        positions = None
+        if len(shape) == 2 and shape[0] <= _MAX_POSITIONS and shape[1] == channels:
+            positions = read_tensor(file, place.name, place.path)
     if (
-        positions.ndim != 2
-        or positions.shape[1] != channels
+        positions is None
         or np.max(np.abs(positions - sinusoids(len(positions), channels)), initial=0) > _POSITION_TOLERANCE
     ):
         raise UserError(
-            f"{place.path} has positions in {place.name} that are not Whisper's sinusoids; "
+            f"{shown(place.path)} has positions in {place.name} that are not Whisper's sinusoids; "
             "choose a model whose positions were not trained"
         )
-
-
-@contextlib.contextmanager
-def _open(path: pathlib.Path) -> Iterator[Any]:
-    """Open a file of tensors; each tensor stays on the disk until it is read."""
-    try:
-        with safetensors.safe_open(path, "numpy") as file:
-            yield file
-    except FileNotFoundError:
-        raise UserError(f"no file {path}; download the model again") from None
-    except (safetensors.SafetensorError, OSError) as error:
-        raise UserError(f"{path} is damaged ({' '.join(str(error).split())}); download it again") from error
