@@ -113,18 +113,27 @@ def paper(skeleton: str) -> Config:
     return config
 
 
-def from_json(values: dict[str, Any]) -> Config:
+def from_json(values: Any) -> Config:
     """Return a stored config, locked; settings that were added later have the values of `paper`.
 
     Old names of settings are read, see `config_renames`. A model folder stores neither losses nor settings of training,
-    so that its config has neither.
+    so that its config has neither. Sizes are checked where networks are built from them.
 
     Args:
         values: plain values of config.json.
 
     Raises:
-        KeyError, TypeError, AttributeError: `values` are not a config.
+        ValueError: `values` are not a config.
     """
+    if not isinstance(values, dict) or not isinstance(values.get("skeleton"), str):
+        raise ValueError("no skeleton" if isinstance(values, dict) else "not an object of JSON")
+    try:
+        return _from_json(values)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def _from_json(values: dict[str, Any]) -> Config:
     values = config_renames.with_new_names(values)[0]
     config = paper(values["skeleton"])
     stored = values.get("loss", {})

@@ -1,15 +1,18 @@
 """Assets of a trained model beside its weights: skeleton, vocabulary, styles of its speakers, seed poses."""
 
 import dataclasses
+import reprlib
 from typing import Any
 
 import numpy as np
 
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.limits import MAX_START_POSES
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 SCHEMA_VERSION = 1
 
+_MAX_HASH_LENGTH = 64
 STATISTICS = ("lengths", "mean_directions", "mean_pose", "angle_mean", "angle_variance", "angle_change")
 
 
@@ -45,34 +48,91 @@ def to_json(assets: Assets) -> dict[str, Any]:
     }
 
 
-def from_json(values: dict[str, Any]) -> Assets:
+def from_json(values: Any) -> Assets:
     """Return the assets that `to_json` wrote.
 
     Args:
         values: plain values of `to_json`.
 
     Raises:
-        KeyError, TypeError, ValueError: the values are not assets.
+        KeyError, TypeError, ValueError, OverflowError: the values are not assets.
     """
+    if not isinstance(values, dict):
+        raise ValueError("not an object of JSON")
     if values["schema_version"] != SCHEMA_VERSION:
-        raise ValueError(f"schema version {values['schema_version']} instead of {SCHEMA_VERSION}")
+        raise ValueError(f"schema version {reprlib.repr(values['schema_version'])} instead of {SCHEMA_VERSION}")
     if values["skeleton"]["name"] not in SKELETONS:
-        raise ValueError(f"unknown skeleton {values['skeleton']['name']!r}")
+        raise ValueError(f"unknown skeleton {reprlib.repr(values['skeleton']['name'])}")
     skeleton = load_skeleton(values["skeleton"]["name"])
-    statistics = {name: np.asarray(values["skeleton"][name], np.float32) for name in STATISTICS}
-    for name, found in statistics.items():
-        if found.shape != getattr(skeleton, name).shape:
-            raise ValueError(f"{name} has shape {found.shape} instead of {getattr(skeleton, name).shape}")
-    seed_poses = np.asarray(values["seed_poses"], np.float32)
+    statistics = {}
+    for name in STATISTICS:
+        statistics[name] = _array(values["skeleton"][name], name)
+        if statistics[name].shape != getattr(skeleton, name).shape:
+            raise ValueError(
+                f"{name} has shape {statistics[name].shape} instead of {getattr(skeleton, name).shape}"
+            )
+    seed_poses = _array(values["seed_poses"], "seed_poses")
     if seed_poses.ndim != 4 or not len(seed_poses) or seed_poses.shape[2:] != (skeleton.num_bones, 3):
         raise ValueError(f"seed_poses has shape {seed_poses.shape} instead of (K, M, {skeleton.num_bones}, 3)")
+    if len(seed_poses) > MAX_START_POSES:
+        raise ValueError(f"{len(seed_poses)} start poses instead of at most {MAX_START_POSES}")
+    words, speakers, found = values["vocabulary"], values["speakers"], values["hash"]
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise ValueError("the vocabulary is not a list of words")
+    if not isinstance(speakers, dict):
+        raise ValueError("the speakers are not an object of names")
+    if not isinstance(found, str) or len(found) > _MAX_HASH_LENGTH or not found.isprintable():
+        raise ValueError("the hash is not a hexadecimal number")
     return Assets(
         skeleton=dataclasses.replace(skeleton, **statistics),
-        vocabulary=Vocabulary(tuple(values["vocabulary"])),
-        speakers={name: np.asarray(f_id, np.float32) for name, f_id in values["speakers"].items()},
+        vocabulary=Vocabulary(tuple(words)),
+        speakers={name: _array(f_id, "a style") for name, f_id in speakers.items()},
         seed_poses=seed_poses,
-        hash=str(values["hash"]),
+        hash=found,
     )
+
+
+def check_fit(assets: Assets, num_seed_frames: int, style_dims: tuple[int, ...]) -> None:
+    """Check that start poses and styles have the sizes of the networks.
+
+    Args:
+        assets: assets of a model folder or a workdir.
+        num_seed_frames: frames of a start pose, M.
+        style_dims: numbers of values that a style may have.
+
+    Raises:
+        ValueError: a size is another one.
+    """
+    if assets.seed_poses.shape[1] != num_seed_frames:
+        raise ValueError(f"start poses of {assets.seed_poses.shape[1]} frames instead of {num_seed_frames}")
+    for name, f_id in assets.speakers.items():
+        if f_id.ndim != 1 or len(f_id) not in style_dims:
+            raise ValueError(f"the style of {name[:50]!r} has shape {f_id.shape} instead of ({style_dims[0]},)")
+
+
+def style(values: Any, style_dim: int) -> np.ndarray:
+    """Return the style of a speaker that a checkpoint stores as plain values.
+
+    Args:
+        values: list of numbers.
+        style_dim: values of a style.
+
+    Raises:
+        TypeError, ValueError, OverflowError: the values are not a style.
+    """
+    f_id = _array(values, "a style")
+    if f_id.shape != (style_dim,):
+        raise ValueError(f"a style has shape {f_id.shape} instead of ({style_dim},)")
+    return f_id
+
+
+def _array(values: Any, name: str) -> np.ndarray:
+    """Return nested lists of finite numbers as float32."""
+    with np.errstate(over="ignore"):
+        array = np.asarray(values, np.float32)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} has values that are not finite")
+    return array
 
 
 def _numbers(array: np.ndarray) -> Any:

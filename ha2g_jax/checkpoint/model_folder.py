@@ -7,34 +7,32 @@ split. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib.resources
 import json
 import pathlib
 import shutil
 import tempfile
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import jax
-import numpy as np
-import safetensors
-import safetensors.numpy
-from flax import traverse_util
+from flax.errors import FlaxError
 
 from ha2g_jax import config as configs
 from ha2g_jax import config_renames
 from ha2g_jax.checkpoint import assets as assets_module
+from ha2g_jax.checkpoint import weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
+from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.methods.method import Spec
 
 BEST, LATEST, FAILED = "best", "latest", "failed"
 RUN = "run.json"
 CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
-
-_HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
 
 
 class LoadedModel(NamedTuple):
@@ -68,14 +66,33 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
             if not path.is_dir():
                 raise UserError("the demo model is not installed; install ha2g-jax again or name a --checkpoint")
             return _load_folder(path)
-    path = pathlib.Path(spec)
-    if (path / WEIGHTS).is_file():
+    return load_path(spec, "'demo', a workdir of ha2g train or an exported folder")
+
+
+def load_path(path: str | pathlib.Path, expected: str) -> LoadedModel:
+    """Load the model at a path.
+
+    Args:
+        path: a model folder, a workdir, or a checkpoint in a workdir.
+        expected: what else may be named, for the message.
+
+    Raises:
+        UserError: there is no model, or it is damaged.
+    """
+    path = pathlib.Path(path)
+    with reading(path, f"a model: {expected}"):
+        is_folder, exists = (path / WEIGHTS).is_file(), path.exists()
+        workdirs = [folder for folder in (path, path.parent, path.parent.parent) if _is_workdir(folder)]
+    if is_folder:
         return _load_folder(path)
-    for workdir in (path, path.parent, path.parent.parent):
-        if (workdir / CONFIG).is_file() and any((workdir / name).exists() for name in (BEST, LATEST, FAILED, RUN)):
-            return _load_checkpoint(workdir, path)
-    found = "nothing is there" if not path.exists() else f"{WEIGHTS} is missing"
-    raise UserError(f"no model in {path}: {found}; expected 'demo', a workdir of ha2g train or an exported folder")
+    if workdirs:
+        return _load_checkpoint(workdirs[0], path)
+    found = f"{WEIGHTS} is missing" if exists else "nothing is there"
+    raise UserError(f"no model in {shown(path)}: {found}; expected {expected}")
+
+
+def _is_workdir(folder: pathlib.Path) -> bool:
+    return (folder / CONFIG).is_file() and any((folder / name).exists() for name in (BEST, LATEST, FAILED, RUN))
 
 
 def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: dict[str, Any]) -> pathlib.Path:
@@ -93,22 +110,24 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
         The folder.
 
     Raises:
-        UserError: `folder` exists and is not empty.
+        UserError: `folder` exists and is not empty, or cannot be written, for example because the disk is full.
     """
     folder = pathlib.Path(folder)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserError(f"{folder} exists already; choose another folder or remove it")
-    weights = _to_bytes(variables)
-    assets = dataclasses.replace(assets, hash=_hash(weights))
-    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-    temporary = pathlib.Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.absolute().parent))
-    try:
-        write_description(temporary, _settings_of_model(config), assets)
-        (temporary / WEIGHTS).write_bytes(weights)
-        temporary.chmod(0o755)
-        temporary.replace(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with _writing(folder):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise UserError(f"{shown(folder)} exists already; choose another folder or remove it")
+        data = weights.to_bytes(variables)
+        assets = dataclasses.replace(assets, hash=weights.hash_of(data))
+        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+        # The name of the folder may have as many letters as a name can have.
+        temporary = pathlib.Path(tempfile.mkdtemp(prefix=".model-", dir=folder.absolute().parent))
+        try:
+            write_description(temporary, _settings_of_model(config), assets)
+            (temporary / WEIGHTS).write_bytes(data)
+            temporary.chmod(0o755)
+            temporary.replace(folder)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 
@@ -136,11 +155,13 @@ def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> N
         folder: model folder or workdir, which exists.
         config: settings of the model.
         assets: assets of the model.
+
+    Raises:
+        UserError: a file cannot be written; what was there before stays.
     """
     for name, values in ((CONFIG, config_to_json(config)), (ASSETS, assets_module.to_json(assets))):
-        temporary = folder / f"{name}.new"
-        temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
-        temporary.replace(folder / name)
+        with whole_file(folder / name) as temporary:
+            temporary.write_text(json.dumps(values, indent=1 if name == CONFIG else None) + "\n")
 
 
 def config_to_json(config: Config) -> dict[str, Any]:
@@ -157,30 +178,49 @@ def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
     Raises:
         UserError: one of the files is missing or damaged.
     """
-    with _blame(folder / CONFIG):
-        values = json.loads((folder / CONFIG).read_text())
-        config = configs.from_json(values)
-    config_renames.warn(config_renames.with_new_names(values)[1], str(folder / CONFIG))
+    config = read_config(folder)
     with _blame(folder / ASSETS):
-        assets = assets_module.from_json(json.loads((folder / ASSETS).read_text()))
-    return config, assets
+        return config, assets_module.from_json(_read_json(folder / ASSETS, MAX_ASSETS_BYTES))
+
+
+def read_config(folder: pathlib.Path) -> Config:
+    """Read the config of a model folder or a workdir.
+
+    Args:
+        folder: model folder or workdir.
+
+    Raises:
+        UserError: config.json is missing or damaged.
+    """
+    with _blame(folder / CONFIG):
+        values = _read_json(folder / CONFIG, MAX_CONFIG_BYTES)
+        config = configs.from_json(values)
+    config_renames.warn(config_renames.with_new_names(values)[1], shown(folder / CONFIG))
+    return config
+
+
+def _read_json(path: pathlib.Path, max_bytes: int) -> Any:
+    if not path.is_file():
+        raise UserError(f"{shown(path)} is missing; export or download the model again")
+    return parse_json(read_bytes(path, "part of a model", max_bytes))
 
 
 def _load_folder(folder: pathlib.Path) -> LoadedModel:
+    """Load a model folder: only when all sizes are known to fit, tensors are read."""
     config, assets = read_description(folder)
-    spec = _build(folder, config, assets)
+    shapes = weights.read_shapes(folder / WEIGHTS)
+    spec = _build(folder, config, assets, has_styles=True)
     with _blame(folder / WEIGHTS):
-        data = (folder / WEIGHTS).read_bytes()
-        flat = safetensors.numpy.load(data)
-        _check_tensors(flat, _expected_shapes(spec))
-    if _hash(data) != assets.hash:
+        found = weights.hash_of_file(folder / WEIGHTS)
+    if found != assets.hash:
         raise UserError(
-            f"{folder / WEIGHTS} has hash {_hash(data)}, {ASSETS} says {assets.hash}: "
+            f"{shown(folder / WEIGHTS)} has hash {found}, {ASSETS} says {assets.hash}: "
             "the files belong to two models; export or download the model again"
         )
-    flat = {name: array.astype(np.float32) for name, array in flat.items()}
-    variables = {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
-    return LoadedModel(spec, variables, assets, config)
+    with _blame(folder / WEIGHTS):
+        if difference := weights.compare(shapes, _expected_shapes(folder, spec)):
+            raise ValueError(difference)
+    return LoadedModel(spec, weights.read(folder / WEIGHTS), assets, config)
 
 
 def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
@@ -188,7 +228,7 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
     from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does not need it
 
     config, assets = read_description(workdir)
-    spec = _build(workdir, config, assets)
+    spec = _build(workdir, config, assets, has_styles=False)
     kind, number = (*path.relative_to(workdir).parts, "", "")[:2]
     for name in (kind,) if kind else (BEST, LATEST):
         checkpoints = checkpoint.Checkpoints(workdir / name) if (workdir / name).is_dir() else None
@@ -196,18 +236,34 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
         if checkpoints and steps and number in ("", *steps):
             break
     else:
-        raise UserError(f"no checkpoint in {path} yet; train longer, or use another run")
-    variables, record = checkpoints.restore_model(int(number or steps[-1]), variable_shapes(spec))
+        raise UserError(f"no checkpoint in {shown(path)} yet; train longer, or use another run")
+    variables, record = checkpoints.restore_model(int(number or steps[-1]), _shapes(workdir, spec))
     checkpoints.close()
     with _blame(workdir / name):
-        speakers = {speaker: np.asarray(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
-    assets = dataclasses.replace(assets, speakers=speakers, hash=_hash(_to_bytes(variables)))
+        speakers = {
+            speaker: assets_module.style(record["speakers"][speaker], spec.style_dim) for speaker in assets.speakers
+        }
+    assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(weights.to_bytes(variables)))
     return LoadedModel(spec, variables, assets, config)
 
 
-def _build(folder: pathlib.Path, config: Config, assets: Assets) -> Spec:
+def _build(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: bool) -> Spec:
+    """Build the networks of a folder and check that its assets fit; a workdir has its styles in the checkpoints."""
+    try:
+        spec = build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
+    except UserError as error:
+        raise UserError(f"{shown(folder / CONFIG)} cannot be used: {error}") from error
+    with _blame(folder / ASSETS):
+        assets_module.check_fit(
+            assets, spec.num_seed_frames, (spec.style_dim,) if has_styles else (spec.style_dim, 0)
+        )
+    return spec
+
+
+def _shapes(folder: pathlib.Path, spec: Spec) -> Any:
+    """Return the variables of a model as shapes; sizes that pass all checks but do not fit together are refused."""
     with _blame(folder / CONFIG):
-        return build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
+        return variable_shapes(spec)
 
 
 def _settings_of_model(config: Config) -> Config:
@@ -220,43 +276,27 @@ def _settings_of_model(config: Config) -> Config:
     return config
 
 
-def _expected_shapes(spec: Spec) -> dict[str, tuple[int, ...]]:
-    return {name: leaf.shape for name, leaf in _flatten(variable_shapes(spec)).items()}
-
-
-def _check_tensors(found: dict[str, np.ndarray], expected: dict[str, tuple[int, ...]]) -> None:
-    if odd := sorted(found.keys() ^ expected.keys()):
-        verb = "is missing" if odd[0] in expected else "does not belong"
-        raise ValueError(f"{odd[0]} {verb}" + (f" and {len(odd) - 1} more do not fit" if odd[1:] else ""))
-    for name, shape in expected.items():
-        if found[name].shape != shape:
-            raise ValueError(f"{name} has shape {found[name].shape} instead of {shape}")
-
-
-def _to_bytes(variables: dict[str, Any]) -> bytes:
-    flat = _flatten(jax.tree.map(np.asarray, variables))
-    dtype = np.float32 if sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE else np.float16
-    return safetensors.numpy.save({name: np.ascontiguousarray(array, dtype) for name, array in flat.items()})
-
-
-def _flatten(variables: Any) -> dict[str, Any]:
-    """Return nested dicts as one dict, with names such as "params/audio/stem/kernel"."""
-    return dict(traverse_util.flatten_dict(variables, sep="/"))
-
-
-def _hash(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]
+def _expected_shapes(folder: pathlib.Path, spec: Spec) -> weights.Shapes:
+    return {name: leaf.shape for name, leaf in weights.flatten(_shapes(folder, spec)).items()}
 
 
 @contextlib.contextmanager
-def _blame(path: pathlib.Path):
+def _writing(folder: pathlib.Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise UserError(
+            f"cannot write {shown(folder)} ({reason(error).lower()}); use another folder or free disk space"
+        ) from error
+
+
+@contextlib.contextmanager
+def _blame(path: pathlib.Path) -> Iterator[None]:
     """Turn an error during the reading of a file into a `UserError` that names the file."""
     try:
         yield
-    except FileNotFoundError:
-        raise UserError(f"{path} is missing; export or download the model again") from None
-    except (ValueError, KeyError, TypeError, AttributeError, OSError, safetensors.SafetensorError) as error:
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, OSError, FlaxError) as error:
+        cause = f"{reason(error)} is missing" if isinstance(error, KeyError) else reason(error)
         raise UserError(
-            f"{path} is damaged or of another version ({reason}); export or download the model again"
+            f"{shown(path)} is damaged or of another version ({cause}); export or download the model again"
         ) from error

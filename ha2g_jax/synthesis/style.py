@@ -17,6 +17,9 @@ from ha2g_jax.methods.method import Spec, Variables
 ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
 
 
+_NAMES_SHOWN, _LETTERS_SHOWN = 40, 500
+
+
 class Style(NamedTuple):
     """A requested style, by at most one of the four fields; without any, it is drawn from the prior N(0, I).
 
@@ -118,16 +121,24 @@ def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
 def _speaker(assets: Assets, name: str) -> np.ndarray:
     """Return the style (style_dim,) of a speaker of the training data."""
     if name not in assets.speakers:
-        known = ", ".join(assets.speakers)
+        known = _names(assets)
         expected = f"expected one of: {known}" if known else "the model has no speakers"
         raise UserError(f"no speaker {name!r} in the model; {expected}")
     return np.asarray(assets.speakers[name], np.float32)
 
 
+def _names(assets: Assets) -> str:
+    """Return the names of the speakers for a message of one line, however many there are and whatever their letters."""
+    names = list(assets.speakers)
+    listed = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
+    listed = "".join(letter if letter.isprintable() else "?" for letter in listed)
+    return listed if len(listed) <= _LETTERS_SHOWN else f"{listed[:_LETTERS_SHOWN]}..."
+
+
 def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
     """Return the style (style_dim,) of images of any size, each cropped to a square about its centre."""
     if spec.identity != "images":
-        names = ", ".join(assets.speakers)
+        names = _names(assets)
         known = f"knows speakers by name, not by images; expected one of: {names}" if names else "has no speakers"
         raise UserError(f"this model {known}")
     if not paths:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.errors import UserError
 
 
@@ -60,7 +60,7 @@ def test_models_load_whatever_terms_the_objective_has(folder, monkeypatch, chang
 
 
 def test_a_large_model_is_stored_in_half_precision(debug_model, tmp_path, monkeypatch):
-    monkeypatch.setattr(model_folder, "_HALF_PRECISION_ABOVE", 1000)
+    monkeypatch.setattr(weights, "_HALF_PRECISION_ABOVE", 1000)
     saved = model_folder.save(tmp_path / "half", debug_model.config, debug_model.assets, debug_model.variables)
     loaded = model_folder.load(saved)
     for found, exact in zip(jax.tree.leaves(loaded.variables), jax.tree.leaves(debug_model.variables), strict=True):
