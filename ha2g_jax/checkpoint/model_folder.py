@@ -199,6 +199,23 @@ def read_config(folder: pathlib.Path) -> Config:
     return config
 
 
+def check_assets(folder: pathlib.Path, assets: Assets, spec: Spec, *, has_styles: bool) -> None:
+    """Check that start poses and styles have the sizes of the networks.
+
+    Args:
+        folder: model folder or workdir, for messages.
+        assets: assets of the folder.
+        spec: networks and sizes.
+        has_styles: whether the assets have the styles of the speakers; those of a workdir may be in its checkpoints.
+
+    Raises:
+        UserError: a size is another one.
+    """
+    with _blame(folder / ASSETS):
+        style_dims = (spec.style_dim,) if has_styles else (spec.style_dim, 0)
+        assets_module.check_fit(assets, spec.num_seed_frames, style_dims)
+
+
 def _read_json(path: pathlib.Path, max_bytes: int) -> Any:
     if not path.is_file():
         raise UserError(f"{shown(path)} is missing; export or download the model again")
@@ -248,15 +265,12 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
 
 
 def _build(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: bool) -> Spec:
-    """Build the networks of a folder and check that its assets fit; a workdir has its styles in the checkpoints."""
+    """Build the networks of a folder and check that its assets fit."""
     try:
         spec = build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
     except UserError as error:
         raise UserError(f"{shown(folder / CONFIG)} cannot be used: {error}") from error
-    with _blame(folder / ASSETS):
-        assets_module.check_fit(
-            assets, spec.num_seed_frames, (spec.style_dim,) if has_styles else (spec.style_dim, 0)
-        )
+    check_assets(folder, assets, spec, has_styles=has_styles)
     return spec
 
 

@@ -1,6 +1,5 @@
 """Check settings, workdir and corpus before a run starts, so that it does not fail after hours."""
 
-import json
 import pathlib
 from typing import Any
 
@@ -13,6 +12,8 @@ from ha2g_jax.checkpoint.assets import STATISTICS, Assets
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
+from ha2g_jax.limits import MAX_CONFIG_BYTES
 from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Spec
@@ -113,23 +114,26 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
         UserError: the folder was made with another config (the message names the settings that differ), or the path
             cannot be a folder.
     """
-    if not workdir.is_dir() and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
-        raise UserError(f"{workdir} is not a folder; choose another --workdir")
+    with reading(workdir, "a folder for a run, which --workdir names"):
+        is_folder = workdir.is_dir()
+    if not is_folder and (workdir.exists() or any(parent.is_file() for parent in workdir.parents)):
+        raise UserError(f"{shown(workdir)} is not a folder; choose another --workdir")
     path = workdir / model_folder.CONFIG
     if not path.exists():
         return
     try:
-        stored = configs.from_json(json.loads(path.read_text()))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(f"{path} is damaged ({error}); choose another --workdir") from error
+        stored = configs.from_json(parse_json(read_bytes(path, "the config of a run", MAX_CONFIG_BYTES)))
+    except ValueError as error:
+        raise UserError(f"{shown(path)} is damaged ({reason(error)}); choose another --workdir") from error
     old, new = (_flat(model_folder.config_to_json(values)) for values in (stored, config))
     # The learning rates of a cosine depend on where it ends.
     free = _FREE_SETTINGS - ({"train.steps"} if config.train.schedule == "cosine" else set())
     differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
     if differing := [name for name in differing if name not in free]:
-        changes = ", ".join(f"{name} ({old.get(name)} there, {new.get(name)} here)" for name in differing)
+        changes = ", ".join(f"{name} ({_short(old, name)} there, {_short(new, name)} here)" for name in differing[:20])
+        changes += f" and {len(differing) - 20} more" if differing[20:] else ""
         raise UserError(
-            f"{workdir} was made with another config: {changes}; repeat its settings or choose another --workdir"
+            f"{shown(workdir)} was made with another config: {changes}; repeat its settings or choose another --workdir"
         )
 
 
@@ -150,9 +154,14 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     )
     if not same:
         raise UserError(
-            f"{workdir} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of its "
+            f"{shown(workdir)} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of its "
             "start or choose another --workdir"
         )
+
+
+def _short(values: dict[str, Any], name: str) -> str:
+    text = str(values.get(name))
+    return text if len(text) <= 80 and text.isprintable() else f"{text[:80]!r}..."
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:

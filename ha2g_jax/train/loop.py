@@ -23,6 +23,7 @@ from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.method import Spec
 from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog
 from ha2g_jax.train.objective import build_objective, init_state
@@ -30,6 +31,7 @@ from ha2g_jax.train.profiling import Profile
 from ha2g_jax.train.signals import Stop, stop_signals
 from ha2g_jax.train.starts import calm_starts, speaker_identities
 from ha2g_jax.train.validation import Validation
+from ha2g_jax.train.workdir_lock import only_run
 from ha2g_jax.train.writers import open_writers
 
 SAMPLES, PROFILE = "samples", "profile"
@@ -58,15 +60,20 @@ def train(
         draw_sample: function that writes a video of a clip, such as `ha2g_jax.synthesis.samples.write_sample`.
 
     Raises:
-        UserError: the data cannot be used, `workdir` was made with another config, a checkpoint cannot be written, or
-            a loss is not finite.
+        UserError: the data cannot be used, `workdir` was made with another config or another process trains in it, a
+            file cannot be written, or a loss is not finite.
     """
-    with stop_signals() as stop:
-        _train(config, pathlib.Path(workdir), stop, profile, draw_sample)
+    with stop_signals() as stop, contextlib.ExitStack() as held:
+        _train(config, pathlib.Path(workdir), stop, held, profile, draw_sample)
 
 
 def _train(
-    config: Config, workdir: pathlib.Path, stop: Stop, profile: bool, draw_sample: Callable[..., None] | None
+    config: Config,
+    workdir: pathlib.Path,
+    stop: Stop,
+    held: contextlib.ExitStack,
+    profile: bool,
+    draw_sample: Callable[..., None] | None,
 ) -> None:
     checks.check_settings(config)
     checks.check_workdir(workdir, config)
@@ -85,6 +92,8 @@ def _train(
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
     pretrained = inputs.pretrained(config, spec, vocabulary)
+    if hosts.is_first():
+        held.enter_context(only_run(workdir))
 
     stop.enter_compiler()
     warmup_steps = config.train.warmup_epochs * (len(windows) // batch_size)
@@ -93,7 +102,7 @@ def _train(
     init_key, key = jax.random.split(jax.random.key(config.seed))
     validate = Validation(objective, mesh, held_out, batch_size) if held_out else None
     step_function = sharding.compile_step(objective, mesh)
-    assets = _assets(config, workdir, corpus, windows)
+    assets = _assets(config, workdir, corpus, windows, spec)
 
     latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
     best = Checkpoints(workdir / model_folder.BEST)
@@ -102,7 +111,6 @@ def _train(
     state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
     step, best_score = int(state.step), record.get("best_score", math.inf)
     batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
-    workdir.mkdir(parents=True, exist_ok=True)
     if hosts.is_first():
         model_folder.write_description(workdir, config, assets)
         run_record.write(workdir, config, step, corpus)
@@ -176,11 +184,12 @@ def _train(
         tqdm.tqdm.write(f"stopped at step {step} of {num_steps}; the same command continues", file=sys.stderr)
 
 
-def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows) -> Assets:
+def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows, spec: Spec) -> Assets:
     """Return the assets that the run started with, or new ones; each checkpoint stores the styles of the speakers."""
     if (workdir / model_folder.ASSETS).exists():
         assets = model_folder.read_description(workdir)[1]
         checks.check_corpus(workdir, assets, corpus)
+        model_folder.check_assets(workdir, assets, spec, has_styles=False)
         return assets
     starts = calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
     named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()
@@ -195,7 +204,8 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
     with contextlib.closing(Checkpoints(folder)) as failed:
         save(failed, failure=report)
     if hosts.is_first():
-        folder.with_suffix(".json").write_text(json.dumps(report, indent=1) + "\n")
+        with run_record.replacing(folder.with_suffix(".json")) as temporary:
+            temporary.write_text(json.dumps(report, indent=1) + "\n")
     shown = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
     return UserError(
         f"{', '.join(error.names)} not finite at step {error.step}, on the windows {shown}: the state before it is in "

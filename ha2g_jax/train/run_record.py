@@ -22,6 +22,8 @@ from ha2g_jax.checkpoint.model_folder import RUN, config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import parse_json, read_bytes, shown
+from ha2g_jax.limits import MAX_RECORD_BYTES
 
 # Packages whose version can change a result, and packages that write the files of a run.
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
@@ -98,8 +100,28 @@ def writing(path: pathlib.Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(
-            f"{path} cannot be written ({error.strerror or error}): correct this, then the same command continues"
+            f"{shown(path)} cannot be written ({error.strerror or error}): correct this, then the same command continues"
         ) from error
+
+
+@contextlib.contextmanager
+def replacing(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Provide a temporary path that replaces a file at the end; if writing fails, the file stays as it was.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        UserError: the file cannot be written, for example because the disk is full.
+    """
+    temporary = path.with_name(f"{path.name}.new")
+    with writing(path):
+        try:
+            yield temporary
+            temporary.replace(path)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
@@ -108,23 +130,21 @@ def _read(workdir: pathlib.Path) -> dict[str, Any]:
     if not path.exists():
         return {"starts": []}
     try:
-        record = json.loads(path.read_text())
-    except ValueError:
+        record = parse_json(read_bytes(path, "the record of a run", MAX_RECORD_BYTES))
+    except (ValueError, UserError):
         record = None
     if isinstance(record, dict) and isinstance(record.get("starts", []), list):
         return {"starts": []} | record
     aside = path.with_name(f"{RUN}.damaged")
     with writing(aside):
         path.replace(aside)
-    tqdm.tqdm.write(f"{path} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr)
+    tqdm.tqdm.write(f"{shown(path)} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr)
     return {"starts": []}
 
 
 def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
-    temporary = workdir / f"{RUN}.new"
-    with writing(workdir / RUN):
+    with replacing(workdir / RUN) as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n")
-        temporary.replace(workdir / RUN)
 
 
 def _versions() -> dict[str, str]:

@@ -4,12 +4,14 @@ import contextlib
 import json
 import pathlib
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import parse_json, reading, shown
+from ha2g_jax.limits import MAX_METRICS_LINE
 from ha2g_jax.train import run_record
 
 METRICS, EVENTS = "metrics.jsonl", "tensorboard"
@@ -92,11 +94,8 @@ class MetricsFile:
 
     def __init__(self, path: pathlib.Path, step: int):
         self._path = path
-        kept = [line for line in _lines(path) if line["step"] <= step]
-        temporary = path.with_name(f"{path.name}.new")
-        with run_record.writing(path):
-            temporary.write_text("".join(json.dumps(line) + "\n" for line in kept))
-            temporary.replace(path)
+        with run_record.replacing(path) as temporary, temporary.open("w") as file:
+            file.writelines(json.dumps(line) + "\n" for line in _lines(path) if line["step"] <= step)
 
     def write(self, step: int, metrics: dict[str, float]) -> None:
         """Append the line of a step."""
@@ -209,20 +208,27 @@ def read_metrics(path: pathlib.Path) -> list[dict[str, float]]:
     Raises:
         UserError: there is no such file.
     """
-    if not path.is_file():
-        raise UserError(f"no metrics in {path}; expected the metrics.jsonl of a workdir")
-    return _lines(path)
+    with reading(path, "the metrics of a run"):
+        if path.is_file():
+            return list(_lines(path))
+    raise UserError(f"no metrics in {shown(path)}; expected the metrics.jsonl of a workdir")
 
 
-def _lines(path: pathlib.Path) -> list[dict[str, float]]:
-    """Return the complete lines; a run that was killed may leave an incomplete one."""
-    texts = path.read_text(errors="replace").splitlines(keepends=True) if path.exists() else []
-    return [line for text in texts if (line := _parse(text)) is not None]
+def _lines(path: pathlib.Path) -> Iterator[dict[str, float]]:
+    """Yield the complete lines; a run that was killed may leave an incomplete one, and damage may leave any."""
+    if not path.exists():
+        return
+    with path.open(errors="replace") as file:
+        while text := file.readline(MAX_METRICS_LINE):
+            if (line := _parse(text)) is not None:
+                yield line
 
 
 def _parse(text: str) -> dict[str, float] | None:
     try:
-        line = json.loads(text) if text.endswith("\n") else None
+        line = parse_json(text) if text.endswith("\n") else None
     except ValueError:
         return None
-    return line if isinstance(line, dict) and "step" in line else None
+    if not isinstance(line, dict) or type(line.get("step")) is not int:
+        return None
+    return line if all(isinstance(value, int | float) for value in line.values()) else None
