@@ -14,6 +14,7 @@ from ml_collections import config_flags
 from ha2g_jax import config_renames
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, reason, shown
 
 _USAGE = """\
 usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--profile]
@@ -128,7 +129,7 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
     `config_flags` would read the file through a deprecated function of Python, and report a missing file late.
     """
     for index, argument in enumerate(argv):
-        if match := re.fullmatch(r"--?config=(.*)", argument):
+        if match := re.fullmatch(r"--?config=(.*)", argument, re.DOTALL):
             return match[1], argv[:index] + argv[index + 1 :]
         if re.fullmatch(r"--?config", argument):
             return "".join(argv[index + 1 : index + 2]), argv[:index] + argv[index + 2 :]
@@ -138,17 +139,28 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
 def _read(spec: str) -> Config:
     """Return the config that `get_config` of "FILE[:SIZE]" returns."""
     path, _, size = spec.partition(":")
-    if not pathlib.Path(path).is_file():
-        raise UserError(f"no config file {path!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
+    with reading(path, "a config, FILE[:SIZE], such as experiments/configs/talk.py:small"):
+        if not pathlib.Path(path).is_file():
+            raise UserError(
+                f"no config file '{shown(path)}'; expected FILE[:SIZE], such as experiments/configs/talk.py:small"
+            )
     try:
         get_config = runpy.run_path(path).get("get_config")
+        config = get_config(*([size] if size else [])) if get_config else None
+    except UserError:
+        raise
     except SyntaxError as error:
-        raise UserError(f"{path} is not a Python file ({_one_line(error)}); see experiments/configs") from error
-    config = get_config(*([size] if size else [])) if get_config else None
+        raise UserError(f"{shown(path)} is not a Python file ({_one_line(error)}); see experiments/configs") from error
+    except Exception as error:  # the code of the user may raise anything
+        raise UserError(
+            f"{shown(path)} failed with {type(error).__name__} ({reason(error)}); see experiments/configs"
+        ) from error
     if not isinstance(config, ml_collections.ConfigDict):
-        raise UserError(f"{path} has no function get_config(size) that returns a ConfigDict; see experiments/configs")
+        raise UserError(
+            f"{shown(path)} has no function get_config(size) that returns a ConfigDict; see experiments/configs"
+        )
     values, renamed = config_renames.with_new_names(config.to_dict())
-    config_renames.warn(renamed, path)
+    config_renames.warn(renamed, shown(path))
     return ml_collections.ConfigDict(values) if renamed else config
 
 

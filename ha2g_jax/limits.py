@@ -57,3 +57,6 @@ MAX_RECORD_BYTES = 33_554_432
 
 MAX_METRICS_LINE = 1_048_576
 """Letters of a line of metrics.jsonl."""
+
+MAX_STYLE_PIXELS = 50_000_000
+"""Pixels of a reference image of `ha2g generate --reference-image`."""

@@ -68,9 +68,7 @@ def from_json(values: Any) -> Assets:
     for name in STATISTICS:
         statistics[name] = _array(values["skeleton"][name], name)
         if statistics[name].shape != getattr(skeleton, name).shape:
-            raise ValueError(
-                f"{name} has shape {statistics[name].shape} instead of {getattr(skeleton, name).shape}"
-            )
+            raise ValueError(f"{name} has shape {statistics[name].shape} instead of {getattr(skeleton, name).shape}")
     seed_poses = _array(values["seed_poses"], "seed_poses")
     if seed_poses.ndim != 4 or not len(seed_poses) or seed_poses.shape[2:] != (skeleton.num_bones, 3):
         raise ValueError(f"seed_poses has shape {seed_poses.shape} instead of (K, M, {skeleton.num_bones}, 3)")

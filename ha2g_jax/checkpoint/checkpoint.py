@@ -9,6 +9,7 @@ checkpoint is used (`sha256sum -c SHA256SUMS` finds it too).
 import contextlib
 import json
 import pathlib
+import reprlib
 import shutil
 import sys
 import time
@@ -25,6 +26,8 @@ from jax.experimental import multihost_utils
 from ha2g_jax.checkpoint import checksums, orbax_errors
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import read_json, shown
+from ha2g_jax.limits import MAX_RECORD_BYTES
 
 _NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place of a step
 _REMOVALS = 10  # attempts to remove temporary folders
@@ -198,7 +201,7 @@ class Checkpoints:
         if step == _ALL_DAMAGED:
             reasons = ", ".join(f"{step}: {_damage(self._folder / str(step))}" for step in self.steps())
             raise UserError(
-                f"all checkpoints in {self._folder} are damaged ({reasons}); put back a good copy, or choose another "
+                f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose another "
                 "--workdir"
             )
         return None if step == _NONE else Restored(step, self._read_state(step, like), self._read(step, "record"))
@@ -225,7 +228,11 @@ class Checkpoints:
             return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
 
     def _read(self, step: int, item: str) -> dict[str, Any]:
-        return json.loads((self._folder / str(step) / item / "metadata").read_text())  # Orbax stores JSON there
+        path = self._folder / str(step) / item / "metadata"  # Orbax stores JSON there
+        values = read_json(path, "part of a checkpoint", MAX_RECORD_BYTES)
+        if not isinstance(values, dict):
+            raise UserError(f"{shown(path)} is not part of a checkpoint (not an object of JSON)")
+        return values
 
     def _open(self) -> ocp.CheckpointManager:
         options = ocp.CheckpointManagerOptions(
@@ -270,7 +277,7 @@ class Checkpoints:
             )
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
-                f"cannot write checkpoint {self._folder / str(self._writing)} ({orbax_errors.reason(error)}; it needs "
+                f"cannot write checkpoint {shown(self._folder / str(self._writing))} ({orbax_errors.reason(error)}; it needs "
                 f"{self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); {left}: free some space, then the same "
                 "command continues"
             ) from error
@@ -283,7 +290,7 @@ class Checkpoints:
                 damaged[step] = reason
                 continue
             for number, reason in damaged.items():
-                self._set_aside(number, reason, f"using {self._folder / str(step)}")
+                self._set_aside(number, reason, f"using {shown(self._folder / str(step))}")
             return step
         return _ALL_DAMAGED if damaged else _NONE
 
@@ -311,15 +318,15 @@ class Checkpoints:
             number += 1
             name = f"{step}.damaged-{number}"
         path.rename(path.with_name(name))
-        line = f"checkpoint {path} is damaged ({reason}) and was renamed to {name}; {consequence}"
+        line = f"checkpoint {shown(path)} is damaged ({reason}) and was renamed to {name}; {consequence}"
         tqdm.tqdm.write(line, file=sys.stderr)
 
     def _check(self, step: int) -> None:
         path = self._folder / str(step)
         if reason := _damage(path):
             others = [path.with_name(str(other)) for other in self.steps() if other != step]
-            advice = f"use {others[-1]}" if others else "put back a good copy"
-            raise UserError(f"checkpoint {path} is damaged ({reason}); {advice}")
+            advice = f"use {shown(others[-1])}" if others else "put back a good copy"
+            raise UserError(f"checkpoint {shown(path)} is damaged ({reason}); {advice}")
 
 
 @contextlib.contextmanager
@@ -328,7 +335,7 @@ def _blaming_the_version(path: pathlib.Path) -> Iterator[None]:
         yield
     except Exception as error:  # Orbax raises many classes, this one among them
         raise UserError(
-            f"checkpoint {path} is undamaged but cannot be read ({orbax_errors.reason(error)}); install the "
+            f"checkpoint {shown(path)} is undamaged but cannot be read ({orbax_errors.reason(error)}); install the "
             "version of Orbax that wrote it"
         ) from error
 
@@ -336,9 +343,14 @@ def _blaming_the_version(path: pathlib.Path) -> Iterator[None]:
 def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str]) -> None:
     if odd := [name for name in sorted(there.keys() | here.keys()) if there.get(name) != here.get(name)]:
         raise UserError(
-            f"checkpoint {path} is of another model ({odd[0]} is {there.get(odd[0], 'not')} there, "
+            f"checkpoint {shown(path)} is of another model ({_short(odd[0])} is {_short(there.get(odd[0], 'not'))} there, "
             f"{here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
         )
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 200 and text.isprintable() else reprlib.repr(text)
 
 
 def on_one_device(state: Any) -> Any:

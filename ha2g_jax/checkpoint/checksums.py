@@ -3,6 +3,9 @@
 import hashlib
 import pathlib
 
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_RECORD_BYTES
+
 CHECKSUMS = "SHA256SUMS"
 
 
@@ -28,25 +31,40 @@ def damage(folder: pathlib.Path) -> str:
         return "there is no such folder"
     if not (folder / CHECKSUMS).is_file():
         return f"{CHECKSUMS} is missing"
-    text, found = (folder / CHECKSUMS).read_bytes().decode(errors="replace"), _digests(folder)
+    with (folder / CHECKSUMS).open("rb") as file:
+        text = file.read(MAX_RECORD_BYTES).decode(errors="replace")
     expected = {name: digest for digest, _, name in (line.partition("  ") for line in text.splitlines())}
-    for name in sorted(expected.keys() | found.keys()):
-        if name not in found:
-            return f"{name} is missing"
+    # Names come first: a file that does not belong may have any size.
+    files = _files(folder)
+    for name in sorted(expected.keys() | files.keys()):
+        if name not in files:
+            return f"{shown(name)} is missing"
         if name not in expected:
-            return f"{name} does not belong"
+            return f"{shown(name)} does not belong"
+    found = {}
+    for name in sorted(files):
+        found[name] = _digest(files[name])
         if found[name] != expected[name]:
-            return f"{name} is not what was saved"
+            return f"{shown(name)} is not what was saved"
     return "" if text == _listing(found) else f"{CHECKSUMS} is not what was saved"
 
 
 def _digests(folder: pathlib.Path) -> dict[str, str]:
-    digests = {}
-    for path in folder.rglob("*"):
-        if path.is_file() and path.parent != folder:
-            with path.open("rb") as file:
-                digests[path.relative_to(folder).as_posix()] = hashlib.file_digest(file, "sha256").hexdigest()
-    return digests
+    return {name: _digest(path) for name, path in _files(folder).items()}
+
+
+def _files(folder: pathlib.Path) -> dict[str, pathlib.Path]:
+    """Return the files in subfolders by their path below the folder."""
+    return {
+        path.relative_to(folder).as_posix(): path
+        for path in folder.rglob("*")
+        if path.is_file() and path.parent != folder
+    }
+
+
+def _digest(path: pathlib.Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _listing(digests: dict[str, str]) -> str:

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import importlib.resources
 import json
+import os
 import pathlib
 import shutil
 import tempfile
@@ -69,12 +70,12 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
     return load_path(spec, "'demo', a workdir of ha2g train or an exported folder")
 
 
-def load_path(path: str | pathlib.Path, expected: str) -> LoadedModel:
+def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
     """Load the model at a path.
 
     Args:
         path: a model folder, a workdir, or a checkpoint in a workdir.
-        expected: what else may be named, for the message.
+        expected: what may be named, for the message.
 
     Raises:
         UserError: there is no model, or it is damaged.

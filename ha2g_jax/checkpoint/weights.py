@@ -32,7 +32,9 @@ def to_bytes(variables: dict[str, Any]) -> bytes:
     dtype = np.float32 if sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE else np.float16
     data = safetensors.numpy.save({name: np.ascontiguousarray(array, dtype) for name, array in flat.items()})
     if len(data) > MAX_WEIGHTS_BYTES:
-        raise UserError(f"the weights take {len(data)} bytes, expected at most {MAX_WEIGHTS_BYTES}: use a smaller model")
+        raise UserError(
+            f"the weights take {len(data)} bytes, expected at most {MAX_WEIGHTS_BYTES}: use a smaller model"
+        )
     return data
 
 

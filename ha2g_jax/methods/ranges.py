@@ -37,10 +37,13 @@ def _whole(least: int, most: int) -> Range:
 def _several(item: Range, count: int | None = None) -> Range:
     expected, is_met = item
     number = f"a list of {count}, each " if count else f"a list of at most {MAX_LAYERS}, each "
-    return number + expected, lambda values: (
-        isinstance(values, list | tuple)
-        and (len(values) == count if count else len(values) <= MAX_LAYERS)
-        and all(map(is_met, values))
+    return (
+        number + expected,
+        lambda values: (
+            isinstance(values, list | tuple)
+            and (len(values) == count if count else len(values) <= MAX_LAYERS)
+            and all(map(is_met, values))
+        ),
     )
 
 
@@ -58,9 +61,7 @@ _LAYERS = _whole(1, MAX_LAYERS)
 # Of the audio network: squeeze and excitation divides channels by 8, the pixel shuffles before the heads by 4 and 16.
 _STAGE_CHANNELS: Range = (
     f"four whole numbers from 8 to {MAX_CHANNELS}, the third a multiple of 4, the fourth of 16",
-    lambda values: (
-        _several(_whole(8, MAX_CHANNELS), 4)[1](values) and values[2] % 4 == 0 and values[3] % 16 == 0
-    ),
+    lambda values: _several(_whole(8, MAX_CHANNELS), 4)[1](values) and values[2] % 4 == 0 and values[3] % 16 == 0,
 )
 # Four stages halve the 128 frequencies three times, and the kernels of the heads are up to 3 wide.
 _STEM_STRIDE: Range = (

@@ -98,7 +98,9 @@ class SpectrogramEncoder(nn.Module):
             x = Block(channels, (3, 3), name=f"block_{index}")(x, train=train)
             x = Block(channels, (4, 4), stride=2, name=f"down_{index}")(x, train=train)
         x = Block(self.channels[-1], (3, 3), name="block_same")(x, train=train)
-        x = Block(self.channels[-1], (_VALID_KERNEL, _VALID_KERNEL), padding="VALID", name="block_valid")(x, train=train)
+        x = Block(self.channels[-1], (_VALID_KERNEL, _VALID_KERNEL), padding="VALID", name="block_valid")(
+            x, train=train
+        )
         return lay_on_frames(x, self.num_frames, swapped=self.swapped_axes)
 
 

@@ -172,7 +172,9 @@ def _places(folder: pathlib.Path) -> dict[str, _Place]:
     elif (folder / INDEX).is_file():
         shards = _read_json(folder / INDEX, MAX_HEADER_BYTES).get("weight_map")
         if not isinstance(shards, dict) or not all(_is_file_name(shard) for shard in shards.values()):
-            raise UserError(f"{shown(folder / INDEX)} has no weight_map from tensors to files beside it; download it again")
+            raise UserError(
+                f"{shown(folder / INDEX)} has no weight_map from tensors to files beside it; download it again"
+            )
     else:
         raise UserError(
             f"no {WEIGHTS} in {shown(folder)}; expected a Whisper model as Hugging Face has it, in the form of safetensors"

@@ -10,6 +10,7 @@ from tqdm import tqdm
 from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.video import write_video
 from ha2g_jax.synthesis.model import Model, Options, load, read_speech
@@ -46,6 +47,9 @@ def generate_files(
     """
     speech = pathlib.Path(speech)
     npz, mp4 = out_paths(speech, out)
+    if words is not None:
+        with reading(words, "a transcript"), words.open("rb"):
+            pass  # a path that cannot be read is noticed before the work
     audio = read_speech(speech)
     model = load(checkpoint)
     spoken = _read_words(model, speech, audio.samples, words)
@@ -60,11 +64,13 @@ def generate_files(
 def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None) -> tuple[Word, ...]:
     """Return the words of the speech; () if the model reads no words or there is no transcript."""
     if not model.reads_words:
+        if words is not None:
+            tqdm.write(f"{model.config.method} reads no words: {shown(words)} is not used", file=sys.stderr)
         return ()
     words = words or transcripts.find(speech)
     if words is None:
         tqdm.write(
-            f"{model.config.method} reads words, but {speech} has no transcript beside it: continuing without words; "
+            f"{model.config.method} reads words, but {shown(speech)} has no transcript beside it: continuing without words; "
             "name a transcript with --words",
             file=sys.stderr,
         )
@@ -89,5 +95,5 @@ def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pat
         stem = out.with_suffix("") if out.suffix in (".npz", ".mp4") else out
     npz, mp4 = (stem.with_name(stem.name + suffix) for suffix in (".npz", ".mp4"))
     if speech.resolve() in (npz.resolve(), mp4.resolve()):
-        raise UserError(f"the result would overwrite {speech}; choose another name with --out")
+        raise UserError(f"the result would overwrite {shown(speech)}; choose another name with --out")
     return npz, mp4

@@ -1,8 +1,12 @@
 """Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
+import contextlib
 import math
 import pathlib
-from collections.abc import Mapping, Sequence
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +15,8 @@ from PIL import Image, ImageOps
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_STYLE_PIXELS
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec, Variables
 
@@ -130,7 +136,9 @@ def _speaker(assets: Assets, name: str) -> np.ndarray:
 def _names(assets: Assets) -> str:
     """Return the names of the speakers for a message of one line, however many there are and whatever their letters."""
     names = list(assets.speakers)
-    listed = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
+    listed = ", ".join(names[:_NAMES_SHOWN]) + (
+        f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else ""
+    )
     listed = "".join(letter if letter.isprintable() else "?" for letter in listed)
     return listed if len(listed) <= _LETTERS_SHOWN else f"{listed[:_LETTERS_SHOWN]}..."
 
@@ -145,12 +153,28 @@ def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequ
         raise UserError("an empty list of reference images; give one or more images")
     images = []
     for path in paths:
-        try:
-            with Image.open(path) as image:
-                upright = ImageOps.exif_transpose(image).convert("RGB")
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
-            raise UserError(f"{path} cannot be read as an image; expected a PNG or JPEG of a person") from error
+        with _reading_image(path), Image.open(path) as image:
+            if image.width * image.height > MAX_STYLE_PIXELS:
+                raise UserError(
+                    f"{shown(path)} has {image.width} x {image.height} pixels, expected at most {MAX_STYLE_PIXELS}: "
+                    "make it smaller"
+                )
+            upright = ImageOps.exif_transpose(image).convert("RGB")
         side = min(upright.size)
         square = np.asarray(ImageOps.fit(upright, (side, side)))
         images.append(resize_images(square[None], spec.image_size))
     return np.asarray(encode_identity(spec, variables, np.concatenate(images)))
+
+
+@contextlib.contextmanager
+def _reading_image(path: str | pathlib.Path) -> Iterator[None]:
+    try:
+        with warnings.catch_warnings():  # of images that are too large, which are refused, and of their metadata
+            warnings.simplefilter("ignore")
+            yield
+    # Pillow raises many classes for damaged images.
+    except (
+        *(OSError, ValueError, SyntaxError, LookupError, TypeError, AttributeError, ArithmeticError),
+        *(EOFError, MemoryError, struct.error, zlib.error, Image.DecompressionBombError),
+    ) as error:
+        raise UserError(f"{shown(path)} cannot be read as an image; expected a PNG or JPEG of a person") from error

@@ -138,7 +138,9 @@ def _read(workdir: pathlib.Path) -> dict[str, Any]:
     aside = path.with_name(f"{RUN}.damaged")
     with writing(aside):
         path.replace(aside)
-    tqdm.tqdm.write(f"{shown(path)} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr)
+    tqdm.tqdm.write(
+        f"{shown(path)} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr
+    )
     return {"starts": []}
 
 

@@ -17,7 +17,11 @@ CONFIG = pathlib.Path(__file__).parent.parent / "one_stage.py"
 
 def test_a_second_training_is_refused_until_the_first_ends(tmp_path):
     workdir = tmp_path / "runs" / "talk"
-    with only_run(workdir), pytest.raises(UserError, match=r"another process trains in .*talk: wait"), only_run(workdir):
+    with (
+        only_run(workdir),
+        pytest.raises(UserError, match=r"another process trains in .*talk: wait"),
+        only_run(workdir),
+    ):
         pass
     with only_run(workdir):
         assert [path.name for path in workdir.iterdir()] == [LOCK]
@@ -52,5 +56,8 @@ def test_a_training_is_refused_before_it_compiles(tiny_talk, tmp_path, monkeypat
 
 def test_a_workdir_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(UserError, match=r"run cannot be written \(Not a directory\)"), only_run(tmp_path / "file" / "run"):
+    with (
+        pytest.raises(UserError, match=r"run cannot be written \(Not a directory\)"),
+        only_run(tmp_path / "file" / "run"),
+    ):
         pass

@@ -5,6 +5,7 @@ import pathlib
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.motion.control.spans import Pin, Span
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import sample
@@ -28,13 +29,14 @@ def read_pin(text: str) -> Pin:
     if pose == "rest":
         return Pin(*moments)
     path, moment = pathlib.Path(pose), 0.0
-    if not path.is_file() and "@" in pose:
-        name, _, at = pose.rpartition("@")
-        path, moment = pathlib.Path(name), _seconds(at, text)
+    with reading(path, "a motion for a pin"):
+        if not path.is_file() and "@" in pose:
+            name, _, at = pose.rpartition("@")
+            path, moment = pathlib.Path(name), _seconds(at, text)
     motion = Motion.load(path)
     last = (motion.num_frames - 1) / motion.fps
     if not 0 <= moment <= last:
-        raise UserError(f"{path} has no pose at {moment:g} s; expected 0 to {last:.3f}")
+        raise UserError(f"{shown(path)} has no pose at {moment:g} s; expected 0 to {last:.3f}")
     (posed,) = sample(motion.directions, np.array([moment * motion.fps]))
     return Pin(*moments, posed, f"{path.name}@{moment:g}", motion.meta["skeleton"])
 

@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import os
 import pathlib
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -15,10 +16,13 @@ from flax import traverse_util
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.methods.autoencoder import PoseAutoencoder
 from ha2g_jax.methods.method import Spec, subtract_mean
 from ha2g_jax.skeleton import Skeleton
 
+_TRAIN_ONE = "train one with `ha2g train --config experiments/configs/autoencoder.py:DATA`"
+_EXPECTED = f"a workdir or an exported folder of a pose auto-encoder, as none comes with the package; {_TRAIN_ONE}"
 _BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
 
 
@@ -37,16 +41,20 @@ class PoseFeatures:
         fps: frames per second of the windows.
 
     Raises:
-        UserError: there is no model, or the model is no pose auto-encoder.
+        UserError: there is no model, or the model is no pose auto-encoder of windows of 34 frames.
     """
 
-    def __init__(self, source: str | pathlib.Path):
-        loaded = model_folder.load(source)
+    def __init__(self, source: str | os.PathLike):
+        loaded = model_folder.load_path(source, _EXPECTED)
         generator = loaded.spec.generator
         if not isinstance(generator, PoseAutoencoder):
             raise UserError(
-                f"{source} is a model of the method {loaded.config.get('method', 'ha2g')}, not a pose auto-encoder; "
-                "train one with `ha2g train --config experiments/configs/autoencoder.py:DATA`"
+                f"{shown(source)} is a model of the method {loaded.spec.method}, not a pose auto-encoder; {_TRAIN_ONE}"
+            )
+        if loaded.spec.num_frames != WINDOW_FRAMES:
+            raise UserError(
+                f"{shown(source)} is a pose auto-encoder of windows of {loaded.spec.num_frames} frames, expected "
+                f"{WINDOW_FRAMES}; {_TRAIN_ONE}"
             )
         self._spec, self._variables = loaded.spec, jax.device_put(loaded.variables)
         self.id = weights_id(loaded.variables)

@@ -203,4 +203,4 @@ def _features(autoencoder: str | os.PathLike | None):
         return None
     from ha2g_jax.study.evaluation.features import PoseFeatures
 
-    return PoseFeatures(pathlib.Path(autoencoder))
+    return PoseFeatures(autoencoder)
