@@ -125,15 +125,15 @@ def from_json(values: Any) -> Config:
     Raises:
         ValueError: `values` are not a config.
     """
-    if not isinstance(values, dict) or not isinstance(values.get("skeleton"), str):
-        raise ValueError("no skeleton" if isinstance(values, dict) else "not an object of JSON")
     try:
         return _from_json(values)
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{type(error).__name__}: {error}") from error
+        raise ValueError(str(error)) from error
 
 
-def _from_json(values: dict[str, Any]) -> Config:
+def _from_json(values: Any) -> Config:
+    if not isinstance(values, dict) or not isinstance(values.get("skeleton"), str):
+        raise TypeError("no skeleton" if isinstance(values, dict) else "not an object of JSON")
     values = config_renames.with_new_names(values)[0]
     config = paper(values["skeleton"])
     stored = values.get("loss", {})

@@ -58,7 +58,7 @@ def from_json(values: Any) -> Assets:
         KeyError, TypeError, ValueError, OverflowError: the values are not assets.
     """
     if not isinstance(values, dict):
-        raise ValueError("not an object of JSON")
+        raise TypeError("not an object of JSON")
     if values["schema_version"] != SCHEMA_VERSION:
         raise ValueError(f"schema version {reprlib.repr(values['schema_version'])} instead of {SCHEMA_VERSION}")
     if values["skeleton"]["name"] not in SKELETONS:
@@ -78,7 +78,7 @@ def from_json(values: Any) -> Assets:
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise ValueError("the vocabulary is not a list of words")
     if not isinstance(speakers, dict):
-        raise ValueError("the speakers are not an object of names")
+        raise TypeError("the speakers are not an object of names")
     if not isinstance(found, str) or len(found) > _MAX_HASH_LENGTH or not found.isprintable():
         raise ValueError("the hash is not a hexadecimal number")
     return Assets(

@@ -201,8 +201,8 @@ class Checkpoints:
         if step == _ALL_DAMAGED:
             reasons = ", ".join(f"{step}: {_damage(self._folder / str(step))}" for step in self.steps())
             raise UserError(
-                f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose another "
-                "--workdir"
+                f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose "
+                "another --workdir"
             )
         return None if step == _NONE else Restored(step, self._read_state(step, like), self._read(step, "record"))
 
@@ -277,9 +277,9 @@ class Checkpoints:
             )
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
-                f"cannot write checkpoint {shown(self._folder / str(self._writing))} ({orbax_errors.reason(error)}; it needs "
-                f"{self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); {left}: free some space, then the same "
-                "command continues"
+                f"cannot write checkpoint {shown(self._folder / str(self._writing))} "
+                f"({orbax_errors.reason(error)}; it needs {self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); "
+                f"{left}: free some space, then the same command continues"
             ) from error
 
     def _look(self) -> int:
@@ -343,8 +343,8 @@ def _blaming_the_version(path: pathlib.Path) -> Iterator[None]:
 def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str]) -> None:
     if odd := [name for name in sorted(there.keys() | here.keys()) if there.get(name) != here.get(name)]:
         raise UserError(
-            f"checkpoint {shown(path)} is of another model ({_short(odd[0])} is {_short(there.get(odd[0], 'not'))} there, "
-            f"{here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
+            f"checkpoint {shown(path)} is of another model ({_short(odd[0])} is "
+            f"{_short(there.get(odd[0], 'not'))} there, {here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
         )
 
 

@@ -89,7 +89,8 @@ def read(path: pathlib.Path) -> dict[str, Any]:
         UserError: a tensor has another type than floating numbers, or values that are not finite.
     """
     with open_tensors(path) as file:
-        flat = {name: read_tensor(file, name, path) for name in file.keys()}
+        names = file.keys()
+        flat = {name: read_tensor(file, name, path) for name in names}
     return {"params": {}, "batch_stats": {}} | traverse_util.unflatten_dict(flat, sep="/")
 
 

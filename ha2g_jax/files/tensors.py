@@ -56,7 +56,8 @@ def shapes_of(file: Any) -> dict[str, tuple[int, ...]]:
     Args:
         file: result of `open_tensors`.
     """
-    return {name: tuple(file.get_slice(name).get_shape()) for name in file.keys()}
+    names = file.keys()
+    return {name: tuple(file.get_slice(name).get_shape()) for name in names}
 
 
 def read_tensor(file: Any, name: str, path: str | os.PathLike) -> np.ndarray:

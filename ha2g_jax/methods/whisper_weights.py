@@ -16,7 +16,7 @@ from flax import traverse_util
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.asr_mel import asr_columns
-from ha2g_jax.files.reading import parse_json, read_bytes, reason, reading, shown
+from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
 from ha2g_jax.limits import MAX_CHANNELS, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES, MAX_WHISPER_LAYERS
@@ -177,7 +177,8 @@ def _places(folder: pathlib.Path) -> dict[str, _Place]:
             )
     else:
         raise UserError(
-            f"no {WEIGHTS} in {shown(folder)}; expected a Whisper model as Hugging Face has it, in the form of safetensors"
+            f"no {WEIGHTS} in {shown(folder)}; expected a Whisper model as Hugging Face has it, in the form of "
+            "safetensors"
         )
     places = {}
     for name, shard in shards.items():

@@ -70,8 +70,8 @@ def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pa
     words = words or transcripts.find(speech)
     if words is None:
         tqdm.write(
-            f"{model.config.method} reads words, but {shown(speech)} has no transcript beside it: continuing without words; "
-            "name a transcript with --words",
+            f"{model.config.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
+            "words; name a transcript with --words",
             file=sys.stderr,
         )
         return ()

@@ -33,6 +33,7 @@ _FREE_SETTINGS = {
     "train.wandb",
     "train.devices",
 }
+_NAMES_SHOWN = 6
 _AT_LEAST = {"steps": 1, "batch_size": 1, "log_every": 1, "validate_every": 1, "checkpoint_every": 1, "keep": 1}
 _AT_LEAST |= {"sample_every": 0, "devices": 0}
 
@@ -130,8 +131,10 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     free = _FREE_SETTINGS - ({"train.steps"} if config.train.schedule == "cosine" else set())
     differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
     if differing := [name for name in differing if name not in free]:
-        changes = ", ".join(f"{name} ({_short(old, name)} there, {_short(new, name)} here)" for name in differing[:20])
-        changes += f" and {len(differing) - 20} more" if differing[20:] else ""
+        changes = ", ".join(
+            f"{name} ({_short(old, name)} there, {_short(new, name)} here)" for name in differing[:_NAMES_SHOWN]
+        )
+        changes += f" and {len(differing) - _NAMES_SHOWN} more" if differing[_NAMES_SHOWN:] else ""
         raise UserError(
             f"{shown(workdir)} was made with another config: {changes}; repeat its settings or choose another --workdir"
         )
@@ -154,8 +157,8 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     )
     if not same:
         raise UserError(
-            f"{shown(workdir)} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of its "
-            "start or choose another --workdir"
+            f"{shown(workdir)} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of "
+            "its start or choose another --workdir"
         )
 
 

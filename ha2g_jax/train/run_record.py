@@ -100,7 +100,8 @@ def writing(path: pathlib.Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(
-            f"{shown(path)} cannot be written ({error.strerror or error}): correct this, then the same command continues"
+            f"{shown(path)} cannot be written ({error.strerror or error}): correct this, then the same command "
+            "continues"
         ) from error
 
 

@@ -263,5 +263,7 @@ def test_an_autoencoder_of_other_windows_is_refused(tmp_path):
 
 def test_no_autoencoder_comes_with_the_package(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UserError, match="expected a workdir .* of a pose auto-encoder, as none comes with the package"):
+    with pytest.raises(
+        UserError, match=r"expected a workdir .* of a pose auto-encoder, as none comes with the package"
+    ):
         PoseFeatures("demo")
