@@ -344,7 +344,8 @@ def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str
     if odd := [name for name in sorted(there.keys() | here.keys()) if there.get(name) != here.get(name)]:
         raise UserError(
             f"checkpoint {shown(path)} is of another model ({_short(odd[0])} is "
-            f"{_short(there.get(odd[0], 'not'))} there, {here.get(odd[0], 'not')} here); choose the config and version that wrote it, or another --workdir"
+            f"{_short(there.get(odd[0], 'not'))} there, {here.get(odd[0], 'not')} here); choose the config and "
+            "version that wrote it, or another --workdir"
         )
 
 

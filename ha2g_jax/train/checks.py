@@ -157,8 +157,8 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     )
     if not same:
         raise UserError(
-            f"{shown(workdir)} was started on another corpus than {corpus.path}: set --config.data.path to the corpus of "
-            "its start or choose another --workdir"
+            f"{shown(workdir)} was started on another corpus than {shown(corpus.path)}: set --config.data.path to "
+            "the corpus of its start or choose another --workdir"
         )
 
 
