@@ -1,5 +1,6 @@
 """Check settings whose value is one or several of a few names."""
 
+import reprlib
 from collections.abc import Sequence
 
 from ha2g_jax.errors import UserError
@@ -17,7 +18,8 @@ def choice(field: str, value: str, choices: Sequence[str]) -> str:
         UserError: the value is not one of `choices`.
     """
     if value not in choices:
-        raise UserError(f"config.{field} is {value!r}, expected one of {', '.join(choices)}: set --config.{field}")
+        expected = ", ".join(choices)
+        raise UserError(f"config.{field} is {reprlib.repr(value)}, expected one of {expected}: set --config.{field}")
     return value
 
 
@@ -33,5 +35,5 @@ def some_of(field: str, values: Sequence[str], choices: Sequence[str]) -> tuple[
         UserError: there are no values, or one is not in `choices`.
     """
     if not values or isinstance(values, str) or set(values) - set(choices):
-        raise UserError(f"config.{field} is {values!r}, expected one or more of {', '.join(choices)}")
+        raise UserError(f"config.{field} is {reprlib.repr(values)}, expected one or more of {', '.join(choices)}")
     return tuple(name for name in choices if name in values)

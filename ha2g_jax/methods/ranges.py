@@ -4,7 +4,6 @@ A config may come with a model from elsewhere, and building must neither fail in
 whose value is one of a few names are checked where they are used, see `choices`.
 """
 
-import math
 import reprlib
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +20,8 @@ from ha2g_jax.limits import (
     MAX_TEXT_LAYERS,
     MAX_WHISPER_LAYERS,
 )
+
+_ANY = 10**12
 
 # What is expected, and whether a value is so.
 Range = tuple[str, Callable[[Any], bool]]
@@ -47,8 +48,9 @@ def _several(item: Range, count: int | None = None) -> Range:
     )
 
 
-_ANY_WHOLE: Range = ("a whole number", _is_whole)
-_RATE: Range = ("a number", lambda value: isinstance(value, int | float) and math.isfinite(value))
+# Their ranges depend on other settings and are checked by `build`.
+_ANY_WHOLE: Range = ("a whole number", lambda value: _is_whole(value) and abs(value) < _ANY)
+_RATE: Range = ("a number", lambda value: isinstance(value, int | float) and abs(value) < _ANY)
 _FRACTION: Range = (
     "a number from 0 to 1",
     lambda value: isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1,

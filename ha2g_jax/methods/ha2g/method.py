@@ -1,5 +1,6 @@
 """HA2G: the hierarchical audio learner and pose inferer with the objective of Eq. 9."""
 
+import reprlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -152,7 +153,7 @@ def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[
     numbers = tuple(levels) or tuple(range(1, skeleton.num_levels + 1))
     if list(numbers) != sorted(set(numbers)) or numbers[0] < 1 or numbers[-1] != skeleton.num_levels:
         raise UserError(
-            f"config.model.inferer.levels is {numbers}, expected ascending numbers from 1 that end with "
+            f"config.model.inferer.levels is {reprlib.repr(numbers)}, expected ascending numbers from 1 that end with "
             f"{skeleton.num_levels}, the whole pose"
         )
     return tuple(skeleton.level_channels[number - 1] for number in numbers)
