@@ -1,31 +1,36 @@
 """Checks of a single clip; each check yields one line for each error that it finds."""
 
-import io
 import itertools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import soundfile
-from PIL import Image
 
-from ha2g_jax.data import records
-from ha2g_jax.errors import UserError
+from ha2g_jax.data import media, records
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.files.reading import reason
+from ha2g_jax.limits import (
+    MAX_CLIP_COORDINATE,
+    MAX_CLIP_FRAMES,
+    MAX_CLIP_IMAGES,
+    MAX_CLIP_NAME_LENGTH,
+    MAX_CLIP_SECONDS,
+    MAX_CLIP_WORDS,
+)
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
 _LENGTH_FACTOR = 4
 _WORD_SLACK = 0.1  # seconds by which a word may lie outside the clip, because aligners and video frames round
 _AUDIO_SLACK = 0.25  # seconds allowed between the ends of motion and audio
-_MAX_IMAGE = 4096  # maximum width and height in pixels
+_MAX_NUMBER = 1e12  # greatest time in seconds, amplitude or value of a style
 
 
 def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
     """Check all fields of a clip except the motion.
 
     Args:
-        fields: fields that `records.unpack` returns, of the right types (see `wrong_types`).
+        fields: fields that `records.unpack` returns, without a `problem`.
         seconds: length of the motion in seconds.
 
     Yields:
@@ -36,6 +41,29 @@ def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
     yield from _check_windows(fields)
     yield from _check_confidence(fields)
     yield from _check_images(fields)
+
+
+def problem(fields: dict[str, Any], skeleton: Skeleton, fps: float) -> str | None:
+    """Return the reason why nothing can be done with a clip, None if it can be used.
+
+    Args:
+        fields: fields that `records.unpack` returns.
+        skeleton: skeleton of the corpus.
+        fps: frames per second of the corpus.
+
+    Returns:
+        What the clip has: "positions that are NaN or infinite, first in frame 7".
+    """
+    if wrong := wrong_types(fields):
+        return f"{', '.join(wrong)} of a wrong type"
+    if found := _beyond_limits(fields, fps):
+        return found
+    if found := _unusable_positions(fields["positions"], skeleton):
+        return found
+    confidence, frames = fields["confidence"], fields["positions"].shape[:2]
+    if confidence is not None and confidence.shape != frames:
+        return f"confidence of shape {confidence.shape}, expected {frames}"
+    return None
 
 
 def wrong_types(fields: dict[str, Any]) -> list[str]:
@@ -51,18 +79,42 @@ def wrong_types(fields: dict[str, Any]) -> list[str]:
         "recording_start": _is_number(fields["recording_start"]),
         "audio": isinstance(fields["audio"], bytes),
         "words": all(isinstance(text, str) and _is_number(a) and _is_number(b) for text, a, b in fields["words"]),
-        "window_starts": all(isinstance(start, int) for start in fields["window_starts"]),
+        "window_starts": all(type(start) is int for start in fields["window_starts"]),
         "reference_images": _is_images(fields["reference_images"]),
+        "strokes": all(_is_stroke(stroke) for stroke in fields["strokes"]),
+        "style": all(_is_number(value) for value in fields["style"]),
     }
     return [name for name, right in is_right.items() if not right]
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and bool(np.isfinite(value))
+    return isinstance(value, int | float) and bool(np.isfinite(value)) and abs(value) < _MAX_NUMBER
 
 
 def _is_images(value: object) -> bool:
     return value is None or (isinstance(value, list) and all(isinstance(frame, bytes) for frame in value))
+
+
+def _is_stroke(stroke: records.Stroke) -> bool:
+    texts = (stroke.kind, stroke.hand, stroke.word_class)
+    numbers = (stroke.time, stroke.start, stroke.end, stroke.amplitude)
+    return all(isinstance(text, str) for text in texts) and all(_is_number(number) for number in numbers)
+
+
+def _beyond_limits(fields: dict[str, Any], fps: float) -> str | None:
+    names = (fields["id"], fields["speaker"], fields["recording"], *(word.text for word in fields["words"]))
+    frames, longest = len(fields["positions"]), max(map(len, names))
+    sizes = {
+        "seconds": (frames / fps, MAX_CLIP_SECONDS),
+        "frames": (frames, MAX_CLIP_FRAMES),
+        "words": (len(fields["words"]), MAX_CLIP_WORDS),
+        "letters in a word or name": (longest, MAX_CLIP_NAME_LENGTH),
+        "images of the speaker": (len(fields["reference_images"] or ()), MAX_CLIP_IMAGES),
+    }
+    for what, (size, limit) in sizes.items():
+        if size > limit:
+            return f"{size:,.10g} {what}, expected {limit:,} at most"
+    return None
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
@@ -75,12 +127,8 @@ def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
     Yields:
         At most one line, because each error makes the next checks meaningless.
     """
-    if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not len(positions):
-        yield f"positions of shape {positions.shape}, expected (T, {skeleton.num_joints}, 3) of {skeleton.name}"
-        return
-    is_finite = np.isfinite(positions).all(axis=(1, 2))
-    if not is_finite.all():
-        yield f"positions that are NaN or infinite, first in frame {is_finite.argmin()}"
+    if found := _unusable_positions(positions, skeleton):
+        yield found
         return
     median = np.median(bone_lengths(positions, skeleton), axis=0)
     expected = load_skeleton(skeleton.name).lengths.astype(np.float64)
@@ -93,6 +141,17 @@ def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
             f"{median[worst]:.4g} m (expected {expected[worst] / _LENGTH_FACTOR:.2g} to "
             f"{expected[worst] * _LENGTH_FACTOR:.2g} m)"
         )
+
+
+def _unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None:
+    if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not len(positions):
+        return f"positions of shape {positions.shape}, expected (T, {skeleton.num_joints}, 3) of {skeleton.name}"
+    is_finite = np.isfinite(positions).all(axis=(1, 2))
+    if not is_finite.all():
+        return f"positions that are NaN or infinite, first in frame {is_finite.argmin()}"
+    if (farthest := float(np.abs(positions).max())) > MAX_CLIP_COORDINATE:
+        return f"positions up to {farthest:.3g} m, expected {MAX_CLIP_COORDINATE:,} m at most"
+    return None
 
 
 def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
@@ -114,13 +173,13 @@ def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
 def _check_audio(fields: dict[str, Any], seconds: float) -> Iterator[str]:
     try:
         # The length declared in the header is checked first, so that hours of audio are not decoded for a short clip.
-        declared = soundfile.info(io.BytesIO(fields["audio"])).duration
+        declared = media.audio_seconds(fields["audio"])
         if abs(declared - seconds) > _AUDIO_SLACK:
             yield f"{declared:.2f} s of audio for {seconds:.2f} s of motion"
             return
-        audio = records.decode_audio(fields, "its record")
-    except (soundfile.SoundFileError, UserError) as error:
-        yield f"audio that cannot be read ({error})"
+        audio = media.decode_audio(fields["audio"], seconds + _AUDIO_SLACK)
+    except records.DAMAGE as error:
+        yield f"audio that cannot be read ({reason(error)})"
         return
     if not np.isfinite(audio).all():
         yield "audio that is NaN or infinite"
@@ -138,30 +197,17 @@ def _check_windows(fields: dict[str, Any]) -> Iterator[str]:
 
 
 def _check_confidence(fields: dict[str, Any]) -> Iterator[str]:
-    confidence, positions = fields["confidence"], fields["positions"]
-    if confidence is None:
-        return
-    if confidence.shape != positions.shape[:2]:
-        yield f"confidence of shape {confidence.shape}, expected {positions.shape[:2]}"
-    elif not ((confidence >= 0) & (confidence <= 1)).all():  # NaN is in neither
+    confidence = fields["confidence"]
+    if confidence is not None and not ((confidence >= 0) & (confidence <= 1)).all():  # NaN is in neither
         yield "confidence outside 0 to 1"
 
 
 def _check_images(fields: dict[str, Any]) -> Iterator[str]:
-    sizes = set()
-    for frame in fields["reference_images"] or ():
-        try:
-            image = Image.open(io.BytesIO(frame))
-            sizes.add(image.size)
-            if max(image.size) > _MAX_IMAGE:
-                yield f"an image of the speaker is {image.width} x {image.height} pixels, expected {_MAX_IMAGE} at most"
-                return
-            image.load()
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            yield f"an image of the speaker cannot be read ({error})"
-            return
-    if len(sizes) > 1:
-        yield f"images of the speaker of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sorted(sizes)[:2])}"
+    try:
+        if fields["reference_images"]:
+            media.decode_images(fields["reference_images"])
+    except records.DAMAGE as error:
+        yield f"an image of the speaker cannot be read ({reason(error)})"
 
 
 def bone_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:

@@ -3,24 +3,24 @@
 import bisect
 import dataclasses
 import itertools
-import json
 import os
 import pathlib
+import reprlib
 from collections.abc import Sequence
 from typing import Any, overload
 
-import numpy as np
 from array_record.python import array_record_data_source
 
 from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
+from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
+from ha2g_jax.limits import MAX_DATASET_BYTES, MAX_NAME_LENGTH
+from ha2g_jax.skeleton import Skeleton, load_skeleton
 
-TRAIN = "train"
+TRAIN = schema.TRAIN
 FILE = "dataset.json"
-_MAX_FILE = 1 << 26  # bytes of dataset.json; a thousand hours need less than a hundredth
 
 
 class Clips(Sequence[Clip]):
@@ -28,14 +28,19 @@ class Clips(Sequence[Clip]):
 
     Args:
         shards: files of the split, in order.
+        skeleton: skeleton of the corpus.
+        fps: frames per second of the corpus.
+
+    Attributes:
+        fps: frames per second of the corpus.
 
     Raises:
         UserError: a shard cannot be read.
     """
 
-    def __init__(self, shards: Sequence[pathlib.Path]):
+    def __init__(self, shards: Sequence[pathlib.Path], skeleton: Skeleton, fps: float):
         # One data source per shard, so that an error can name the shard.
-        self._shards = list(shards)
+        self._shards, self._skeleton, self.fps = list(shards), skeleton, fps
         self._sources = [_open_shard(shard) for shard in self._shards]
         self._ends = list(itertools.accumulate(len(source) for source in self._sources))
 
@@ -50,7 +55,7 @@ class Clips(Sequence[Clip]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         index = range(len(self))[index]
-        return records.decode_clip(self.record(index), self.place(index))
+        return records.decode_fields(self.fields(index), self.place(index), self.fps)
 
     def fields(self, index: int) -> dict[str, Any]:
         """Return the fields of a clip with audio and images still compressed.
@@ -62,15 +67,25 @@ class Clips(Sequence[Clip]):
             The fields that `records.unpack` returns.
 
         Raises:
-            UserError: the record cannot be read or is damaged.
+            UserError: the record cannot be read or is damaged, or its motion is not finite, not of the skeleton of the
+                corpus or beyond the limits.
         """
         fields = records.unpack(self.record(index), self.place(index))
-        if wrong := clip_checks.wrong_types(fields):
+        if found := clip_checks.problem(fields, self._skeleton, self.fps):
             raise UserError(
-                f"clip {fields['id']!r} ({self.place(index)}) has {', '.join(wrong)} of a wrong type; "
-                "make or import the corpus again"
+                f"{self.title(fields, index)} has {found}; "
+                "correct or remove this clip in the original data and make or import the corpus again"
             )
         return fields
+
+    def title(self, fields: dict[str, Any], index: int) -> str:
+        """Return the id of a clip and the location of its record, for error messages.
+
+        Args:
+            fields: fields of the clip.
+            index: number of the clip in the split.
+        """
+        return f"clip {repr(fields['id'])[:MAX_NAME_LENGTH]} ({self.place(index)})"
 
     def record(self, index: int) -> bytes:
         """Return the encoded clip with number `index`.
@@ -87,7 +102,7 @@ class Clips(Sequence[Clip]):
     def place(self, index: int) -> str:
         """Return the location of the record of a clip, for error messages: "record NUMBER of SHARD"."""
         shard, number = self._locate(index)
-        return f"record {number} of {self._shards[shard]}"
+        return f"record {number} of {shown(self._shards[shard])}"
 
     def _locate(self, index: int) -> tuple[int, int]:
         shard = bisect.bisect_right(self._ends, index)
@@ -96,16 +111,15 @@ class Clips(Sequence[Clip]):
 
 def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
     if not os.access(shard, os.R_OK):
-        raise UserError(f"{shard} cannot be read by this user; change its permissions (chmod a+r)")
+        raise UserError(f"{shown(shard)} cannot be read by this user; change its permissions (chmod a+r)")
     try:
         return array_record_data_source.ArrayRecordDataSource([str(shard)])
     except (ValueError, RuntimeError) as error:
-        raise _unreadable(str(shard), error) from error
+        raise _unreadable(shown(shard), error) from error
 
 
 def _unreadable(what: str, error: Exception) -> UserError:
-    reason = str(error).splitlines()[0]
-    return UserError(f"{what} cannot be read ({reason}); make or import the corpus again")
+    return UserError(f"{what} cannot be read ({reason(error)}); make or import the corpus again")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,35 +145,26 @@ class Corpus:
             UserError: there is no corpus, or it is incomplete or of an unknown version.
         """
         path = pathlib.Path(path)
+        file = path / FILE
         try:
-            if not (path / FILE).is_file():
-                raise UserError(f"no corpus in {path}: {FILE} is missing; make one with `ha2g data` (see its --help)")
-            if (path / FILE).stat().st_size > _MAX_FILE:
-                raise UserError(f"{path / FILE} has more than {_MAX_FILE} bytes; make or import the corpus again")
-            metadata = json.loads((path / FILE).read_text())
+            exists = file.is_file()
         except OSError as error:
-            raise UserError(f"{path / FILE} cannot be read ({error.strerror}); check its permissions") from error
-        except (ValueError, RecursionError) as error:
-            raise UserError(f"{path / FILE} is damaged ({error}); make or import the corpus again") from error
-        version = metadata.get("schema_version") if isinstance(metadata, dict) else None
-        if version not in range(1, schema.VERSION + 1):
             raise UserError(
-                f"{path / FILE} has schema version {version}, this version of ha2g-jax reads 1 to {schema.VERSION}; "
-                "upgrade ha2g-jax, or make or import the corpus again"
+                f"{shown(file)} cannot be read ({reason(error)}); check its name and permissions"
+            ) from error
+        if not exists:
+            raise UserError(
+                f"no corpus in {shown(path)}: {FILE} is missing; make one with `ha2g data` (see its --help)"
             )
+        content = read_bytes(file, "the description of a corpus", MAX_DATASET_BYTES)
         try:
-            corpus = cls(path, schema.upgrade(metadata))
-            schema.check(corpus.metadata)
-            shards = [shard for split in metadata["splits"].values() for shard in split["shards"]]
-            sizes = {path / shard["name"]: shard["bytes"] for shard in shards}
-            _ = corpus.skeleton
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            reason = f"{error} is missing" if isinstance(error, KeyError) else error
-            raise UserError(f"{path / FILE} is damaged ({reason}); make or import the corpus again") from error
-        for shard, size in sizes.items():
-            found = shard.stat().st_size if shard.is_file() else 0
-            if found != size:
-                raise UserError(f"{shard} has {found} bytes instead of {size}; make or import the corpus again")
+            corpus = cls(path, _checked(content, shown(file)))
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
+            why = f"{error} is missing" if isinstance(error, KeyError) else reason(error)
+            raise UserError(f"{shown(file)} is damaged ({why}); make or import the corpus again") from error
+        for entry in corpus.metadata["splits"].values():
+            for shard in entry["shards"]:
+                _check_size(path / shard["name"], shard["bytes"])
         return corpus
 
     @property
@@ -180,12 +185,7 @@ class Corpus:
     @property
     def skeleton(self) -> Skeleton:
         """Skeleton with the statistics of the training split, or the published ones if there is no training split."""
-        if self.metadata["skeleton"] not in SKELETONS:
-            raise UserError(
-                f"{self.path} has an unknown skeleton {self.metadata['skeleton']!r}, not one of {SKELETONS}"
-            )
-        statistics = {name: np.array(values, np.float32) for name, values in self.metadata["statistics"].items()}
-        return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **statistics)
+        return dataclasses.replace(load_skeleton(self.metadata["skeleton"]), **schema.statistics(self.metadata))
 
     def has_clips(self, split: str) -> bool:
         """Return whether the corpus has this split and the split has a clip."""
@@ -207,11 +207,41 @@ class Corpus:
         """Return the clips of one split.
 
         Raises:
-            UserError: there is no such split.
+            UserError: there is no such split, or its shards have another number of clips than `dataset.json` says.
         """
-        return Clips([self.path / shard["name"] for shard in self._split(split)["shards"]])
+        entry = self._split(split)
+        clips = Clips([self.path / shard["name"] for shard in entry["shards"]], self.skeleton, self.fps)
+        if len(clips) != entry["clips"]:
+            raise UserError(
+                f"{shown(self.path / FILE)} counts {entry['clips']} clips in {split!r}, but its shards have "
+                f"{len(clips)}; make or import the corpus again"
+            )
+        return clips
 
     def _split(self, split: str) -> dict[str, Any]:
         if split not in self.splits:
-            raise UserError(f"{self.path} has no split {split!r}; it has {', '.join(self.splits)}")
+            raise UserError(f"{shown(self.path)} has no split {split[:60]!r}; it has {', '.join(self.splits)}")
         return self.metadata["splits"][split]
+
+
+def _checked(content: bytes, name: str) -> dict[str, Any]:
+    """Return the contents of a `dataset.json` in the present version after all checks."""
+    metadata = parse_json(content)
+    version = metadata.get("schema_version") if isinstance(metadata, dict) else None
+    if type(version) is not int or not 1 <= version <= schema.VERSION:
+        raise UserError(
+            f"{name} has schema version {reprlib.repr(version)}, this version of ha2g-jax reads 1 to "
+            f"{schema.VERSION}; upgrade ha2g-jax, or make or import the corpus again"
+        )
+    metadata = schema.upgrade(metadata)
+    schema.check(metadata)
+    return metadata
+
+
+def _check_size(shard: pathlib.Path, size: int) -> None:
+    try:
+        found = shard.stat().st_size if shard.is_file() else 0
+    except OSError as error:
+        raise UserError(f"{shown(shard)} cannot be read ({reason(error)})") from error
+    if found != size:
+        raise UserError(f"{shown(shard)} has {found} bytes instead of {size}; make or import the corpus again")

@@ -6,17 +6,18 @@ import hashlib
 import json
 import os
 import pathlib
-import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
 
-from ha2g_jax.data import records, schema
+from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.corpus import FILE, TRAIN
 from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.partial_folder import partial_folder
+from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import load_skeleton
 
 _CLIPS_PER_SHARD = 1000
@@ -51,8 +52,8 @@ class CorpusWriter:
         if os.path.lexists(self._path):
             raise _exists(self._path)
         for split in splits:
-            if not split.replace("-", "_").isidentifier():
-                raise UserError(f"{split!r} cannot be the name of a split; use letters, digits, - and _")
+            if not schema.is_split_name(split):
+                raise UserError(f"{split[:60]!r} cannot be the name of a split; use up to 60 letters, digits, - and _")
         self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)
@@ -64,10 +65,11 @@ class CorpusWriter:
         self._open_split = ""
 
     def __enter__(self) -> "CorpusWriter":
-        self._new_folders = [folder for folder in self._path.parents if not folder.exists()]
+        self._end = contextlib.ExitStack()
         with self._writing():
+            self._new_folders = [folder for folder in self._path.parents if not folder.exists()]
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = pathlib.Path(tempfile.mkdtemp(prefix=f".{self._path.name}-", dir=self._path.parent))
+            self._folder = self._end.enter_context(partial_folder(self._path))
         return self
 
     def __exit__(self, error_type: type | None, *_: object) -> None:
@@ -79,7 +81,7 @@ class CorpusWriter:
                 with contextlib.suppress(UserError):  # the exception inside the context is the one to report
                     self._close_shard()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._end.close()
             with contextlib.suppress(OSError):  # a folder that is not empty is kept
                 for folder in self._new_folders:
                     folder.rmdir()
@@ -92,8 +94,11 @@ class CorpusWriter:
             record: bytes that `records.encode_clip` returns.
 
         Raises:
-            UserError: the clip cannot be written.
+            UserError: the clip cannot be used or cannot be written.
         """
+        fields = records.unpack(record, "a clip to write")
+        if found := clip_checks.problem(fields, self._skeleton, self._fps):
+            raise UserError(f"a clip to write to {shown(self._path)}, {repr(fields['id'])[:60]}, has {found}")
         if self._open_split != split or self._counts[split] % _CLIPS_PER_SHARD == 0:
             self._close_shard()
             shard = f"{split}-{len(self._shards[split]):05d}.array_record"
@@ -105,7 +110,6 @@ class CorpusWriter:
         with self._writing():
             self._writer.write(record)
         self._counts[split] += 1
-        fields = records.unpack(record)
         self._windows[split] += len(fields["window_starts"])
         self._seconds[split] += len(fields["positions"]) / self._fps
         if fields["speaker"] not in self._speakers[split]:
@@ -126,12 +130,15 @@ class CorpusWriter:
         try:
             yield
         except (OSError, RuntimeError, ValueError) as error:  # ArrayRecord raises the last two
-            reason = " ".join((getattr(error, "strerror", None) or str(error).split(";")[0]).split()).lower()
-            raise UserError(f"cannot write {self._path} ({reason}); use another folder or free disk space") from error
+            why = (error.strerror if isinstance(error, OSError) else None) or str(error).split(";")[0]
+            raise UserError(
+                f"cannot write {shown(self._path)} ({' '.join(why.split()).lower()}); "
+                "use another folder or free disk space"
+            ) from error
 
     def _finish(self) -> None:
         if not any(self._counts.values()):
-            raise UserError(f"no clip to write to {self._path}; give more data")
+            raise UserError(f"no clip to write to {shown(self._path)}; give more data")
         speakers = [*self._speakers.get(TRAIN, []), *(name for names in self._speakers.values() for name in names)]
         dataset = {
             "schema_version": schema.VERSION,
@@ -145,15 +152,17 @@ class CorpusWriter:
                     "windows": self._windows[split],
                     "seconds": round(self._seconds[split], 3),
                     "speakers": self._speakers[split],
-                    "shards": [_describe(self._folder / shard) for shard in self._shards[split]],
+                    "shards": [self._describe(shard) for shard in self._shards[split]],
                 }
                 for split in self._counts
             },
             "statistics": self._statistics.result(),
             "words": dict(sorted(self._words.items())),
         }
+        text = json.dumps(dataset, indent=1) + "\n"
+        self._check(text)
         with self._writing():
-            (self._folder / FILE).write_text(json.dumps(dataset, indent=1) + "\n")
+            (self._folder / FILE).write_text(text)
             self._folder.chmod(0o755)
             try:
                 self._folder.rename(self._path)
@@ -162,12 +171,23 @@ class CorpusWriter:
                     raise _exists(self._path) from error
                 raise
 
+    def _describe(self, name: str) -> dict[str, Any]:
+        with self._writing(), (self._folder / name).open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return {"name": name, "bytes": os.fstat(file.fileno()).st_size, "sha256": digest}
+
+    def _check(self, text: str) -> None:
+        """Check that the corpus could be opened."""
+        if len(text) > MAX_DATASET_BYTES:
+            raise UserError(
+                f"{FILE} of {shown(self._path)} would have {len(text)} bytes, expected {MAX_DATASET_BYTES} at most; "
+                "give less data"
+            )
+        try:
+            schema.check(json.loads(text))
+        except (TypeError, ValueError) as error:
+            raise UserError(f"cannot write {shown(self._path)} ({reason(error)}); correct the data") from error
+
 
 def _exists(path: pathlib.Path) -> UserError:
-    return UserError(f"{path} exists already; choose another folder or remove it")
-
-
-def _describe(shard: pathlib.Path) -> dict[str, Any]:
-    with shard.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return {"name": shard.name, "bytes": shard.stat().st_size, "sha256": digest}
+    return UserError(f"{shown(path)} exists already; choose another folder or remove it")

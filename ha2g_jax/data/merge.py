@@ -5,7 +5,7 @@ import functools
 import operator
 import os
 import pathlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import msgpack
@@ -20,6 +20,7 @@ from ha2g_jax.errors import UserError
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
+_NOT_STATED = "not stated"
 _SEPARATOR = " | "  # between the origins, and between the licences, in the description
 _NAMED = ("id", "recording", "speaker")
 
@@ -31,8 +32,8 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     So are names of speakers, because the same name in two corpora most often means two people. Two people mistaken for
     one would get a mixed style, while one person mistaken for two only has less data for each.
 
-    The description joins the distinct sources and licences, adds up the import reports, and keeps the other entries of
-    each corpus under "merged". Statistics and vocabulary are those of the new training split.
+    The description joins the distinct sources, states the licence of each corpus, adds up the import reports, and keeps
+    the other entries of each corpus under "merged". Statistics and vocabulary are those of the new training split.
 
     Args:
         paths: folders of at least two corpora.
@@ -142,24 +143,33 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
         split: functools.reduce(operator.add, (report[split] for report in reports if split in report), SplitReport())
         for split in splits
     }
+    merged = [
+        {"folder": label, "source": _NOT_STATED, "licence": _NOT_STATED, **_stated(text)}
+        for label, text in zip(_labels(corpora), described, strict=True)
+    ]
     return {
         "name": pathlib.Path(dst).name,
-        **{key: _joined([text.get(key) for text in described]) for key in ("source", "licence")},
+        "source": _joined(text.get("source") for text in described),
+        "licence": _licence({part["folder"]: str(part["licence"]) for part in merged}),
         "import": import_report.as_json(added),
-        "merged": [
-            {"folder": corpus.path.resolve().name, **{key: value for key, value in text.items() if key != "import"}}
-            for corpus, text in zip(corpora, described, strict=True)
-        ],
+        "merged": merged,
     }
 
 
+def _stated(text: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of a corpus without its import report, source or licence if they are empty."""
+    return {key: value for key, value in text.items() if key != "import" and (value or key not in ("source", "licence"))}
+
+
+def _licence(by_folder: Mapping[str, str]) -> str:
+    """Return the licence of all corpora if it is the same, else each with the name of its folder."""
+    if len(set(by_folder.values())) == 1:
+        return next(iter(by_folder.values()))
+    return _SEPARATOR.join(f"{folder}: {licence}" for folder, licence in by_folder.items())
+
+
 def _report(corpus: Corpus) -> Report:
-    try:
-        return {split: SplitReport.from_json(counts) for split, counts in corpus.metadata.get("import", {}).items()}
-    except (TypeError, AttributeError, ValueError) as error:
-        raise UserError(
-            f"{corpus.path / 'dataset.json'} has a damaged import report ({error}); import the corpus again"
-        ) from error
+    return {split: SplitReport.from_json(counts) for split, counts in corpus.metadata.get("import", {}).items()}
 
 
 def _joined(texts: Iterable[Any]) -> str:

@@ -1,26 +1,32 @@
 """One clip of speech and motion, and its bytes: the record that data of every origin becomes."""
 
 import dataclasses
-import io
+import struct
 import types
+import zlib
 from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import msgpack
 import numpy as np
 import soundfile
-from PIL import Image
 
+from ha2g_jax.data import media, packing
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import reason
+from ha2g_jax.limits import MAX_NAME_LENGTH
 
 WINDOW_FRAMES = 34  # N of the paper, at 15 fps
 WINDOW_STRIDE = 10  # frames at 15 fps between the starts of two windows
 PAPER_FPS = 15
 
-_JPEG_QUALITY = 90
-_FLOATS = ("<f4", "<f8")
+_MORE_AUDIO = 60.0  # seconds by which the audio may be longer than the motion
+# Exceptions by which msgpack, numpy, libsndfile and Pillow answer damaged bytes.
+DAMAGE = (
+    ValueError, TypeError, KeyError, AttributeError, IndexError, ArithmeticError, EOFError, OSError, SyntaxError,
+    MemoryError, struct.error, zlib.error, msgpack.UnpackException, soundfile.SoundFileError,
+)  # fmt: skip
 
 
 class Stroke(NamedTuple):
@@ -99,16 +105,14 @@ def encode_clip(clip: Clip) -> bytes:
     Returns:
         The record; equal clips give equal bytes.
     """
-    flac = io.BytesIO()
-    soundfile.write(flac, clip.audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
     names = [field.name for field in dataclasses.fields(Clip)]
     fields = {STORED_NAMES.get(name, name): getattr(clip, name) for name in names}
-    fields["audio"] = flac.getvalue()
-    fields["positions"] = _pack(clip.positions)
+    fields["audio"] = media.encode_audio(clip.audio)
+    fields["positions"] = packing.pack_array(clip.positions)
     if clip.confidence is not None:
-        fields["confidence"] = _pack(clip.confidence)
+        fields["confidence"] = packing.pack_array(clip.confidence)
     if clip.reference_images is not None:
-        fields["reference_frames"] = [_to_jpeg(image) for image in clip.reference_images]
+        fields["reference_frames"] = [media.encode_image(image) for image in clip.reference_images]
     return cast(bytes, msgpack.packb(fields))
 
 
@@ -122,8 +126,21 @@ def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
     Raises:
         UserError: the bytes are not a whole record.
     """
-    fields = unpack(record, name)
-    audio, images = decode_audio(fields, name), decode_images(fields, name)
+    return decode_fields(unpack(record, name), name)
+
+
+def decode_fields(fields: dict[str, Any], name: str, fps: float = 1.0) -> Clip:
+    """Decode the audio and the images of a clip that `unpack` has unpacked.
+
+    Args:
+        fields: fields of the clip.
+        name: name of the record in an error message.
+        fps: frames per second of the motion.
+
+    Raises:
+        UserError: the audio or an image cannot be decoded.
+    """
+    audio, images = decode_audio(fields, name, fps), decode_images(fields, name)
     return Clip(**{**fields, "audio": audio, "reference_images": images})
 
 
@@ -142,20 +159,19 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored: dict[str, Any] = _YOUNGER | msgpack.unpackb(record)
+        stored = _YOUNGER | packing.unpack_values(record)
         fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
-        fields["positions"] = _unpack(fields["positions"])
+        fields["positions"] = packing.unpack_array(fields["positions"])
         if fields["confidence"] is not None:
-            fields["confidence"] = _unpack(fields["confidence"])
+            fields["confidence"] = packing.unpack_array(fields["confidence"])
         fields["words"] = tuple(Word(*word) for word in fields["words"])
         fields["strokes"] = tuple(Stroke(*stroke) for stroke in fields["strokes"])
         fields["window_starts"] = tuple(fields["window_starts"])
         fields["style"] = tuple(fields["style"])
-    except (ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException) as error:
-        raise _corrupt(name, error) from error
-    names = {field.name for field in dataclasses.fields(Clip)}
-    if set(fields) != names:
-        raise _corrupt(name, f"fields {sorted(set(fields) ^ names)} are missing or unknown")
+    except DAMAGE as error:
+        raise _corrupt(name, reason(error)) from error
+    if odd := set(fields) ^ {field.name for field in dataclasses.fields(Clip)}:
+        raise _corrupt(name, f"fields {_printable(sorted(map(str, odd)))} are missing or unknown")
     return fields
 
 
@@ -164,39 +180,24 @@ _FIELD_NAMES = {stored: name for name, stored in STORED_NAMES.items()}
 _YOUNGER = {"confidence": None}
 
 
-def _pack(array: np.ndarray) -> dict[str, Any]:
-    floats = "<f8" if array.dtype == np.float64 else "<f4"
-    packed = {"shape": list(array.shape), "data": np.ascontiguousarray(array, floats).tobytes()}
-    return packed if floats == "<f4" else {"dtype": floats, **packed}
-
-
-def _unpack(packed: dict[str, Any]) -> np.ndarray:
-    floats = packed.get("dtype", "<f4")
-    if floats not in _FLOATS:
-        raise ValueError(f"numbers of type {floats!r}")
-    return np.frombuffer(packed["data"], floats).reshape(packed["shape"]).copy()
-
-
-def decode_audio(fields: dict[str, Any], name: str) -> np.ndarray:
+def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndarray:
     """Decode the audio of a clip that `unpack` has unpacked.
 
     Args:
         fields: fields of the clip.
         name: name of the record in an error message.
+        fps: frames per second of the motion, which limits the length; the lowest rate by default.
 
     Returns:
         (samples,) float32 at 16 kHz.
 
     Raises:
-        UserError: the audio is not mono FLAC at 16 kHz.
+        UserError: the audio is not mono FLAC at 16 kHz, or much longer than the motion.
     """
     try:
-        audio, rate = soundfile.read(io.BytesIO(fields["audio"]), dtype="float32")
-    except (soundfile.SoundFileError, ValueError, TypeError) as error:
-        raise _corrupt(f"clip {fields['id']}, {name},", error) from error
-    if rate != SAMPLE_RATE or audio.ndim != 1:
-        raise _corrupt(f"clip {fields['id']}, {name},", f"audio at {rate} Hz of shape {audio.shape}")
-    return audio
+        return media.decode_audio(fields["audio"], len(fields["positions"]) / fps + _MORE_AUDIO)
+    except DAMAGE as error:
+        raise _corrupt(f"clip {_printable(fields['id'])}, {name},", reason(error)) from error
 
 
 def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
@@ -211,22 +212,20 @@ def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -
         (count, height, width, 3) uint8 images, None if the clip has none.
 
     Raises:
-        UserError: the fields are not images of one size.
+        UserError: the fields are not images of one size, or too many or too large.
     """
-    if fields["reference_images"] is None:
+    if not fields["reference_images"]:
         return None
     try:
-        images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in fields["reference_images"][:count]]
-        return np.stack([np.asarray(image) for image in images])
-    except (OSError, ValueError, TypeError, SyntaxError, Image.DecompressionBombError) as error:
-        raise _corrupt(f"clip {fields['id']}, {name},", error) from error
+        return media.decode_images(fields["reference_images"][:count])
+    except DAMAGE as error:
+        raise _corrupt(f"clip {_printable(fields['id'])}, {name},", f"an image: {reason(error)}") from error
 
 
-def _to_jpeg(frame: np.ndarray) -> bytes:
-    jpeg = io.BytesIO()
-    Image.fromarray(frame).save(jpeg, "JPEG", quality=_JPEG_QUALITY)
-    return jpeg.getvalue()
+def _printable(value: object) -> str:
+    text = repr(value)[:MAX_NAME_LENGTH]
+    return text.strip("'") if isinstance(value, str) else text
 
 
-def _corrupt(name: str, reason: object) -> UserError:
-    return UserError(f"{name} is damaged ({reason}); make or import the corpus again")
+def _corrupt(name: str, why: str) -> UserError:
+    return UserError(f"{name} is damaged ({why}); make or import the corpus again")

@@ -13,14 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.data import clip_checks
-from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.data import clip_checks, schema
+from ha2g_jax.data.corpus import FILE, TRAIN, Clips, Corpus
+from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
-from ha2g_jax.skeleton import Skeleton, load_skeleton
+from ha2g_jax.files.reading import reading, shown
 
 _CONSTANT = 0.05  # maximum standard deviation of a bone's length over its median, within a clip
 _OVERLAP = 0.5  # seconds of one recording that two splits may have in common, because cuts are rounded to frames
 _ROUNDING = 0.01  # tolerance of the duration of a split in seconds, which is stored rounded
+_STATISTICS_RTOL, _STATISTICS_ATOL = 1e-3, 1e-4  # tolerance of the statistics, which other machines round otherwise
+_MAX_SHOWN = 60  # characters of a name in a message
 
 
 class Verdict(NamedTuple):
@@ -64,10 +67,10 @@ def examine(path: str | os.PathLike) -> Verdict:
     a factor of 4 from the skeleton's published length); words are out of order or outside the clip; audio is not
     finite or not as long as the motion; windows lie outside the clip; confidence has a wrong shape or lies outside
     [0, 1]; images cannot be read; a clip id occurs twice; a speaker is not listed; the same stretch of a recording
-    occurs in two splits; statistics have a wrong shape; counts differ from `dataset.json`.
+    occurs in two splits; counts, words, speakers or statistics differ from `dataset.json`.
 
-    Notes: different stretches of a recording occur in several splits; bones change their length although the positions
-    were not estimated (bones have constant lengths in motion capture, but not in estimates).
+    Notes: shards have no SHA-256; different stretches of a recording occur in several splits; bones change their length
+    although the positions were not estimated (bones have constant lengths in motion capture, but not in estimates).
 
     Args:
         path: folder of the corpus.
@@ -85,60 +88,66 @@ def examine(path: str | os.PathLike) -> Verdict:
         for split in corpus.splits:
             for shard in corpus.metadata["splits"][split]["shards"]:
                 try:  # one shard at a time, so that the others are checked if one is damaged
-                    clips = Clips([corpus.path / shard["name"]])
+                    clips = Clips([corpus.path / shard["name"]], tally.skeleton, corpus.fps)
                 except UserError as error:
                     findings.append(str(error))
                     tally.unread.add(split)
                     continue
                 for index in range(len(clips)):
-                    findings += _check_record(clips, index, split, corpus, tally)
+                    findings += _check_record(clips, index, split, tally)
                     progress.update()
-    return Verdict([*findings, *_check_statistics(corpus), *tally.findings()], tally.notes())
+    return Verdict([*findings, *tally.findings()], [*_unchecked_shards(corpus), *tally.notes()])
+
+
+def _shards(corpus: Corpus) -> list[dict[str, Any]]:
+    return [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
 
 
 def _damaged_shards(corpus: Corpus) -> Iterator[str]:
-    shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
-    for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
+    for shard in tqdm(_shards(corpus), desc="Checking shards", unit="shard", leave=False, disable=None):
         path = corpus.path / shard["name"]
-        with path.open("rb") as file:
+        with reading(path, "a shard of a corpus"), path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        if digest != shard.get("sha256"):
-            yield f"{path} has SHA-256 {digest[:12]}..., dataset.json says {str(shard.get('sha256'))[:12]}..."
+        if (stated := shard.get("sha256")) is not None and digest != stated:
+            yield f"{shown(path)} has SHA-256 {digest[:12]}..., dataset.json says {stated[:12]}..."
 
 
-def _check_statistics(corpus: Corpus) -> Iterator[str]:
-    published = load_skeleton(corpus.skeleton.name)
-    for name in corpus.metadata["statistics"]:
-        values, expected = getattr(corpus.skeleton, name), getattr(published, name).shape
-        if values.shape != expected or not np.isfinite(values).all():
-            yield f"{corpus.path / 'dataset.json'} has {name} that are not {expected} finite numbers"
+def _unchecked_shards(corpus: Corpus) -> Iterator[str]:
+    unstated = [shard["name"] for shard in _shards(corpus) if shard.get("sha256") is None]
+    if unstated:
+        yield (
+            f"dataset.json has no SHA-256 of {len(unstated)} shards, such as {unstated[0]}, so only the checksums in "
+            "these shards were checked, which do not cover all of their bytes"
+        )
 
 
-def _check_record(clips: Clips, index: int, split: str, corpus: Corpus, tally: "_Tally") -> list[str]:
+def _check_record(clips: Clips, index: int, split: str, tally: "_Tally") -> list[str]:
     """Return the findings of one record, each with the name of the clip and of the record."""
     try:
         fields = clips.fields(index)
     except UserError as error:
         tally.unread.add(split)
         return [str(error)]
-    place = f"clip {fields['id']!r} ({clips.place(index)})"
-    found = [*clip_checks.check_positions(fields["positions"], corpus.skeleton)]
+    place = clips.title(fields, index)
+    found = [*clip_checks.check_positions(fields["positions"], tally.skeleton)]
     if not found:
-        tally.add_bones(place, fields, corpus.skeleton)
+        tally.add_bones(place, fields)
     found += tally.add(split, fields)
-    found += clip_checks.check_fields(fields, len(fields["positions"]) / corpus.fps)
+    found += clip_checks.check_fields(fields, len(fields["positions"]) / clips.fps)
     return [f"{place}: {finding}" for finding in found]
 
 
 class _Tally:
-    """Counts, ids, recordings and bone lengths over the whole corpus.
+    """Counts, ids, recordings, statistics and bone lengths over the whole corpus.
 
     Attributes:
+        skeleton: skeleton of the corpus.
         unread: splits with records that could not be read, whose counts are therefore not compared.
     """
 
     def __init__(self, corpus: Corpus):
-        self._corpus = corpus
+        self._corpus, self.skeleton = corpus, corpus.skeleton
+        self._statistics = MotionStatistics(self.skeleton, corpus.fps)
         self.unread: set[str] = set()
         self._ids: set[str] = set()
         self._counts: dict[str, dict[str, float]] = {
@@ -157,6 +166,7 @@ class _Tally:
         self._speakers[split].add(fields["speaker"])
         if split == TRAIN:
             self._words.update(word.text.lower() for word in fields["words"])
+            self._statistics.update(fields["positions"], fields["window_starts"])
         if fields["recording"]:
             start = fields["recording_start"]
             self._recordings[fields["recording"]].append(_Stretch(start, start + seconds, split, fields["id"]))
@@ -164,33 +174,39 @@ class _Tally:
             yield "its id occurs more than once"
         self._ids.add(fields["id"])
         if fields["speaker"] not in self._corpus.speakers:
-            yield f"speaker {fields['speaker']!r} is not among those of dataset.json"
+            yield f"speaker {fields['speaker'][:_MAX_SHOWN]!r} is not among those of dataset.json"
 
-    def add_bones(self, place: str, fields: dict[str, Any], skeleton: Skeleton) -> None:
+    def add_bones(self, place: str, fields: dict[str, Any]) -> None:
         """Record the variation of the bone lengths of a clip, unless its positions were estimated."""
         if fields["confidence"] is not None:
             return
-        lengths = clip_checks.bone_lengths(fields["positions"], skeleton)
+        lengths = clip_checks.bone_lengths(fields["positions"], self.skeleton)
         spread = lengths.std(axis=0) / np.median(lengths, axis=0)
         worst = int(spread.argmax())
         self._uneven += bool(spread[worst] > _CONSTANT)
-        text = f"{clip_checks.bone_name(skeleton, worst)} by {spread[worst]:.0%} in {place}"
+        text = f"{clip_checks.bone_name(self.skeleton, worst)} by {spread[worst]:.0%} in {place}"
         self._most_uneven = max(self._most_uneven, (float(spread[worst]), text))
 
     def findings(self) -> Iterator[str]:
-        name = self._corpus.path / "dataset.json"
+        name, is_odd = shown(self._corpus.path / FILE), False
         for split, counts in self._counts.items():
             if split in self.unread:
                 continue
             entry = self._corpus.metadata["splits"][split]
             for what, tolerance in {"clips": 0, "windows": 0, "seconds": _ROUNDING}.items():
                 found, listed = counts[what], entry.get(what, counts[what])  # version 1 has no other counts than clips
-                if not isinstance(listed, int | float) or abs(found - listed) > tolerance:
+                if abs(found - listed) > tolerance:
                     yield f"{name} counts {listed} {what} in {split!r}, but its records have {round(found, 3)}"
-            if set(entry.get("speakers", ())) != self._speakers[split]:
+            if set(entry["speakers"]) != self._speakers[split]:
+                is_odd = True
                 yield f"{name} lists other speakers of {split!r} than its records have"
         if TRAIN not in self.unread and dict(self._words) != self._corpus.metadata["words"]:
             yield f"{name} lists other words than the records of {TRAIN!r} have"
+        is_known = not self.unread and not is_odd
+        if is_known and set().union(*self._speakers.values()) != set(self._corpus.speakers):
+            yield f"{name} lists other speakers than the records have"
+        if TRAIN not in self.unread and (other := self._other_statistics()):
+            yield f"{name} has other {', '.join(other)} than the records of {TRAIN!r}"
         for recording, stretches in self._recordings.items():
             shared = _shared_stretch(stretches)
             if shared is not None:
@@ -199,6 +215,17 @@ class _Tally:
                     f"{self._corpus.path}: {first.split!r} and {second.split!r} have the same stretch of recording "
                     f"{recording!r} (clips {first.clip!r} and {second.clip!r}); divide the corpus with ha2g data split"
                 )
+
+    def _other_statistics(self) -> list[str]:
+        """Return the names of the statistics that differ from those of the records."""
+        found, listed = self._statistics.result(), schema.statistics(self._corpus.metadata)
+        if not listed.keys() <= found.keys():
+            return sorted(listed.keys() - found.keys())
+        return [
+            name
+            for name, values in listed.items()
+            if not np.allclose(values, np.array(found[name]), rtol=_STATISTICS_RTOL, atol=_STATISTICS_ATOL)
+        ]
 
     def notes(self) -> list[str]:
         splits = {name: {stretch.split for stretch in stretches} for name, stretches in self._recordings.items()}

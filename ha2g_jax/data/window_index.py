@@ -49,12 +49,12 @@ def make_index(
     names, speakers, starts, counts = [], [], [], []
     for number in tqdm.trange(len(clips), desc=f"Reading {split}", unit="clip", leave=False, disable=None):
         fields = clips.fields(number)
-        place = f"clip {fields['id']} ({clips.place(number)})"
-        _check_positions(fields["positions"], corpus, place)
+        place = clips.title(fields, number)
         _check_images(fields["reference_images"], num_images, place)
         if fields["speaker"] not in speaker_index:
             raise UserError(
-                f"{place} has a speaker {fields['speaker']!r} that dataset.json lacks; make or import the corpus again"
+                f"{place} has a speaker {fields['speaker'][:60]!r} that dataset.json lacks; "
+                "make or import the corpus again"
             )
         last = len(fields["positions"]) - num_frames
         is_wanted = among is None or fields["speaker"] in among
@@ -75,21 +75,6 @@ def make_index(
         names=names,
         speakers=np.array(speakers, np.int32),
     )
-
-
-def _check_positions(positions: np.ndarray, corpus: Corpus, place: str) -> None:
-    expected = corpus.skeleton.num_joints
-    if positions.ndim != 3 or positions.shape[1:] != (expected, 3):
-        raise UserError(
-            f"{place} has positions of shape {positions.shape}, expected (T, {expected}, 3) of skeleton "
-            f"{corpus.skeleton.name}; make or import the corpus again"
-        )
-    is_finite = np.isfinite(positions).all(axis=(1, 2))
-    if not is_finite.all():
-        raise UserError(
-            f"{place} has positions that are NaN or infinite, first in frame {is_finite.argmin()}; "
-            "correct or remove this clip in the original data and make or import the corpus again"
-        )
 
 
 def _check_images(images: list[Any] | None, expected: int, place: str) -> None:

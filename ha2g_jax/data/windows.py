@@ -176,7 +176,7 @@ class _Reader(NamedTuple):
         fields = self.clips.fields(number)
         audio = np.zeros(0, np.float32)
         if set(self.inputs) - {"words", "plain_words"}:
-            audio = records.decode_audio(fields, self.clips.place(number))
+            audio = records.decode_audio(fields, self.clips.place(number), self.clips.fps)
         track = Track(
             speech=speech.prepare(audio, fields["words"], self.inputs),
             directions=self._directions(fields),

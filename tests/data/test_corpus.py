@@ -8,6 +8,7 @@ from typing import cast
 import msgpack
 import numpy as np
 import pytest
+from fixtures.corpora import write_records
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.corpus import Corpus
@@ -245,11 +246,16 @@ def test_vocabulary_is_ordered_by_counts_of_any_size(path):
 
 
 def test_a_record_with_other_types_is_named(tmp_path):
-    record = msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}
-    with CorpusWriter(tmp_path / "corpus", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer:
-        writer.add("train", cast(bytes, msgpack.packb(record)))
+    record = cast(bytes, msgpack.packb(msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}))
+    write(tmp_path / "corpus")
+    write_records(tmp_path / "corpus", "train", [record])
     with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has recording of a wrong type"):
         Corpus.open(tmp_path / "corpus").clips("train").fields(0)
+    with (
+        pytest.raises(UserError, match=r"a clip to write to .*, 'a', has recording of a wrong type"),
+        CorpusWriter(tmp_path / "other", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer,
+    ):
+        writer.add("train", record)
 
 
 def test_damaged_shard(path):

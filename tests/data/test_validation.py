@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import io
-import json
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +11,7 @@ import msgpack
 import numpy as np
 import pytest
 import soundfile
+from fixtures.corpora import append_records, edit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -44,10 +44,18 @@ def make_clip(name: str, recording: str = "", time: float = 0.0, **changes) -> C
 
 
 def write(path, **splits: Sequence[Clip | bytes]):
+    """Write a corpus; clips that the writer refuses come to the end of their split."""
+    refused: dict[str, list[bytes]] = {}
     with CorpusWriter(path, splits=list(splits), skeleton=SKELETON.name, fps=15, metadata={}) as writer:
         for split, clips in splits.items():
             for clip in clips:
-                writer.add(split, clip if isinstance(clip, bytes) else encode_clip(clip))
+                record = clip if isinstance(clip, bytes) else encode_clip(clip)
+                try:
+                    writer.add(split, record)
+                except UserError:
+                    refused.setdefault(split, []).append(record)
+    for split, records_of_split in refused.items():
+        append_records(path, split, records_of_split)
     return path
 
 
@@ -114,7 +122,7 @@ CONFIDENT = np.full((FRAMES, SKELETON.num_joints), 1.5, np.float32)
         (with_fields(CLIP, reference_frames=[b"no image"]), "an image of the speaker cannot be read"),
         (
             make_clip("bad", reference_images=np.zeros((1, 8, 5000, 3), np.uint8)),
-            "an image of the speaker is 5000 x 8 pixels",
+            "an image of the speaker cannot be read .5000 x 8 pixels",
         ),
         (make_clip("good"), "its id occurs more than once"),
     ],
@@ -151,21 +159,20 @@ def test_damaged_bytes_are_findings(changes, is_at_start):
             assert all(isinstance(finding, str) and "\n" not in finding for finding in findings)
 
 
-def edit(path, change):
-    dataset = json.loads((path / "dataset.json").read_text())
-    change(dataset)
-    (path / "dataset.json").write_text(json.dumps(dataset))
-
-
 @pytest.mark.parametrize(
     ("change", "finding"),
     [
         (lambda data: data["splits"]["train"].update(clips=3), "counts 3 clips in 'train', but its records have 2"),
-        (lambda data: data["splits"]["train"].update(windows="4"), "counts 4 windows in 'train'"),
+        (lambda data: data["splits"]["train"].update(windows=5), "counts 5 windows in 'train'"),
         (lambda data: data["splits"]["train"].update(seconds=6.1), "counts 6.1 seconds in 'train', .* have 6.0"),
-        (lambda data: data["splits"]["train"].update(speakers=["al"]), "lists other speakers of 'train'"),
+        (
+            lambda data: (data["splits"]["train"].update(speakers=["al"]), data.update(speakers=["al", "bo"])),
+            "lists other speakers of 'train'",
+        ),
+        (lambda data: data.update(speakers=["bo", "al"]), "lists other speakers than the records have"),
         (lambda data: data["words"].update(three=1), "lists other words than the records of 'train'"),
-        (lambda data: data["statistics"].update(lengths=[0.2]), "has lengths that are not"),
+        (lambda data: data["statistics"].update(lengths=[0.2] * 9), "has other lengths than the records of 'train'"),
+        (lambda data: data["statistics"]["mean_pose"][3].reverse(), "has other mean_pose than the records of 'train'"),
         (lambda data: data["splits"]["train"]["shards"][0].update(sha256="0"), "has SHA-256 .* dataset.json says 0"),
     ],
 )
@@ -179,7 +186,7 @@ def test_a_description_that_does_not_agree(tmp_path, change, finding):
 
 def test_an_unlisted_speaker(tmp_path):
     path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b", speaker="al")])
-    edit(path, lambda data: data.update(speakers=["bo"]))
+    edit(path, lambda data: (data.update(speakers=["bo"]), data["splits"]["train"].update(speakers=["bo"])))
     assert [text for text in validation.validate(path) if "clip 'b'" in text and "'al' is not among" in text]
 
 
@@ -192,6 +199,31 @@ def test_a_damaged_shard_does_not_hide_the_others(tmp_path, monkeypatch):
     assert any("train-00000" in text and "SHA-256" in text for text in found)
     assert any("train-00000" in text and "cannot be read" in text for text in found)
     assert len(found) == 2
+
+
+def test_a_flipped_bit_anywhere_in_a_shard_is_found(tmp_path):
+    """ArrayRecord's own checksums do not cover padding, so the digest in dataset.json must be compared."""
+    path = write(tmp_path / "corpus", train=[make_clip("a"), make_clip("b")])
+    shard = path / "train-00000.array_record"
+    data = shard.read_bytes()
+    # Block and chunk headers are at the start of each 64 KiB, records behind the first, the index at the end.
+    starts = range(0, len(data), 1 << 16)
+    places = {0, 8, 24, 63, 64, 70, 100, 400, len(data) // 2, len(data) - 40, len(data) - 1}
+    places |= {start + shift for start in starts for shift in (0, 5, 16, 24, 40, 200)}
+    for place in sorted(places):
+        shard.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :])
+        found = validation.validate(path)
+        assert any("train-00000" in text and "SHA-256" in text for text in found), place
+        assert all("\n" not in text for text in found)
+
+
+def test_a_shard_without_digest_is_noted(tmp_path):
+    path = write(tmp_path / "corpus", train=[make_clip("a")])
+    edit(path, lambda data: data["splits"]["train"]["shards"][0].pop("sha256"))
+    findings, notes = validation.examine(path)
+    assert findings == []
+    assert len(notes) == 1
+    assert "no SHA-256 of 1 shards, such as train-00000.array_record" in notes[0]
 
 
 def test_recordings_in_two_splits(tmp_path):
@@ -220,7 +252,8 @@ def test_bones_that_change_are_noted_unless_they_were_estimated(tmp_path):
 
 
 def test_positions_of_another_skeleton(tmp_path):
-    path = write(tmp_path / "corpus", val=[make_clip("a", positions=CLIP.positions[:, :5], confidence=None)])
+    bent = make_clip("bent", positions=CLIP.positions[:, :5], confidence=None)
+    path = write(tmp_path / "corpus", val=[make_clip("a"), bent])
     assert "positions of shape (45, 5, 3), expected (T, 10, 3)" in validation.validate(path)[0]
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import tqdm
 
-from ha2g_jax.data import records
+from ha2g_jax.data import records, schema
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar, portrait, speech, teacher
@@ -18,7 +18,8 @@ from ha2g_jax.data.talk.voices import Voice, sample_voice
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.cache_folder import cache_folder
+from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 
 FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
@@ -87,8 +88,10 @@ def make_talk(
         fps: frames per second of the motion; the speech does not depend on it.
 
     Raises:
-        UserError: `out` exists, or there are too few speakers or minutes for all splits.
+        UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, or a number
+            is beyond its limits.
     """
+    _check(speakers, minutes, seed, fps)
     plans = _plan(speakers, minutes, seed)
     rate = f" --fps {fps}" if fps != FPS else ""
     metadata = {
@@ -120,12 +123,10 @@ def talk_path(spec: str) -> pathlib.Path:
         UserError: the default Talk corpus cannot be written.
     """
     path = talk_folder(spec)
-    if spec == "talk" and not path.exists():
-        try:
-            make_talk(path)
-        except UserError:
-            if not path.exists():  # otherwise another process has made the same corpus in the meantime
-                raise
+    if spec == "talk" and not os.path.lexists(path):
+        with one_maker(path):
+            if not os.path.lexists(path):  # otherwise another process has made the same corpus in the meantime
+                make_talk(path)
     return path
 
 
@@ -139,6 +140,18 @@ def talk_folder(spec: str) -> pathlib.Path:
     if spec != "talk":
         return pathlib.Path(spec)
     return cache_folder() / _VERSION
+
+
+def _check(num_speakers: int, minutes: float, seed: int, fps: int) -> None:
+    limits = {
+        "speakers": (num_speakers, 0, MAX_TALK_SPEAKERS),
+        "minutes": (minutes, 0, MAX_TALK_MINUTES),
+        "seed": (seed, 0, 2**64 - 1),
+        "fps": (fps, schema.MIN_FPS, schema.MAX_FPS),
+    }
+    for name, (value, least, most) in limits.items():
+        if not least <= value <= most:  # NaN is not
+            raise UserError(f"--{name} is {value:.15g}, expected {least} to {most:,}")
 
 
 def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:

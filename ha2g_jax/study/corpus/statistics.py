@@ -8,11 +8,9 @@ import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data import import_report
-from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.video import selection
-from ha2g_jax.errors import UserError
-from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.study.corpus.motion import TrainingMotion
 
 SECONDS_EDGES = np.arange(0, 62, 2)  # seconds of a clip; the last bin includes longer clips
@@ -63,7 +61,7 @@ def summarise(path: str | os.PathLike) -> dict[str, Any]:
         for split in corpus.splits:
             clips = corpus.clips(split)
             for index in range(len(clips)):
-                fields = _usable_fields(clips, index, corpus.skeleton)
+                fields = clips.fields(index)
                 counts[split].add(fields)
                 total.add(fields)
                 if split == TRAIN:
@@ -131,14 +129,8 @@ def report_of(summary: dict[str, Any]) -> import_report.Report:
 
     Args:
         summary: statistics that `summarise` returns.
-
-    Raises:
-        UserError: the report in `dataset.json` is damaged.
     """
-    try:
-        return {split: SplitReport.from_json(counts) for split, counts in summary["import"].items()}
-    except (TypeError, AttributeError, ValueError) as error:
-        raise UserError(f"the import report of {summary['name']} is damaged ({error}); import it again") from error
+    return {split: SplitReport.from_json(counts) for split, counts in summary["import"].items()}
 
 
 def joint_rows(training: dict[str, Any]) -> list[list[str]]:
@@ -199,23 +191,6 @@ def _aligned(rows: list[list[str]]) -> list[str]:
         " ".join([f"{row[0]:<{first}}", *(f"{cell:>{width}}" for cell, width in zip(row[1:], widths, strict=True))])
         for row in rows
     ]
-
-
-def _usable_fields(clips: Clips, index: int, skeleton: Skeleton) -> dict[str, Any]:
-    fields = clips.fields(index)
-    positions = fields["positions"]
-    if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not np.isfinite(positions).all():
-        raise UserError(
-            f"clip {fields['id']} ({clips.place(index)}) has positions of shape {positions.shape} or not finite, "
-            f"expected (T, {skeleton.num_joints}, 3); run ha2g data validate to find all errors"
-        )
-    confidence = fields["confidence"]
-    if confidence is not None and confidence.shape != positions.shape[:2]:
-        raise UserError(
-            f"clip {fields['id']} ({clips.place(index)}) has confidence of shape {confidence.shape}, expected "
-            f"{positions.shape[:2]}; make or import the corpus again"
-        )
-    return fields
 
 
 def _count(histogram: np.ndarray, edges: np.ndarray, value: float) -> None:

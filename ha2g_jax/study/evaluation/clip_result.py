@@ -78,7 +78,7 @@ def true(
 
     def read(clips: Clips, index: int) -> ClipResult:
         fields = clips.fields(index)  # images stay compressed
-        audio = records.decode_audio(fields, clips.place(index))
+        audio = records.decode_audio(fields, clips.place(index), clips.fps)
         return ClipResult(
             id=fields["id"],
             recording=fields["recording"] or fields["id"],
