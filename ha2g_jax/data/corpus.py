@@ -74,7 +74,8 @@ class Clips(Sequence[Clip]):
         if found := clip_checks.problem(fields, self._skeleton, self.fps):
             raise UserError(
                 f"{self.title(fields, index)} has {found}; "
-                "correct or remove this clip in the original data and make or import the corpus again"
+                "correct or remove this clip in the original data and make or import the corpus again "
+                "(ha2g data validate finds all errors)"
             )
         return fields
 

@@ -20,6 +20,7 @@ from ha2g_jax.errors import UserError
 
 # Entries that `CorpusWriter` adds to the description of a corpus.
 _WRITTEN = ("schema_version", "skeleton", "fps", "speakers", "splits", "statistics", "words")
+_STATED = ("source", "licence")
 _NOT_STATED = "not stated"
 _SEPARATOR = " | "  # between the origins, and between the licences, in the description
 _NAMED = ("id", "recording", "speaker")
@@ -158,7 +159,7 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
 
 def _stated(text: dict[str, Any]) -> dict[str, Any]:
     """Return the description of a corpus without its import report, source or licence if they are empty."""
-    return {key: value for key, value in text.items() if key != "import" and (value or key not in ("source", "licence"))}
+    return {key: value for key, value in text.items() if key not in ("import", *(() if value else _STATED))}
 
 
 def _licence(by_folder: Mapping[str, str]) -> str:

@@ -67,7 +67,7 @@ def check(metadata: dict[str, Any]) -> None:
     for word, count in metadata["words"].items():
         _require(_is_count(count) and count > 0, f"words: {word}", count)
     for split, entry in splits.items():
-        _require(is_split_name(split), "name of a split", split)
+        _require(0 < len(split) <= _MAX_SHOWN and split.isprintable(), "name of a split", split)
         _require(isinstance(entry, dict), split, entry)
         _check_split(split, entry)
     names = [shard["name"] for entry in splits.values() for shard in entry["shards"]]
@@ -106,7 +106,7 @@ def statistics(metadata: dict[str, Any]) -> dict[str, np.ndarray]:
 
 
 def is_split_name(name: str) -> bool:
-    """Return whether a split may have this name: at most 60 letters, digits, - and _, and no digit first."""
+    """Return whether a new split may have this name: at most 60 letters, digits, - and _, and no digit first."""
     return name.replace("-", "_").isidentifier() and len(name) <= _MAX_SHOWN
 
 

@@ -43,7 +43,7 @@ def one_maker(path: pathlib.Path) -> Iterator[None]:
         try:
             lock.acquire(timeout=0)
         except filelock.Timeout:
-            sys.stderr.write(f"another process makes {shown(path)}; waiting for it\n")
+            sys.stderr.write(f"ha2g: another process makes {shown(path)}; waiting for it\n")
             lock.acquire()
     except OSError as error:
         raise UserError(

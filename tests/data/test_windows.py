@@ -227,7 +227,10 @@ def _with_nan() -> np.ndarray:
     [
         ({"positions": _with_nan()}, r"clip 'bad' \(record 1 of .*val-00000.array_record\) .*NaN.* frame 7; correct"),
         ({"positions": np.zeros((60, 43, 3), np.float32)}, r"clip 'bad' \(record 1 of .*\(60, 43, 3\), expected"),
-        ({"positions": np.zeros((60, 10), np.float32)}, r"clip 'bad' \(record 1 of .*\(60, 10\), expected \(T, 10, 3\)"),
+        (
+            {"positions": np.zeros((60, 10), np.float32)},
+            r"clip 'bad' \(record 1 of .*\(60, 10\), expected \(T, 10, 3\)",
+        ),
         ({"reference_images": None}, r"clip 'bad' \(record 1 of .* has 0 images .*identity\.kind=speakers"),
     ],
 )
