@@ -9,9 +9,9 @@ import numpy as np
 from ha2g_jax.limits import MAX_RECORD_BYTES
 
 _FLOATS = ("<f4", "<f8")
-# A list or dict takes up to a hundred times its bytes in memory. An hour of words and windows needs a tenth of these.
-_MAX_LENGTH = 1_000_000  # elements of one list
-_MAX_VALUES = 2_000_000  # elements of all lists and dicts of a record
+# A list or dict takes up to a hundred times its bytes in memory. The greatest clip needs half of these.
+_MAX_LENGTH = 250_000  # elements of one list
+_MAX_VALUES = 1_000_000  # elements of all lists and dicts of a record
 
 
 def pack_array(array: np.ndarray) -> dict[str, Any]:

@@ -1,0 +1,281 @@
+"""A corpus whose dataset.json, shards or records are damaged in any way is refused in one line, or its faults listed."""
+
+import contextlib
+import io
+import json
+import pathlib
+import re
+import shutil
+import struct
+import zlib
+
+import msgpack
+import numpy as np
+import pytest
+import soundfile
+from fixtures.corpora import edit, write_records
+from fuzz.conftest import within_limits
+from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ha2g_jax.data import division, merge, validation
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus_writer import CorpusWriter
+from ha2g_jax.data.records import Clip, Stroke, decode_clip, encode_clip
+from ha2g_jax.data.windows import Windows
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.features.text import Word
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
+from ha2g_jax.study.corpus.statistics import as_table, summarise
+
+SKELETON = load_skeleton("ted_gesture")
+FRAMES = 45
+CLIP = Clip(
+    id="a",
+    speaker="bo",
+    audio=np.zeros(48000, np.float32),
+    words=(Word("one", 0.1, 0.4), Word("two", 0.5, 0.9)),
+    positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (FRAMES, 1, 1)).astype(np.float32),
+    reference_images=np.zeros((2, 32, 32, 3), np.uint8),
+    recording_start=0.0,
+    window_starts=(0, 10),
+    strokes=(Stroke(0.2, 0.1, 0.4, "beat", "left", 1.0, "one"),),
+    style=(0.5, -0.5),
+    recording="a",
+    confidence=np.full((FRAMES, SKELETON.num_joints), 0.5, np.float32),
+)
+RECORD = encode_clip(CLIP)
+FIELDS = msgpack.unpackb(RECORD)
+REPORT = {"train": {"videos": 1, "clips": 1, "windows": 2, "kept": 2, "filtered": {"motion": 0}}}
+METADATA = {"name": "tiny", "source": "test", "licence": "free", "import": REPORT, "video": {"settings": {}}}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """A corpus of one clip of training and two of validation."""
+    librosa()  # its import takes seconds, which are not those of a reader
+    path = tmp_path_factory.mktemp("whole") / "corpus"
+    with CorpusWriter(path, splits=("train", "val"), skeleton=SKELETON.name, fps=15, metadata=METADATA) as writer:
+        writer.add("train", RECORD)
+        for name in ("b", "c"):
+            writer.add("val", encode_clip(_renamed(name)))
+    return path
+
+
+@pytest.fixture
+def corpus(whole, tmp_path) -> pathlib.Path:
+    return pathlib.Path(shutil.copytree(whole, tmp_path / "corpus"))
+
+
+def _renamed(name: str) -> Clip:
+    return Clip(**{**vars(CLIP), "id": name, "recording": name, "reference_images": None})
+
+
+def _use_all(path: pathlib.Path) -> list[str]:
+    """Do with a corpus what the commands do; return the lines of errors and the findings of the validation."""
+    other = path.with_name("other")
+    lines = []
+
+    def windows() -> None:
+        corpus = Corpus.open(path)
+        sized = {"num_frames": 34, "num_reference_images": 2, "image_size": 32}
+        for split in corpus.splits:
+            opened = Windows(corpus, split, corpus.vocabulary(), inputs=("mel", "words", "plain_words"), **sized)
+            for index in range(len(opened)):
+                opened[index]
+
+    uses = (
+        lambda: lines.extend(validation.validate(path)),
+        lambda: as_table(summarise(path)),
+        windows,
+        lambda: [decoded for split in Corpus.open(path).splits for decoded in Corpus.open(path).clips(split)],
+        lambda: division.divide(path, other, by="recording", fractions={"train": 1, "val": 1}),
+        lambda: merge.merge([path, path.with_name("partner")], other),
+    )
+    for use in uses:
+        with within_limits():
+            try:
+                use()
+            except UserError as error:
+                lines.append(str(error))
+        shutil.rmtree(other, ignore_errors=True)
+    for line in lines:
+        assert line
+        assert "\n" not in line
+        assert len(line) < 1_000
+    return lines
+
+
+@pytest.fixture(scope="module")
+def place(whole, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """Path at which a damaged corpus is put, beside a whole one to merge it with."""
+    folder = tmp_path_factory.mktemp("place")
+    shutil.copytree(whole, folder / "partner")
+    return folder / "corpus"
+
+
+def _put(whole: pathlib.Path, place: pathlib.Path) -> None:
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(whole, place)
+
+
+@FUZZ
+@given(st.data())
+def test_damaged_description(whole, place, data):
+    _put(whole, place)
+    tree = data.draw(damaged_tree(json.loads((whole / "dataset.json").read_text())))
+    (place / "dataset.json").write_text(json.dumps(tree))
+    _use_all(place)
+
+
+@FUZZ
+@given(st.data())
+def test_damaged_description_bytes(whole, place, data):
+    _put(whole, place)
+    (place / "dataset.json").write_bytes(data.draw(damaged_bytes((whole / "dataset.json").read_bytes())))
+    _use_all(place)
+
+
+@FUZZ
+@given(st.data())
+def test_damaged_shard(whole, place, data):
+    """The digest finds any damage; and without it, by whatever the library reads, nothing worse happens."""
+    _put(whole, place)
+    shard = place / "train-00000.array_record"
+    content = data.draw(damaged_bytes(shard.read_bytes()))
+    is_changed = content != shard.read_bytes()
+    shard.write_bytes(content)
+    edit(place, lambda dataset: dataset["splits"]["train"]["shards"][0].update(bytes=len(content)))
+    lines = _use_all(place)
+    assert not is_changed or any("SHA-256" in line for line in lines)
+
+
+@FUZZ
+@given(damaged_tree(FIELDS))
+def test_damaged_fields(whole, place, fields):
+    with contextlib.suppress(TypeError, ValueError, OverflowError):  # what msgpack cannot say
+        record = msgpack.packb(fields, unicode_errors="surrogatepass")
+        assert record is not None
+        _put(whole, place)
+        write_records(place, "train", [record])
+        _use_all(place)
+
+
+@FUZZ
+@given(damaged_bytes(RECORD))
+def test_damaged_record(whole, place, record):
+    """Few bytes of a record are its structure, so its start is damaged in half of the examples."""
+    _put(whole, place)
+    write_records(place, "train", [record])
+    _use_all(place)
+
+
+@FUZZ
+@given(damaged_bytes(FIELDS["audio"]), damaged_bytes(FIELDS["reference_frames"][0]))
+def test_damaged_media(audio, image):
+    with within_limits(), contextlib.suppress(UserError):
+        decode_clip(msgpack.packb(FIELDS | {"audio": audio}) or b"")
+    with within_limits(), contextlib.suppress(UserError):
+        decode_clip(msgpack.packb(FIELDS | {"reference_frames": [image]}) or b"")
+
+
+def _flac_of_hours() -> bytes:
+    file = io.BytesIO()
+    with soundfile.SoundFile(file, "w", 16000, 1, format="FLAC") as sound:
+        for _ in range(60):
+            sound.write(np.zeros(16000 * 60, np.float32))
+    return file.getvalue()
+
+
+def _png(width: int, height: int) -> bytes:
+    """A PNG of zeros, which compress a thousand times."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(1 + 3 * width)) for _ in range(min(height, 5000))) + packer.flush()
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def _of(shape: list[int]) -> dict:
+    return {"positions": {**FIELDS["positions"], "shape": shape}}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (_of([2**32, 10, 3]), "shape .4294967296, 10, 3. in 5400 bytes instead of"),
+        (_of([10**9, 10, 3]), "instead of 120000000000 bytes"),
+        (_of([-1, 10, 3]), "an array of shape"),
+        ({"positions": {"shape": [0, 10, 3], "data": b""}}, "positions of shape .0, 10, 3."),
+        ({"positions": {"shape": [200_000, 10, 3], "data": bytes(24_000_000)}}, "seconds, expected 1,800 at most"),
+        ({"words": [["a", 0.0, 0.1]] * 100_001}, "100,001 words, expected 100,000 at most"),
+        ({"words": [["a" * 1_001, 0.0, 0.1]]}, "1,001 letters in a word or name"),
+        ({"id": "a\n" * 10_000}, "letters in a word or name"),
+        ({"window_starts": [0] * 250_001}, "exceeds max_array_len"),
+        ({"style": [[[]] * 1_000] * 1_100}, "more than 1000000 values"),
+        ({"reference_frames": [b""] * 101}, "101 images of the speaker, expected 100 at most"),
+        ({"strokes": [[0, 0, 0, 0, 0, 0, 0]]}, "strokes of a wrong type"),
+        ({"recording": 1}, "fields .'recording'|recording of a wrong type|damaged"),
+        ({"audio": _flac_of_hours()}, "3600.00? s of audio"),
+        ({"reference_frames": [_png(30_000, 30_000)]}, "30000 x 30000 pixels, expected 4096 x 4096 at most"),
+        ({"reference_frames": [_png(4_000, 4_000)] * 7}, "7 images of 4000 x 4000 pixels, expected 100000000 pixels"),
+    ],
+)
+def test_a_record_whose_sizes_lie(corpus, change, expected):
+    write_records(corpus, "val", [msgpack.packb(FIELDS | change) or b""])
+    shutil.copytree(corpus, corpus.with_name("partner"))
+    lines = "\n".join(_use_all(corpus))
+    assert re.search(expected, lines), lines
+
+
+@pytest.mark.parametrize("name", ["lengths", "mean_directions", "angle_variance"])
+@pytest.mark.parametrize("values", [[], [0.1], [[0.1] * 3] * 100, "x", None, [float("nan")] * 9, [True] * 9, [-1.0] * 9])
+def test_statistics_of_another_skeleton(corpus, refused, name, values):
+    edit(corpus, lambda data: data["statistics"].update({name: values}))
+    for argv in (["stats"], ["validate"], ["inspect"], ["split"], ["merge"]):
+        more = [str(corpus.parent / "out")] if argv[0] in ("split", "merge") else []
+        both = [str(corpus)] * (1 + (argv[0] == "merge"))
+        line = refused("data", *argv, *both, *more)
+        assert f"dataset.json is damaged (statistics: {name}" in line or "not JSON" in line
+
+
+@pytest.mark.parametrize("letters", [300, 5_000])
+def test_a_path_that_is_too_long(corpus, refused, letters):
+    path = "x" * letters
+    for argv in (
+        ("stats", path),
+        ("validate", path),
+        ("inspect", path),
+        ("inspect-talk", path),
+        ("split", path, "out"),
+        ("split", str(corpus), path),
+        ("merge", path, str(corpus), "out"),
+        ("merge", str(corpus), path, "out"),
+        ("make-talk", path, "--minutes", "5", "--speakers", "4", "--workers", "1"),
+    ):
+        line = refused("data", *argv)
+        assert "too long" in line
+        assert len(line) < 500
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--minutes", "nan"),
+        ("--minutes", "inf"),
+        ("--minutes", "1e300"),
+        ("--speakers", "1000000000"),
+        ("--speakers", "-5"),
+        ("--seed", "-1"),
+        ("--fps", "1000000"),
+    ],
+)
+def test_numbers_of_talk(refused, tmp_path, option):
+    line = refused("data", "make-talk", str(tmp_path / "talk"), *option)
+    assert option[0] in line or "too few" in line
+    assert list(tmp_path.iterdir()) == []
