@@ -159,7 +159,7 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored = _YOUNGER | packing.unpack_values(record)
+        stored: dict[str, Any] = _YOUNGER | packing.unpack_values(record)
         fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
         fields["positions"] = packing.unpack_array(fields["positions"])
         if fields["confidence"] is not None:

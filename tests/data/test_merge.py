@@ -102,6 +102,19 @@ def test_description(corpora, tmp_path):
     assert set(corpus.vocabulary().words) == {"hello", "you", "goodbye"}
 
 
+def test_licences_are_stated_one_by_one(corpora, tmp_path):
+    """A licence that nobody has stated stays not stated; the other corpus' licence does not cover it."""
+    clip = make_clip("x", "di", "so")
+    private = write(tmp_path / "private", {"train": [clip]}, metadata={"licence": "", "source": "a studio"})
+    merge.merge([corpora[0], private], tmp_path / "all")
+    metadata = Corpus.open(tmp_path / "all").metadata
+    assert metadata["licence"] == "one: free | private: not stated"
+    assert [(part["source"], part["licence"]) for part in metadata["merged"]] == [
+        ("first", "free"),
+        ("a studio", "not stated"),
+    ]
+
+
 def test_speakers_of_one_name_may_be_one_person(corpora, tmp_path):
     merge.merge(corpora, tmp_path / "all", same_speakers=True)
     assert Corpus.open(tmp_path / "all").speakers == ("bo", "al", "cy")
