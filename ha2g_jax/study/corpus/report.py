@@ -148,7 +148,7 @@ def _choose(corpus: Corpus, count: int) -> list[tuple[str, int]]:
 def _figure(corpus: Corpus, split: str, index: int) -> str:
     """Make a video of a clip, from its first window on."""
     clip = corpus.clips(split)[index]
-    start = min(clip.window_starts, default=0)
+    start = min((start for start in clip.window_starts if 0 <= start < len(clip.positions)), default=0)
     end = min(start + round(_SAMPLE_SECONDS * corpus.fps), len(clip.positions))
     directions = positions_to_directions(corpus.skeleton, clip.positions[start:end])
     motion = Motion.from_directions(corpus.skeleton, directions, corpus.fps)

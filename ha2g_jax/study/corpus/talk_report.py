@@ -16,9 +16,10 @@ from ha2g_jax import figure
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import portrait
+from ha2g_jax.data.talk import portrait, teacher
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,
@@ -75,13 +76,13 @@ def write_report(
         Path of the page.
 
     Raises:
-        UserError: there is no Talk corpus, the recording cannot be read, or matplotlib is missing.
+        UserError: there is no Talk corpus, the page cannot be written, the recording cannot be read, or matplotlib is missing.
     """
     pyplot = _pyplot()
     corpus = Corpus.open(corpus_path)
     skeleton = load_skeleton(corpus.metadata["skeleton"])
     clips = corpus.clips("train")[:_MAX_CLIPS]
-    if not clips[0].style:
+    if corpus.skeleton.name != teacher.SKELETON or not clips or not all(map(_is_of_talk, clips)):
         raise UserError(f"{corpus_path} has no styles and strokes; give a corpus made by `ha2g data make-talk`")
     people = {"Talk": kinematics(skeleton, [clip.positions for clip in clips], corpus.fps)}
     if recording is not None:
@@ -95,9 +96,14 @@ def write_report(
         "<h2>Images</h2>" + _embed(Image.fromarray(_strips(skeleton, clips))),
     ]
     path = pathlib.Path(out).with_suffix(".html")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_PAGE.format(title=html.escape(f"Talk report: {corpus.path.name}"), body="\n".join(sections)))
+    page = _PAGE.format(title=html.escape(f"Talk report: {corpus.path.name}"), body="\n".join(sections))
+    with whole_file(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
     return path
+
+
+def _is_of_talk(clip: Clip) -> bool:
+    return len(clip.style) == len(Style._fields) and len(clip.positions) >= _STRIP_FRAMES * _STRIP_STEP
 
 
 def _read_recording(recording: str | os.PathLike, skeleton: Skeleton, fps: float) -> np.ndarray:
