@@ -76,7 +76,8 @@ def write_report(
         Path of the page.
 
     Raises:
-        UserError: there is no Talk corpus, the page cannot be written, the recording cannot be read, or matplotlib is missing.
+        UserError: there is no Talk corpus, the page cannot be written, the recording cannot be read, or matplotlib is
+            missing.
     """
     pyplot = _pyplot()
     corpus = Corpus.open(corpus_path)
