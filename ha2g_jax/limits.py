@@ -90,7 +90,7 @@ MAX_CLIP_IMAGE_SIDE = 4_096
 MAX_CLIP_PIXELS = 100_000_000
 """Pixels of all images in a clip together."""
 
-MAX_RECORD_BYTES = 1 << 27
+MAX_CLIP_BYTES = 1 << 27
 """Bytes of the record of a clip."""
 
 MAX_TALK_SPEAKERS = 10_000

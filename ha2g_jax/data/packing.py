@@ -6,7 +6,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from ha2g_jax.limits import MAX_RECORD_BYTES
+from ha2g_jax.limits import MAX_CLIP_BYTES
 
 _FLOATS = ("<f4", "<f8")
 # A list or dict takes up to a hundred times its bytes in memory. The greatest clip needs half of these.
@@ -57,8 +57,8 @@ def unpack_values(record: bytes) -> dict[str, Any]:
     Raises:
         TypeError, ValueError, msgpack.UnpackException: the bytes are not msgpack, no dict, or have too many values.
     """
-    if len(record) > MAX_RECORD_BYTES:
-        raise ValueError(f"{len(record)} bytes, expected {MAX_RECORD_BYTES} at most")
+    if len(record) > MAX_CLIP_BYTES:
+        raise ValueError(f"{len(record)} bytes, expected {MAX_CLIP_BYTES} at most")
     count = 0
 
     def counted(value: Any) -> Any:
