@@ -9,7 +9,7 @@ from scipy import signal
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
-from ha2g_jax.figure import DEFAULT_LOOK, Look
+from ha2g_jax.figure import DEFAULT_LOOK, Look, fit
 from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -127,6 +127,7 @@ def _choose_in_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int
 def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> Page:
     letter = size / 14
     line, step = round(1.4 * letter), size + _GAP
+    view = fit((motion.positions, motion.skeleton) for motion in motions.values())
     pictures, texts, y = [], [], _GAP
     for name, motion in motions.items():
         if name:
@@ -135,7 +136,7 @@ def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence
         for column, time in enumerate(times):
             frame = min(round(time * motion.fps), motion.num_frames - 1)
             place = _GAP + column * step, y, size
-            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look))
+            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look, view))
         y += step
     y += round(letter)
     lines = 0
