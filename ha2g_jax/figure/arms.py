@@ -54,13 +54,13 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     # There is no edge between sleeve and trunk, so over the trunk the edge starts below the shoulder.
     rows = [
         (shoulder, elbow, top + edge, joint + edge, dark),
-        (upper(0.3), elbow, top - 0.003, joint + edge, dark),
+        (upper(0.3), elbow, top - 0.006, joint + edge, dark),
         (elbow, lower(0.92), joint + edge, hem + edge, dark),
         (upper(0.3), upper(0.7), top - 0.003, joint + 0.004 + edge, dark),
         (shoulder, elbow, top, joint, look.shirt),
         (upper(0.3) + _LIT, upper(0.97) + _LIT, 0.4 * top, 0.42 * joint, light),
         (lower(0.92), wrist, 0.027, 0.025, skin),
-        (lower(0.35), lower(0.92), joint - 0.004 + edge, hem + edge, dark),
+        (lower(0.35), lower(0.92), joint - 0.006, hem + edge, dark),
         (elbow, lower(0.92), joint, hem, look.shirt),
         (lower(0.03) + _LIT, lower(0.88) + _LIT, 0.42 * joint, 0.42 * hem, light),
         (lower(0.87), lower(0.92), hem + 0.002, hem + 0.002, shade(look.shirt, 0.82)),

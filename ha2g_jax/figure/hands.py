@@ -10,7 +10,16 @@ _RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
 _BONES = np.repeat(_RADII, 3) * np.tile([1.08, 1.0, 0.94], 5)
 _TIPS = np.repeat(_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
 _OUT = 0.4  # fraction of the first bone of a finger that has no edge within the palm
-_MITTEN = ((0.0, 0.026), (0.06, 0.036), (0.10, 0.033), (0.145, 0.022))  # metres from the wrist, and radii
+# Metres from the wrist, and radii.
+_MITTEN = (
+    (0.0, 0.026),
+    (0.025, 0.0315),
+    (0.05, 0.0350),
+    (0.075, 0.0355),
+    (0.1, 0.033),
+    (0.125, 0.0285),
+    (0.145, 0.022),
+)
 
 
 def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Part]:

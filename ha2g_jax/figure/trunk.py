@@ -10,8 +10,8 @@ _DOWN = np.array([0.0, 1.0, 0.0])
 _BREADTH = 0.215  # metres from the neck to a shoulder of a trunk of average width
 _TROUSERS = (62, 66, 78)
 # Sections of the trunk: metres above the spine joint, then along the lower trunk, then half the width.
-_SECTIONS = ((0.06, 0, 0.10), (0, 0, 0.152), (-0.08, 0, 0.148), (-0.16, 0, 0.146), (-0.16, 0.16, 0.160))
-_SECTIONS += ((-0.16, 0.33, 0.182), (-0.16, 0.38, 0.160))
+_SECTIONS = ((0.06, 0, 0.12), (0, 0, 0.163), (-0.08, 0, 0.152), (-0.16, 0, 0.146), (-0.16, 0.16, 0.160))
+_SECTIONS += ((-0.16, 0.33, 0.178), (-0.16, 0.35, 0.170), (-0.16, 0.355, 0.15))
 _THICK = 0.68  # thickness of the trunk, as a fraction of its width
 
 
@@ -50,20 +50,25 @@ def _outlines(
     knees = hips + 0.55 * unit(below + _DOWN)
     side = build[:, None] * across
 
-    def around(*discs: tuple[np.ndarray, float]) -> np.ndarray:
-        centres = np.stack([centre for centre, _ in discs], axis=1)
-        return hull(centres, np.array([radius for _, radius in discs]) + margin, detail)
+    def around(*discs: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        centres, radii = zip(*discs, strict=True)
+        return hull(np.stack(centres, axis=1), np.stack(radii, axis=1) + margin, detail)
 
-    top, flank = spine + 0.12 * up, spine - 0.01 * up
-    yoke = [(neck + 0.005 * up, 0.054)]
+    yoke = [(neck + 0.005 * up, np.full(len(neck), 0.054))]
     chest, legs, webs = [], [], []
     for sign, name in ((1, "left"), (-1, "right")):
         out, shoulder, elbow = sign * side, points[f"{name}_shoulder"], points[f"{name}_elbow"]
-        yoke.append((shoulder, 0.056 * look.build))
-        chest += [(shoulder - 0.045 * out, 0.05 * look.build), (flank + 0.088 * out, 0.07)]
-        legs.append(around((hips + 0.088 * out + 0.02 * below, 0.085), (knees + 0.1 * out, 0.075)))
-        # The cloth under the arm, without which there is a narrow gap between arm and trunk.
-        webs.append(around((shoulder + 0.22 * (elbow - shoulder), 0.045), (top + 0.105 * out, 0.06)))
+        flank = spine - 0.01 * up + 0.090 * out
+        yoke.append((shoulder, np.full(len(neck), 0.056 * look.build)))
+        chest += [(shoulder - 0.045 * out, 0.052 * build), (flank, 0.075 * build)]
+        legs.append(around((hips + 0.085 * out + 0.02 * below, 0.088 * build), (knees + 0.075 * out, 0.08 * build)))
+        # The cloth under the arm. It reaches down as far as the arm is close to the trunk: otherwise there is a narrow
+        # gap between them.
+        inside = shoulder + 0.55 * (elbow - shoulder)
+        gap = np.linalg.norm(project(inside) - project(flank), axis=-1, keepdims=True) - 0.125
+        close = np.clip(1 - gap / 0.04, 0, 1)
+        sleeve = shoulder + 0.55 * close * (elbow - shoulder)
+        webs.append(around((sleeve, 0.044 * build), (flank + 0.12 * (1 - close) * up, 0.07 * build)))
     belly = smooth(_sections(points, up, below, build, margin), detail)
     shirt = [*webs, belly, around(*chest), around(*yoke)]
     return [*((leg, _TROUSERS) for leg in legs), *((cloth, look.shirt) for cloth in shirt)]

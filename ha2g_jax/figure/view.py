@@ -14,6 +14,7 @@ _MARGIN = 0.04  # metres between the figure and the edge of the image
 _LIMB = 0.06  # metres of a limb around its joints, with the tips of the fingers
 _HEAD = 0.18  # metres of the head around its centre
 _MITTEN = 0.11  # metres from the wrist to the last joint of a hand without fingers
+_KNEES = 0.95  # metres below the spine to which the legs are drawn in most poses
 _PIECE = 2048  # frames that are projected at a time
 
 
@@ -33,7 +34,7 @@ class View(NamedTuple):
     bottom: float
 
     def place(self, width: float, height: float) -> tuple[float, np.ndarray]:
-        """Place the view in an image as large as it fits, in the middle and at the lower edge.
+        """Place the view in an image as large as it fits, in the middle; the legs use half of the unused height.
 
         Args:
             width: width of the image in pixels.
@@ -43,8 +44,10 @@ class View(NamedTuple):
             Pixels per metre, and the (2,) position of the spine in pixels.
         """
         scale = min(width / (self.right - self.left), height / (self.bottom - self.top))
+        unused = height / scale - (self.bottom - self.top)
+        bottom = max(self.bottom, min(self.bottom + unused / 2, _KNEES))
         middle = (self.left + self.right) / 2
-        return scale, np.array([width / 2 - middle * scale, height - self.bottom * scale])
+        return scale, np.array([width / 2 - middle * scale, height - bottom * scale])
 
 
 DEFAULT_VIEW = View(-0.56, -0.70, 0.56, 0.42)
