@@ -9,6 +9,8 @@ from PIL import Image
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.figure import DEFAULT_LOOK
+from ha2g_jax.figure.shapes import shade
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
@@ -94,7 +96,7 @@ def test_hands_stay_in_the_pictures_and_all_figures_are_of_one_size(tmp_path):
             directions[60:, wide.skeleton.bone(f"{side}_{joint}")] = (x, -0.5, 0)
     wide = Motion.from_directions(wide.skeleton, directions, 15)
     keyframes.write(tmp_path / "s.svg", {"calm": motion, "wide": wide}, count=4, size=200)
-    skin = "#a7" + "8973"  # the edge of a hand
+    skin = "#{:02x}{:02x}{:02x}".format(*shade(DEFAULT_LOOK.skin, 0.72))  # the edge of a hand
     heights = []
     for picture in ElementTree.parse(tmp_path / "s.svg").getroot().findall(f"{SVG}svg"):
         outlines = [
@@ -102,12 +104,13 @@ def test_hands_stay_in_the_pictures_and_all_figures_are_of_one_size(tmp_path):
             for polygon in picture.findall(f"{SVG}polygon")
         ]
         hands = np.concatenate([outline for colour, outline in outlines if colour == skin])
-        assert 2 < hands.min() and hands.max() < 198
+        assert hands.min() > 2 and hands.max() < 198
         white = [outline for colour, outline in outlines if colour == "#fafafa"]
         heights += [np.ptp(eye[:, 1]) for eye in white]
     np.testing.assert_allclose(heights, heights[0], rtol=0.15)
     keyframes.write(tmp_path / "s.svg", motion, count=4, size=200)
     alone = ElementTree.parse(tmp_path / "s.svg").getroot().find(f"{SVG}svg/{SVG}polygon[@fill='#fafafa']")
+    assert alone is not None
     eye = np.array([corner.split(",") for corner in alone.get("points", "").split()], float)
     assert np.ptp(eye[:, 1]) > 1.4 * heights[0]
 
