@@ -59,7 +59,8 @@ def write_video(
 ) -> None:
     """Write an `.mp4` (H.264 and AAC, 30 frames per second) that lasts as long as the sound.
 
-    The poses between the frames of a motion are interpolated on the sphere. The same input gives the same bytes on one
+    The poses between the frames of a motion are interpolated on the sphere. One fixed camera shows all figures at one
+    size, far enough away that hands and head stay in the picture. The same input gives the same bytes on one
     machine, whatever the number of workers. The file is written completely or not at all.
 
     Args:
