@@ -90,7 +90,7 @@ def capsules(
     length = np.maximum(np.hypot(along[..., 0], along[..., 1]), _TINY)
     # Each straight side touches the discs at the same angle from the direction of the capsule.
     touch = np.arccos(np.clip((wide - narrow) / length, -1, 1))[..., None]
-    evenly = np.arange(-np.pi, np.pi - _TINY, np.pi / (7 * detail), touch.dtype)
+    evenly = np.linspace(-np.pi, np.pi, 14 * detail, endpoint=False)
     around = np.broadcast_to(evenly, (*touch.shape[:-1], len(evenly)))
     sides = (touch - _TINY, touch + _TINY, _TINY - touch, -_TINY - touch)
     around = np.sort(np.concatenate([around, *sides], axis=-1), axis=-1)

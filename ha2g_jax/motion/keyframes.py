@@ -67,9 +67,9 @@ def write(
     """Write a figure of key frames as `.png` or `.svg`, with one row for each motion and one column for each moment.
 
     The moments are those of `choose` in the first motion; the other motions are shown at the same times. One camera
-    shows all of them at one size, far enough away for every frame of all motions. Below each
-    column are the time and the words. The word that is spoken at the moment is dark; words up to a second before or
-    after it are grey. The same input gives the same bytes.
+    shows all of them at one size, far enough away for every frame of all motions. Below each column are the time and
+    the words. The word that is spoken at the moment is dark; words up to a second before or after it are grey. The same
+    input gives the same bytes.
 
     Args:
         path: `.png` or `.svg` file to write.

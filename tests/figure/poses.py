@@ -1,5 +1,7 @@
 """Poses for the tests of the figure, and where the background of their images is."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ha2g_jax import figure
@@ -7,7 +9,7 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.figure.shapes import project
 
 GREEN = figure.DEFAULT_LOOK._replace(background=(0, 255, 0))
-Bones = dict[str, tuple[float, float, float]]
+Bones = Mapping[str, tuple[float, float, float]]
 
 
 def posed(skeleton: skeletons.Skeleton, bones: Bones) -> np.ndarray:

@@ -54,7 +54,7 @@ def test_there_is_no_gap_in_a_head_that_is_turned(yaw, pitch):
     inside = np.hypot(columns - x, rows - y) < 0.092 * size / 1.12
     assert inside.sum() > 5000
     assert not is_background(picture)[inside].any()
-    holes, _ = ndimage.label(is_background(picture))
+    holes: np.ndarray = ndimage.label(is_background(picture))[0]  # pyright: ignore
     assert set(np.unique(holes[: y[0]])) <= {0, holes[0, 0]}  # above the centre, all of the background is outside
 
 
