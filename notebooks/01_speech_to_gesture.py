@@ -48,9 +48,10 @@ motion.positions.shape, motion.fps
 # %%
 skeleton = load_skeleton("ted_expressive")
 frames = np.linspace(0, len(motion.positions) - 1, 6).astype(int)
+view = figure.fit([(motion.positions, skeleton)])
 _, axes = plt.subplots(1, len(frames), figsize=(15, 3))
 for axis, frame in zip(axes, frames, strict=True):
-    axis.imshow(figure.draw_figure(motion.positions[frame], skeleton, figure.DEFAULT_LOOK, 360, 360))
+    axis.imshow(figure.draw_figure(motion.positions[frame], skeleton, figure.DEFAULT_LOOK, 360, 360, view))
     axis.set_title(f"{frame / motion.fps:.1f} s")
     axis.axis("off")
 plt.show()

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
+from ha2g_jax.figure import DEFAULT_LOOK, View, draw_figure, fit
 from ha2g_jax.motion.motion import Motion
 
 START, SECONDS = 5.0, 5.0
@@ -26,17 +26,18 @@ def main(motion_path: str, speech: str, out: str) -> None:
     heights = np.maximum(1, 0.45 * WAVE * levels / levels.max())
     first = round(START * motion.fps)
     frames = range(first, first + round(SECONDS * motion.fps))
-    pictures = [_picture(motion, frame, heights, (frame - first) / len(frames)) for frame in frames]
+    view = fit([(motion.positions[frames], motion.skeleton)])
+    pictures = [_picture(motion, frame, view, heights, (frame - first) / len(frames)) for frame in frames]
     palette = pictures[len(pictures) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     duration = round(1000 / motion.fps)
     pictures[0].save(out, "PNG", save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=True)
 
 
-def _picture(motion: Motion, frame: int, heights: np.ndarray, done: float) -> Image.Image:
+def _picture(motion: Motion, frame: int, view: View, heights: np.ndarray, done: float) -> Image.Image:
     """Return the figure above the waveform, of which the part that was heard is dark."""
     picture = Image.new("RGB", (WIDTH, FIGURE + WAVE), PAPER)
-    figure = draw_figure(motion.positions[frame], motion.skeleton, DEFAULT_LOOK, WIDTH, FIGURE)
+    figure = draw_figure(motion.positions[frame], motion.skeleton, DEFAULT_LOOK, WIDTH, FIGURE, view)
     picture.paste(Image.fromarray(figure))
     draw, middle = ImageDraw.Draw(picture), FIGURE + WAVE / 2
     for x in range(0, WIDTH, 3):

@@ -7,17 +7,21 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from ha2g_jax.figure.outlines import outline
-from ha2g_jax.figure.shapes import BOTTOM, TOP, Colour, Look, backdrop
+from ha2g_jax.figure.shapes import Colour, Look, backdrop
+from ha2g_jax.figure.view import DEFAULT_VIEW, View, fit
 from ha2g_jax.skeleton import Skeleton
 
-__all__ = ["DEFAULT_LOOK", "Colour", "Look", "draw_figure"]
+__all__ = ["DEFAULT_LOOK", "DEFAULT_VIEW", "Colour", "Look", "View", "draw_figure", "fit"]
 
 DEFAULT_LOOK = Look((232, 190, 160), (74, 52, 42), (62, 110, 158), (232, 234, 238))
 
 _SUPERSAMPLE = 2
+_LARGE = 400  # pixels from which curves need more points
 
 
-def draw_figure(positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int) -> np.ndarray:
+def draw_figure(
+    positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int, view: View = DEFAULT_VIEW
+) -> np.ndarray:
     """Draw one pose.
 
     Args:
@@ -26,14 +30,14 @@ def draw_figure(positions: np.ndarray, skeleton: Skeleton, look: Look, width: in
         look: colours and build of the figure.
         width: width of the image in pixels.
         height: height of the image in pixels.
+        view: part of the picture plane that the image shows at least; `fit` finds it for a motion.
 
     Returns:
         (height, width, 3) uint8 RGB image.
     """
-    figure = outline(positions[None], skeleton, look)
-    scale = _SUPERSAMPLE * height / (BOTTOM - TOP)
-    centre = np.array([_SUPERSAMPLE * width / 2, -TOP * scale])
-    corners = (figure.points[0] * scale + centre).ravel().tolist()
+    figure = outline(positions[None], skeleton, look, detail=1 if height < _LARGE else 2)
+    scale, spine = view.place(_SUPERSAMPLE * width, _SUPERSAMPLE * height)
+    corners = (figure.points[0] * scale + spine).ravel().tolist()
     image: Image.Image = backdrop(look.background, _SUPERSAMPLE * width, _SUPERSAMPLE * height).copy()
     canvas = ImageDraw.Draw(image)
     for shape in figure.order[0]:

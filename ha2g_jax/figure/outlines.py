@@ -4,9 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.figure.body import arm_shapes, hand_parts, torso_shapes
+from ha2g_jax.figure.arms import arm_shapes
 from ha2g_jax.figure.face import hair_behind, head_frame, head_shapes
-from ha2g_jax.figure.shapes import Colour, Look
+from ha2g_jax.figure.hands import hand_parts
+from ha2g_jax.figure.order import arm_ranks
+from ha2g_jax.figure.shapes import Colour, Look, Part
+from ha2g_jax.figure.trunk import trunk_shapes
 from ha2g_jax.skeleton import Skeleton
 
 
@@ -39,32 +42,32 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
     Returns:
         The outlines.
     """
-    points = _from_the_front(positions, skeleton)
+    points = from_the_front(positions, skeleton)
     head = head_frame(points)
-    shapes = [*hair_behind(head, look, detail), *torso_shapes(points, look)]
-    shapes += head_shapes(points, head, look, detail)
-    trunk = np.zeros(len(positions))
-    # Sort keys: the trunk first, then the farther arm with its hand, and in a hand the farther fingers first.
-    keys = [(trunk, trunk, trunk, trunk)] * len(shapes)
-    for index, side in enumerate(("left", "right"), start=1):
-        distance, arm = -points[f"{side}_wrist"][:, 2], arm_shapes(points, side, look, detail)
-        # Where both arms are equally far, the index of the arm keeps their outlines apart.
-        keys += [(trunk + 1, distance, trunk + index, trunk - np.inf)] * len(arm)
-        shapes += arm
+    trunk = trunk_shapes(points, look, detail)
+    sides = ("left", "right")
+    arms = [arm_shapes(points, side, look, detail) for side in sides]
+    shoulders = [shape for arm in arms for shape in arm.shoulder]
+    body = (hair_behind(head, look, detail), trunk, head_shapes(points, head, look, detail))
+    keys = (-9.0, -0.8, -0.7, -0.6)
+    parts = [Part(np.full(len(positions), key), shapes) for key, shapes in zip(keys, (shoulders, *body), strict=True)]
+    for side, arm, ranks in zip(sides, arms, arm_ranks(points, head[0]), strict=True):
+        parts += [Part(np.minimum(ranks.upper, ranks.lower) - 0.1, arm.edges)]
+        parts += [Part(ranks.upper, arm.upper), Part(ranks.lower, arm.lower)]
         for part in hand_parts(points, side, look, detail):
-            keys += [(trunk + 1, distance, trunk + index, -part.depth)] * len(part.shapes)
-            shapes += part.shapes
-    columns = [np.stack([key[level] for key in keys]) for level in (3, 2, 1, 0)]
+            parts.append(Part(ranks.lower + 0.3 - np.clip(part.key, -2, 2) / 10, part.shapes))
+    shapes = [shape for part in parts for shape in part.shapes]
+    keys = np.repeat(np.stack([part.key for part in parts], axis=1), [len(part.shapes) for part in parts], axis=1)
     corners = [shape.outline for shape in shapes]
     return Outlines(
         points=np.concatenate(corners, axis=1),
         ends=np.cumsum([0, *(corner.shape[1] for corner in corners)]),
         colours=tuple(shape.colour for shape in shapes),
-        order=np.lexsort(columns, axis=0).T,
+        order=np.argsort(keys, axis=1, kind="stable"),
     )
 
 
-def _from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+def from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
     """Return joints (T, 3) by name with the spine at the origin, in axes in which the person faces -z, left at +x."""
     mean = skeleton.mean_pose
     is_reversed = mean[skeleton.joint("left_shoulder"), 0] < mean[skeleton.joint("right_shoulder"), 0]

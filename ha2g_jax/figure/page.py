@@ -10,7 +10,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ha2g_jax.figure import draw_figure
 from ha2g_jax.figure.outlines import outline
-from ha2g_jax.figure.shapes import BOTTOM, TOP, Colour, Look, shade
+from ha2g_jax.figure.shapes import Colour, Look, shade
+from ha2g_jax.figure.view import View
 from ha2g_jax.skeleton import Skeleton
 
 _PAPER = (255, 255, 255)
@@ -26,6 +27,7 @@ class Picture(NamedTuple):
         positions: (joints, 3) metres, y down.
         skeleton: skeleton of the positions.
         look: colours and build of the figure.
+        view: part of the picture plane that the square shows at least.
     """
 
     x: int
@@ -34,6 +36,7 @@ class Picture(NamedTuple):
     positions: np.ndarray
     skeleton: Skeleton
     look: Look
+    view: View
 
 
 class Text(NamedTuple):
@@ -91,7 +94,8 @@ def as_png(page: Page) -> bytes:
     """
     image = Image.new("RGB", (page.width, page.height), _PAPER)
     for picture in page.pictures:
-        pixels = draw_figure(picture.positions, picture.skeleton, picture.look, picture.size, picture.size)
+        size = picture.size
+        pixels = draw_figure(picture.positions, picture.skeleton, picture.look, size, size, picture.view)
         image.paste(Image.fromarray(pixels), (picture.x, picture.y))
     pen = ImageDraw.Draw(image)
     for text in page.texts:
@@ -141,8 +145,8 @@ def _svg_lines(page: Page) -> Iterator[str]:
 
 def _svg_picture(picture: Picture, light: int) -> Iterator[str]:
     figure = outline(picture.positions[None], picture.skeleton, picture.look, detail=2)
-    scale = picture.size / (BOTTOM - TOP)
-    points = figure.points[0] * scale + np.array([picture.size / 2, -TOP * scale])
+    scale, spine = picture.view.place(picture.size, picture.size)
+    points = figure.points[0] * scale + spine
     yield f'<svg x="{picture.x}" y="{picture.y}" width="{picture.size}" height="{picture.size}">'
     yield f'<rect width="100%" height="100%" fill="url(#light{light})"/>'
     for shape in figure.order[0].tolist():

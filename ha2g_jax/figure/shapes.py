@@ -1,4 +1,4 @@
-"""Elements of a figure for T frames at a time: perspective, capsules, smooth curves, light."""
+"""Elements of a figure for T frames at a time: perspective, capsules, hulls, smooth curves, light."""
 
 import functools
 from typing import NamedTuple
@@ -8,9 +8,9 @@ from PIL import Image
 
 Colour = tuple[int, int, int]
 
-TOP, BOTTOM = -0.70, 0.42  # upper and lower edge of an image in metres from the spine, y down
-
 _CAMERA = 3.2  # metres in front of the spine
+_NEAREST = 0.8  # metres; what is nearer to the camera is drawn as large as at this distance
+_TINY = 1e-6  # metres and radians
 
 
 class Look(NamedTuple):
@@ -45,15 +45,34 @@ class Shape(NamedTuple):
     colour: Colour
 
 
+class Part(NamedTuple):
+    """Shapes that are drawn together.
+
+    Attributes:
+        key: (T,) numbers by which parts are sorted.
+        shapes: shapes from back to front.
+    """
+
+    key: np.ndarray
+    shapes: list[Shape]
+
+
+def enlarged(depths: np.ndarray) -> np.ndarray:
+    """Return the factors by which perspective enlarges what is at a depth behind the spine in metres."""
+    return _CAMERA / np.maximum(_CAMERA + depths, _NEAREST)
+
+
 def project(points: np.ndarray) -> np.ndarray:
     """Project points (..., 3) to the picture plane (..., 2) for a camera that looks along +z; both are in metres."""
-    return points[..., :2] * (_CAMERA / (_CAMERA + points[..., 2:]))
+    return points[..., :2] * enlarged(points[..., 2:])
 
 
 def capsules(
     starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray, detail: int = 1
 ) -> list[np.ndarray]:
-    """Build the outlines of n tapered capsules.
+    """Build the outlines of n tapered capsules, the hulls of two discs each.
+
+    A capsule that points to the camera is a whole disc, so that there is no gap at a joint from any side.
 
     Args:
         starts: (T, n, 3) first ends in metres.
@@ -63,18 +82,54 @@ def capsules(
         detail: factor of the number of points.
 
     Returns:
-        n outlines (T, 16 * detail + 2, 2).
+        n outlines (T, 14 * detail + 4, 2).
     """
-    arc = np.linspace(-np.pi / 2, np.pi / 2, 8 * detail + 1)
     first, last = project(starts), project(ends)
-    wide = wide * _CAMERA / (_CAMERA + starts[..., 2])
-    narrow = narrow * _CAMERA / (_CAMERA + ends[..., 2])
+    wide, narrow = wide * enlarged(starts[..., 2]), narrow * enlarged(ends[..., 2])
     along = last - first
-    angle = np.arctan2(along[..., 1], along[..., 0])
-    near, far = angle[..., None] + np.pi + arc, angle[..., None] + arc
-    outline_near = first[..., None, :] + wide[..., None, None] * np.stack([np.cos(near), np.sin(near)], axis=-1)
-    outline_far = last[..., None, :] + narrow[..., None, None] * np.stack([np.cos(far), np.sin(far)], axis=-1)
-    return list(np.moveaxis(np.concatenate([outline_near, outline_far], axis=-2), -3, 0))
+    length = np.maximum(np.hypot(along[..., 0], along[..., 1]), _TINY)
+    # Each straight side touches the discs at the same angle from the direction of the capsule.
+    touch = np.arccos(np.clip((wide - narrow) / length, -1, 1))[..., None]
+    evenly = np.linspace(-np.pi, np.pi, 14 * detail, endpoint=False)
+    around = np.broadcast_to(evenly, (*touch.shape[:-1], len(evenly)))
+    sides = (touch - _TINY, touch + _TINY, _TINY - touch, -_TINY - touch)
+    around = np.sort(np.concatenate([around, *sides], axis=-1), axis=-1)
+    is_far = (np.abs(around) < touch)[..., None]
+    angle = around + np.arctan2(along[..., 1], along[..., 0])[..., None]
+    rim = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    centre = np.where(is_far, last[..., None, :], first[..., None, :])
+    radius = np.where(is_far, narrow[..., None, None], wide[..., None, None])
+    return list(np.moveaxis(centre + radius * rim, -3, 0))
+
+
+def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
+    """Build the outline of the convex hull of n discs.
+
+    Args:
+        centres: (T, n, 3) metres.
+        radii: (n,) or (T, n) metres.
+        detail: factor of the number of points.
+
+    Returns:
+        (T, 32 * detail, 2) outline.
+    """
+    rim = _directions(detail)
+    places, radii = project(centres), radii * enlarged(centres[..., 2])
+    # In each direction, the point of that disc which reaches farthest.
+    farthest = np.argmax(places @ rim.T + radii[..., None], axis=-2)
+    centre = np.take_along_axis(places, farthest[..., None], axis=-2)
+    return centre + np.take_along_axis(radii, farthest, axis=-1)[..., None] * rim
+
+
+def hull_of(corners: np.ndarray, detail: int = 1) -> np.ndarray:
+    """Return the convex hull (T, 32 * detail, 2) of points (T, n, 2) in the picture plane."""
+    farthest = np.argmax(corners @ _directions(detail).T, axis=-2)
+    return np.take_along_axis(corners, farthest[..., None], axis=-2)
+
+
+def _directions(detail: int) -> np.ndarray:
+    angle = np.arange(32 * detail) * (np.pi / (16 * detail))
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:

@@ -15,7 +15,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ha2g_jax.figure.outlines import outline
-from ha2g_jax.figure.shapes import BOTTOM, TOP, Colour, Look, light_behind
+from ha2g_jax.figure.shapes import Colour, Look, light_behind
+from ha2g_jax.figure.view import DEFAULT_VIEW, View
 from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)
@@ -29,16 +30,6 @@ class Panel(NamedTuple):
     top: int
     width: int
     height: int
-
-    @property
-    def scale(self) -> float:
-        """Pixels per metre: the figure is as tall as the panel, or smaller where the arms need the width."""
-        return min(self.width, self.height) / (BOTTOM - TOP)
-
-    @property
-    def spine(self) -> np.ndarray:
-        """(2,) position of the spine in the image in pixels; unused space is above the figure."""
-        return np.array([self.left + self.width / 2, self.top + self.height - BOTTOM * self.scale])
 
 
 class Stage(NamedTuple):
@@ -119,7 +110,9 @@ def set_stage(names: Sequence[str], background: Colour, width: int, height: int)
     return Stage(places, background, (np.asarray(canvas.reduce(2)), blues, reds), canvas)
 
 
-def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, look: Look) -> Drawing:
+def draw(
+    stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, look: Look, view: View = DEFAULT_VIEW
+) -> Drawing:
     """Prepare the drawing of a figure.
 
     Args:
@@ -128,6 +121,7 @@ def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, lo
         positions: (T, joints, 3) metres, y down.
         skeleton: skeleton of the positions.
         look: colours and build of the figure.
+        view: part of the picture plane that the panel shows at least.
 
     Returns:
         The drawing in T frames.
@@ -139,7 +133,8 @@ def draw(stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, lo
     inks = tuple(colours.index(colour) for colour in figure.colours)
     ends = (2 * figure.ends).tolist()
     unused = (0,) * (256 - len(colours))
-    points = figure.points * panel.scale + panel.spine
+    scale, spine = view.place(panel.width, panel.height)
+    points = figure.points * scale + np.add(spine, panel[:2])
     corners = np.stack([points.min(axis=1) // 2 * 2, points.max(axis=1) // 2 * 2 + 2], axis=1)
     boxes = np.clip(corners, panel[:2], np.add(panel[:2], panel[2:])).astype(int)
     return Drawing(

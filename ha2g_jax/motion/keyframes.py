@@ -9,7 +9,7 @@ from scipy import signal
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
-from ha2g_jax.figure import DEFAULT_LOOK, Look
+from ha2g_jax.figure import DEFAULT_LOOK, Look, fit
 from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -66,9 +66,10 @@ def write(
 ) -> None:
     """Write a figure of key frames as `.png` or `.svg`, with one row for each motion and one column for each moment.
 
-    The moments are those of `choose` in the first motion; the other motions are shown at the same times. Below each
-    column are the time and the words. The word that is spoken at the moment is dark; words up to a second before or
-    after it are grey. The same input gives the same bytes.
+    The moments are those of `choose` in the first motion; the other motions are shown at the same times. One camera
+    shows all of them at one size, far enough away for every frame of all motions. Below each column are the time and
+    the words. The word that is spoken at the moment is dark; words up to a second before or after it are grey. The same
+    input gives the same bytes.
 
     Args:
         path: `.png` or `.svg` file to write.
@@ -127,6 +128,7 @@ def _choose_in_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int
 def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> Page:
     letter = size / 14
     line, step = round(1.4 * letter), size + _GAP
+    view = fit((motion.positions, motion.skeleton) for motion in motions.values())
     pictures, texts, y = [], [], _GAP
     for name, motion in motions.items():
         if name:
@@ -135,7 +137,7 @@ def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence
         for column, time in enumerate(times):
             frame = min(round(time * motion.fps), motion.num_frames - 1)
             place = _GAP + column * step, y, size
-            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look))
+            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look, view))
         y += step
     y += round(letter)
     lines = 0

@@ -20,7 +20,7 @@ from av.video.reformatter import ColorRange
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure import DEFAULT_LOOK, Look
+from ha2g_jax.figure import DEFAULT_LOOK, Look, View, fit
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -59,7 +59,8 @@ def write_video(
 ) -> None:
     """Write an `.mp4` (H.264 and AAC, 30 frames per second) that lasts as long as the sound.
 
-    The poses between the frames of a motion are interpolated on the sphere. The same input gives the same bytes on one
+    The poses between the frames of a motion are interpolated on the sphere. One fixed camera shows all figures at one
+    size, far enough away that hands and head stay in the picture. The same input gives the same bytes on one
     machine, whatever the number of workers. The file is written completely or not at all.
 
     Args:
@@ -84,7 +85,8 @@ def write_video(
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
     stage = set_stage(tuple(motions), look.background, width, height)
     poses = [(resample(each.directions, each.fps, VIDEO_FPS, frames), each.skeleton) for each in motions.values()]
-    encode = functools.partial(_encode_piece, stage, poses, look)
+    view = fit((directions_to_positions(skeleton, directions), skeleton) for directions, skeleton in poses)
+    encode = functools.partial(_encode_piece, stage, poses, look, view)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     workers = workers or os.cpu_count() or 1
     with (
@@ -143,13 +145,13 @@ def _in_order(
 
 
 def _encode_piece(
-    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], look: Look, start: int
+    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], look: Look, view: View, start: int
 ) -> list[av.Packet]:
     """Encode the pictures of one piece from frame `start`, whose first picture does not depend on the one before."""
     drawings = []
     for index, (directions, skeleton) in enumerate(poses):
         positions = directions_to_positions(skeleton, directions[start : start + _PIECE])
-        drawings.append(draw(stage, index, positions, skeleton, look))
+        drawings.append(draw(stage, index, positions, skeleton, look, view))
     height, width = stage.clean[0].shape
     encoder = cast(VideoCodecContext, av.CodecContext.create("libx264", "w"))
     encoder.options, encoder.time_base, encoder.framerate = _ENCODER, _TIME_BASE, 1 / _TIME_BASE

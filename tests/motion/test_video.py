@@ -151,3 +151,26 @@ def test_motions_by_name_are_drawn_side_by_side_with_their_names(tmp_path, motio
     assert 0.1 < shirts[1].mean() < 0.5
     assert (shirts[0] == shirts[1]).mean() > 0.99
     assert np.abs(both[0, :16, :128] - left[0, :16]).max() > 50
+
+
+def test_figures_side_by_side_are_of_one_size_and_hands_stay_in_the_picture(tmp_path, motion):
+    """One camera for all, far enough away for the widest pose of any."""
+    wide = motion.directions.copy()
+    for side, x in (("left", 1), ("right", -1)):
+        for joint in ("elbow", "wrist", *(f"{finger}_1" for finger in ("thumb", "index", "middle", "ring", "pinky"))):
+            wide[:, motion.skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
+    wide[:5] = motion.directions[:5]
+    motions = {"calm": motion, "wide": Motion.from_directions(motion.skeleton, wide, 15)}
+    write_video(tmp_path / "v.mp4", motions, None, size=128, has_progress=False)
+    write_video(tmp_path / "calm.mp4", motion, None, size=128, has_progress=False)
+    both = pictures(tmp_path / "v.mp4").astype(int)
+    calm, wide_ = both[:, 16:, :128], both[:, 16:, 128:]
+    shirts = [np.abs(seen - DEFAULT_LOOK.shirt).sum(axis=-1) < 60 for seen in (calm, wide_)]
+    assert (shirts[0][:6] == shirts[1][:6]).mean() > 0.99  # the same poses at the same place, before the arms move
+    alone = np.abs(pictures(tmp_path / "calm.mp4").astype(int) - DEFAULT_LOOK.shirt).sum(axis=-1) < 60
+    assert shirts[0].sum() < 0.5 * alone.sum()
+    columns = np.flatnonzero(shirts[1][-1].any(axis=0))
+    assert 8 < columns.min() < 30 and 98 < columns.max() < 120
+    skin = wide_[-1, :, :, 0] - wide_[-1, :, :, 2] > 40
+    columns = np.flatnonzero(skin.any(axis=0))
+    assert 1 <= columns.min() < 12 and 116 < columns.max() <= 126

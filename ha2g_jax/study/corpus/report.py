@@ -20,7 +20,7 @@ from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
+from ha2g_jax.figure import DEFAULT_LOOK, draw_figure, fit
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import write_video
@@ -169,9 +169,9 @@ def _figure(corpus: Corpus, split: str, index: int) -> str:
 
 def _poster(motion: Motion) -> str:
     """Draw the middle frame, which is shown until the video plays."""
-    image = draw_figure(
-        motion.positions[motion.num_frames // 2], motion.skeleton, DEFAULT_LOOK, _SAMPLE_SIZE, _SAMPLE_SIZE
-    )
+    view = fit([(motion.positions, motion.skeleton)])
+    middle = motion.positions[motion.num_frames // 2]
+    image = draw_figure(middle, motion.skeleton, DEFAULT_LOOK, _SAMPLE_SIZE, _SAMPLE_SIZE, view)
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "JPEG", quality=80)
     return _base64(buffer.getvalue())

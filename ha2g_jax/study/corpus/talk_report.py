@@ -221,11 +221,13 @@ def _angle_histograms(pyplot: Any, skeleton: Skeleton, people: dict[str, Kinemat
 def _strips(skeleton: Skeleton, clips: Sequence[Clip]) -> np.ndarray:
     """Draw poses of a few clips of different speakers, one row per clip."""
     speakers = {clip.speaker: clip for clip in clips if len(clip.positions) >= _STRIP_FRAMES * _STRIP_STEP}
+    shown = list(speakers.values())[:_STRIPS]
+    view = figure.fit((clip.positions[: _STRIP_FRAMES * _STRIP_STEP], skeleton) for clip in shown)
     rows = []
-    for clip in list(speakers.values())[:_STRIPS]:
+    for clip in shown:
         look = portrait.look(Style(*clip.style))
         poses = clip.positions[: _STRIP_FRAMES * _STRIP_STEP : _STRIP_STEP]
-        images = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE) for pose in poses]
+        images = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE, view) for pose in poses]
         rows.append(np.concatenate(images, axis=1))
     return np.concatenate(rows, axis=0)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figure.poses import WIDE, posed, random_poses
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
@@ -38,13 +39,6 @@ def test_place_in_the_room_does_not_matter():
         for shift in (0.0, 3.0)
     ]
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.1
-
-
-def random_poses(name: str, count: int) -> np.ndarray:
-    """(count, joints, 3) poses about the mean."""
-    skeleton = skeletons.load_skeleton(name)
-    noise = np.random.default_rng(0).normal(0, 0.3, (count, skeleton.num_bones, 3))
-    return skeletons.directions_to_positions(skeleton, skeleton.mean_directions + noise)
 
 
 @pytest.mark.parametrize("name", skeletons.SKELETONS)
@@ -95,7 +89,7 @@ def test_panels_fill_the_picture_and_do_not_overlap(count, size, columns, rows):
 
 def test_a_figure_stays_in_its_panel():
     skeleton = skeletons.load_skeleton("ted_expressive")
-    wide = skeletons.directions_to_positions(skeleton, stretched(skeleton))[None]
+    wide = posed(skeleton, WIDE)[None]
     empty = stage.set_stage(["", ""], figure.DEFAULT_LOOK.background, 160, 80)
     drawings = [stage.draw(empty, 0, 3 * wide, skeleton, figure.DEFAULT_LOOK)]
     planes = [np.zeros_like(plane) for plane in empty.clean]
@@ -104,15 +98,6 @@ def test_a_figure_stays_in_its_panel():
         half = plane.shape[1] // 2
         np.testing.assert_array_equal(plane[:, half:], clean[:, half:])
         assert (plane[:, :half] != clean[:, :half]).mean() > 0.2
-
-
-def stretched(skeleton: skeletons.Skeleton) -> np.ndarray:
-    """Arms to both sides."""
-    directions = skeleton.mean_directions.copy()
-    for side, x in (("left", 1), ("right", -1)):
-        for joint in ("elbow", "wrist"):
-            directions[skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
-    return directions
 
 
 def test_a_name_is_written_as_small_as_it_must_be():
