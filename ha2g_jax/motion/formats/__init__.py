@@ -48,7 +48,7 @@ def export(
 
     Raises:
         UserError: the suffix or the rig is unknown, the format does not take the rig, the motion is not valid (see
-            `solver.check`), or the file cannot be written.
+            `Motion.check`), or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -61,7 +61,7 @@ def export(
     target = rigs.load_rig(rig)
     if rig not in allowed:
         raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
-    solver.check(motion)
+    motion.check()
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
         return
