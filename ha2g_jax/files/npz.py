@@ -61,7 +61,9 @@ def read_npz(
     except FileNotFoundError:
         raise UserError(f"no file at {shown(path)}; expected a .npz of arrays") from None
     except _BadArrays as error:
-        raise UserError(f"{shown(path)} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)") from error
+        raise UserError(
+            f"{shown(path)} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)"
+        ) from error
     # zipfile and zlib raise different exceptions depending on the position of the damage.
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError) as error:
         raise UserError(

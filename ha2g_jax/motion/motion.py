@@ -160,9 +160,7 @@ class Motion:
             raise UserError(f"{shown(path)}: {error}") from error
         except (ValueError, KeyError, TypeError) as error:
             why = f"it has no {error}" if isinstance(error, KeyError) else reason(error)
-            raise UserError(
-                f"{shown(path)} is not a motion ({why}); give an .npz that ha2g generate wrote"
-            ) from error
+            raise UserError(f"{shown(path)} is not a motion ({why}); give an .npz that ha2g generate wrote") from error
         return motion
 
 

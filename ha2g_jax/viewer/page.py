@@ -139,7 +139,9 @@ def _check(motions: Mapping[str, Motion]) -> None:
         motion.check()
     frames = sum(motion.num_frames for motion in motions.values())
     if frames > MAX_MOTION_FRAMES:  # a page of so many has about 100 MB
-        raise UserError(f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts")
+        raise UserError(
+            f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts"
+        )
 
 
 def _document(title: str, content: dict) -> str:
