@@ -217,9 +217,8 @@ def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
     ]
     names = [name if counts[name] == 1 else longer for name, longer in zip(names, above, strict=True)]
     if len(set(names)) < len(names):
-        raise UserError(
-            f"two folders of motion have the name {collections.Counter(names).most_common(1)[0][0]}; give folders of different names"
-        )
+        (twice, _), *_ = collections.Counter(names).most_common(1)
+        raise UserError(f"two folders of motion have the name {twice}; give folders of different names")
     return names
 
 

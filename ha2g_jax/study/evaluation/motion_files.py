@@ -143,11 +143,15 @@ def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> 
 
 
 def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: list[str]) -> UserError:
-    found = ", ".join(map(_printable, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
+    found, lacking = _few([_printable(name) for name in names]), _few(missing)
     return UserError(
-        f"{shown(path)} lacks {', '.join(missing[:_LISTED])}{', ...' if len(missing) > _LISTED else ''} of the skeleton "
-        f"{skeleton}; it has {found}; name the joints as the skeleton does, or give a map (--joint-map)"
+        f"{shown(path)} lacks {lacking} of the skeleton {skeleton}; it has {found}; "
+        "name the joints as the skeleton does, or give a map (--joint-map)"
     )
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
 
 
 def _printable(name: str) -> str:
@@ -171,7 +175,8 @@ def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pa
     if not np.isfinite(positions).all():
         frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
         raise UserError(
-            f"{shown(path)} has a position that is no number, of {skeleton.joints[joint]} in frame {frame}; export it again"
+            f"{shown(path)} has a position that is no number, of {skeleton.joints[joint]} in frame {frame}; "
+            "export it again"
         )
     if (largest := np.abs(positions).max()) > _MAX_PLACE:
         raise UserError(
@@ -183,8 +188,8 @@ def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pa
         frame, bone = np.argwhere(lengths < _MIN_LENGTH)[0]
         parent, child = (skeleton.joints[joint] for joint in skeleton.bones[bone])
         raise UserError(
-            f"{shown(path)} has {parent} and {child} in one place in frame {frame}, so that the bone between them has no "
-            "direction; export it again"
+            f"{shown(path)} has {parent} and {child} in one place in frame {frame}, so that the bone between them has "
+            "no direction; export it again"
         )
 
 
