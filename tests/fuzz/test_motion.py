@@ -216,7 +216,9 @@ def test_a_million_million_frames_are_refused(shape, what, refused, tmp_path):
 
 def test_a_bomb_is_not_unpacked(refused, tmp_path):
     (tmp_path / "m.npz").write_bytes(bomb(0xF0000000))
-    assert "more than the 1073741824 allowed" in refused("evaluate", "--motion", str(tmp_path), "--reference", str(tmp_path))
+    assert "more than the 1073741824 allowed" in refused(
+        "evaluate", "--motion", str(tmp_path), "--reference", str(tmp_path)
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,13 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import read_json, reason, shown
+from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_FPS, MAX_MOTION_JOINTS, MAX_MOTION_JSON_BYTES, MIN_MOTION_FPS
 from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.checks import check_length
 
 _ARRAYS = ("positions", "fps", "joint_names", "borders")
+_MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
 _EXPECTED = "expected positions (T, J, 3), fps and joint_names (J,)"
 
 
@@ -41,7 +42,11 @@ def read_content(path: pathlib.Path) -> Mapping[str, Any]:
     """
     if path.suffix.lower() != ".json":
         return read_npz(path, max_bytes=MAX_MOTION_BYTES, names={*motions.ARRAYS, *_ARRAYS})
-    content = read_json(path, "a motion in JSON", MAX_MOTION_JSON_BYTES)
+    text = read_bytes(path, "a motion in JSON", MAX_MOTION_JSON_BYTES)
+    if text.count(b"[") + text.count(b"{") > _MAX_GROUPS:
+        raise UserError(f"{shown(path)} has more than {_MAX_GROUPS} lists; give it as .npz, or cut the motion")
+    with reading(path, "a motion in JSON"):
+        content = parse_json(text)
     if not isinstance(content, dict):
         raise UserError(f"{shown(path)} holds no motion but a {type(content).__name__}; {_EXPECTED}")
     return {name: content[name] for name in _ARRAYS if name in content}
