@@ -80,14 +80,13 @@ def copy(path: pathlib.Path) -> None:
     """Read a motion and write what has a copy of its facts."""
     motion = Motion.load(path)
     motion.save(path.with_name("out.npz"))
-    for suffix in (".vrma", ".json"):
-        export(motion, path.with_name(f"out{suffix}"))
+    export(motion, path.with_name("out.vrma"))
 
 
 def consume(path: pathlib.Path) -> None:
     """Read a motion and do with it what the commands do."""
     motion = Motion.load(path)
-    for suffix in (".glb", ".bvh", ".csv"):
+    for suffix in (".glb", ".bvh", ".json"):
         export(motion, path.with_name(f"out{suffix}"))
     keyframes.write(path.with_name("out.svg"), motion, count=2, size=64)
     view(motion)
@@ -108,7 +107,7 @@ def odd_array(draw: st.DrawFn, values: np.ndarray) -> np.ndarray:
         case 3:
             return values[: draw(st.integers(0, 2))] if values.ndim else np.zeros(3)
         case 4 if values.dtype.kind == "f":
-            return np.where(np.arange(values.size).reshape(values.shape) == 7 % values.size, odd, values)
+            return np.where(np.arange(values.size).reshape(values.shape) == 7 % values.size, np.float64(odd), values)
         case _:
             return np.array(draw(st.sampled_from(("", "x" * 5000, "{}", "[1]", "3", '{"skeleton": []}', "\ud800"))))
 
@@ -130,7 +129,7 @@ def test_odd_arrays_are_answered(data, answered):
 @given(data=st.data())
 def test_damaged_meta_is_answered(data, answered):
     meta = data.draw(damaged_tree(make_motion().meta | {"more": {"list": [1, "a", {"x": 0.5}]}}))
-    answered(copy, npz(GOOD | {"meta": np.array(json.dumps(meta))}), "m.npz")
+    answered(copy, npz(arrays_of(make_motion(1)) | {"meta": np.array(json.dumps(meta))}), "m.npz")
 
 
 def score(path: pathlib.Path) -> None:
