@@ -66,5 +66,7 @@ def export(
         motion.save(path)
         return
     animation = retarget(solver.animate(motion), target)
-    seconds = motion.meta.get("duration", motion.num_frames / motion.fps) if audio_seconds is None else audio_seconds
-    _WRITERS[suffix](path, animation, duration=seconds, audio_name=motion.meta.get("speech"))
+    seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
+    if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
+        seconds = motion.num_frames / motion.fps
+    _WRITERS[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
