@@ -98,3 +98,33 @@ MAX_TALK_SPEAKERS = 10_000
 
 MAX_TALK_MINUTES = 100_000
 """Minutes of a Talk corpus."""
+
+MAX_MOTION_FRAMES = 1_000_000
+"""Frames of a motion, and of all motions of a page; an hour at 240 frames per second has 864,000."""
+
+MAX_MOTION_SECONDS = 7_800
+"""Seconds of a motion: twice the longest sound."""
+
+MIN_MOTION_FPS = 0.1
+"""Least frames per second of a file of motion."""
+
+MAX_MOTION_FPS = 1_000
+"""Most frames per second of a file of motion."""
+
+MIN_FPS = 1
+"""Least frames per second of `ha2g generate --fps`."""
+
+MAX_FPS = 240
+"""Most frames per second of `ha2g generate --fps`."""
+
+MAX_MOTION_JOINTS = 1_000
+"""Joints of a file of motion from another system."""
+
+MAX_MOTION_BYTES = 1 << 30
+"""Bytes of the unpacked arrays of a file of motion."""
+
+MAX_MOTION_META_BYTES = 1 << 20
+"""Bytes of the JSON text `meta` of a file of motion."""
+
+MAX_MOTION_JSON_BYTES = 1 << 25
+"""Bytes of a file of motion in JSON."""

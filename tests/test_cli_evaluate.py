@@ -128,3 +128,24 @@ def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint,
     assert all("known_causes" in section for section in results["sections"].values())
     for form in ("--markdown", None):
         assert "Known causes" in shown[form] and "white jitter" in shown[form]
+
+
+@pytest.mark.parametrize("split", [True, False])
+def test_each_folder_of_motion_is_a_row(folders, split, tmp_path, capsys):
+    mine, true = folders
+    other = tmp_path / "theirs"
+    other.mkdir()
+    motion = Motion.load(mine / "one.npz")
+    Motion.from_directions(motion.skeleton, motion.directions[::-1], 15).save(other / "one.npz")
+    given = ["--motion", mine, "--motion", other] if split else ["--motion", mine, other]
+    assert evaluate(*given, "--reference", true, "--json") == 0
+    section = json.loads(capsys.readouterr().out)["sections"]["true"]
+    assert section["methods"] == ["mine", "theirs"]
+    assert "theirs - mine" in section["differences"]
+    assert any("theirs: 1 files of reference" in note for note in section["notes"])
+
+
+def test_a_folder_of_motion_given_twice_is_refused(folders, capsys):
+    mine, true = folders
+    assert evaluate("--motion", mine, mine, "--reference", true) == 2
+    assert capsys.readouterr().err.startswith("ha2g: two folders of motion have the name")

@@ -87,6 +87,15 @@ def test_keyframes_of_several_motions_with_words(files, tmp_path, suffix):
         assert all(text in out.read_text() for text in ("ground truth", "HA2G", "hello", "there"))
 
 
+def test_video_and_key_frames_show_a_bvh_beside_a_motion(files, tmp_path):
+    run("export", files / "a.npz", "-o", files / "true.bvh")
+    run("video", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.mp4", "--size", "64x64")
+    run("keyframes", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.svg", "--count", 2, "--size", 64)
+    assert all(name in (tmp_path / "x.svg").read_text() for name in ("true", "a"))
+    with av.open(str(tmp_path / "x.mp4")) as container:
+        assert container.streams.video[0].frames == 30
+
+
 def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     def names(*paths, names=None):
         arguments = argparse.Namespace(motions=[files / path for path in paths], names=names)

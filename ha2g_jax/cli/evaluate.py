@@ -13,7 +13,7 @@ Score the motion of one of three inputs, with intervals, beside rows that show w
 
   --checkpoint MODEL --data CORPUS     motion that a model makes for the test speech of a corpus
   --checkpoint MODEL --speech FILE     motion that a model makes for one recording
-  --motion DIR --reference DIR         motion made by any system, against true motion
+  --motion DIR ... --reference DIR     motion made by any systems, against true motion
 
 All three give results of one shape: text, --markdown or --json. On the Talk corpus, whose causes are known, the scores
 against strokes, words and styles are a further part of each section. An option that does not apply is an error."""
@@ -45,7 +45,14 @@ def add_command(commands: Any) -> None:
     )
     model.add_argument("--speech", type=pathlib.Path, help="a recording of speech, in place of --data")
     folders = command.add_argument_group("folders of motion")
-    folders.add_argument("--motion", type=pathlib.Path, metavar="DIR", help="motion made by any system")
+    folders.add_argument(
+        "--motion",
+        type=pathlib.Path,
+        nargs="+",
+        action="extend",
+        metavar="DIR",
+        help="motion made by any system; several folders are rows of one table",
+    )
     folders.add_argument(
         "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
     )

@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,7 +62,9 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_motions(command: argparse.ArgumentParser) -> None:
-    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="an .npz of ha2g generate")
+    command.add_argument(
+        "motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="an .npz of ha2g generate, or a .bvh"
+    )
     command.add_argument(
         "--names", nargs="+", metavar="NAME", help="names of the motions (default: the names of the files)"
     )
@@ -137,8 +140,7 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     """Load the motions by name; the names of files with equal names include their folders."""
-    from ha2g_jax.motion.motion import Motion
-    from ha2g_jax.viewer.files import names_of
+    from ha2g_jax.viewer.files import names_of, read_motion_or_bvh
 
     paths, names = arguments.motions, arguments.names
     if names is None:
@@ -147,12 +149,12 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
         raise UserError("two motions have the same name; give different names with --names")
-    return {name: Motion.load(path) for name, path in zip(names, paths, strict=True)}
+    return {shown(name): read_motion_or_bvh(path) for name, path in zip(names, paths, strict=True)}
 
 
 def _check_out(out: pathlib.Path, sources: list[pathlib.Path | None]) -> None:
     if any(source is not None and source.resolve() == out.resolve() for source in sources):
-        raise UserError(f"the result would overwrite {out}; choose another name with --out")
+        raise UserError(f"the result would overwrite {shown(out)}; choose another name with --out")
 
 
 def _read_audio(path: pathlib.Path) -> "np.ndarray":

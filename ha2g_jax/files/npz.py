@@ -14,6 +14,7 @@ from typing import IO
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
 
 _MAGIC = b"\x93NUMPY"
 _MAX_HEADER = 1 << 16
@@ -58,13 +59,18 @@ def read_npz(
             is_wanted = names is None or path.stem in names
             return {path.stem: _read_array(reader, size, max_bytes)} if is_wanted else {}
     except FileNotFoundError:
-        raise UserError(f"no file at {path}; expected a .npz of arrays") from None
+        raise UserError(f"no file at {shown(path)}; expected a .npz of arrays") from None
     except _BadArrays as error:
-        raise UserError(f"{path} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)") from error
+        raise UserError(
+            f"{shown(path)} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)"
+        ) from error
     # zipfile and zlib raise different exceptions depending on the position of the damage.
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError) as error:
-        reason = " ".join((str(error) or "it ends early").split())[:200]
-        raise UserError(f"{path} is not a whole .npz file ({reason}); copy or download it again") from error
+        raise UserError(
+            f"{shown(path)} is not a whole .npz file ({reason(error)}); copy or download it again"
+        ) from error
+    except MemoryError as error:
+        raise UserError(f"{shown(path)} needs more memory than there is; give a smaller file") from error
 
 
 class _BadArrays(Exception):

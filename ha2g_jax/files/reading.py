@@ -6,7 +6,7 @@ import os
 import pathlib
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ha2g_jax.errors import UserError
@@ -119,16 +119,15 @@ def parse_json(text: str | bytes) -> Any:
         value = json.loads(text)
     except RecursionError:
         raise ValueError("nested too deep") from None
-    layer, depth = [value], 0
+    layer, depth = _groups([value]), 1
     while layer:
         if depth > MAX_JSON_DEPTH:
             raise ValueError("nested too deep")
-        layer = [inner for outer in layer for inner in _children(outer)]
+        layer = [inner for outer in layer for inner in _groups(outer.values() if type(outer) is dict else outer)]
         depth += 1
     return value
 
 
-def _children(value: Any) -> list[Any]:
-    if isinstance(value, dict):
-        return list(value.values())
-    return value if isinstance(value, list) else []
+def _groups(values: Iterable[Any]) -> list[Any]:
+    # Only objects and lists, because a file may have millions of numbers.
+    return [value for value in values if type(value) is dict or type(value) is list]

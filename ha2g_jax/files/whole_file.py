@@ -7,6 +7,7 @@ import pathlib
 from collections.abc import Iterator
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
 
 
 @contextlib.contextmanager
@@ -27,8 +28,9 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     """
     path = pathlib.Path(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    new_folders = [folder for folder in path.parents if not folder.exists()]
+    new_folders: list[pathlib.Path] = []
     try:
+        new_folders += [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
@@ -37,7 +39,7 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
         temporary.replace(path)
     except OSError as error:
         raise UserError(
-            f"cannot write {path} ({(error.strerror or str(error)).lower()}); use another folder or free disk space"
+            f"cannot write {shown(path)} ({reason(error).lower()}); use another folder or free disk space"
         ) from error
     finally:
         with contextlib.suppress(OSError):

@@ -13,7 +13,6 @@ from ha2g_jax.figure import DEFAULT_LOOK, Look, fit
 from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.solver import check
 
 MAX_COUNT = 100
 MIN_SIZE, MAX_SIZE = 64, 2048
@@ -81,7 +80,7 @@ def write(
 
     Raises:
         UserError: the suffix is another, the count or the size is out of range, a motion is not valid (see
-            `solver.check`), or the file cannot be written.
+            `Motion.check`), or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -95,7 +94,7 @@ def write(
         raise UserError(f"pictures of {size} pixels; expected {MIN_SIZE} to {MAX_SIZE}")
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
-        check(each)
+        each.check()
     first = next(iter(motions.values()))
     times = [frame / first.fps for frame in choose(first, count)]
     page = _page(motions, times, words, look, size)

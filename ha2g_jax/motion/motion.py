@@ -2,18 +2,22 @@
 
 import dataclasses
 import json
+import os
 import pathlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.reading import parse_json, reading, reason, shown
 from ha2g_jax.files.whole_file import whole_file
-from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton, normalize
+from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JOINTS, MAX_MOTION_META_BYTES
+from ha2g_jax.motion import checks
+from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize
 
-_ARRAYS = ("directions", "positions", "fps", "joint_names", "meta")
-_MAX_BYTES = 1 << 31  # of all arrays together; half an hour at 240 frames per second takes a fifth of this
+ARRAYS = ("directions", "positions", "fps", "joint_names", "meta")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +76,14 @@ class Motion:
     def num_frames(self) -> int:
         return len(self.directions)
 
+    def check(self) -> None:
+        """Check that the motion is valid.
+
+        Raises:
+            UserError: see `checks.check`.
+        """
+        checks.check(self.directions, self.positions, self.fps, self.joint_names, self.meta)
+
     def save(self, path: str | pathlib.Path) -> None:
         """Write the motion to an `.npz` file; `formats.export` writes the files of other programs.
 
@@ -114,19 +126,55 @@ class Motion:
             UserError: the file is missing or does not hold a motion.
         """
         path = pathlib.Path(path)
-        if not path.is_file():
-            raise UserError(f"no motion at {path}; give an .npz that ha2g generate wrote")
-        arrays = read_npz(path, max_bytes=_MAX_BYTES, names=_ARRAYS)
+        if path.suffix.lower() == ".bvh":
+            raise UserError(
+                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g view, video and "
+                "keyframes show a BVH, and ha2g data import-bvh imports it"
+            )
+        with reading(path, "a motion of ha2g generate"):
+            if not path.is_file():
+                raise UserError(f"no motion at {shown(path)}; give an .npz that ha2g generate wrote")
+        return cls.from_arrays(read_npz(path, max_bytes=MAX_MOTION_BYTES, names=ARRAYS), path)
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray], path: str | os.PathLike) -> "Motion":
+        """Build a motion from the arrays of a file that `save` wrote, and check it.
+
+        Args:
+            arrays: `ARRAYS` by name; others are not read.
+            path: path of the file, for messages.
+
+        Raises:
+            UserError: the arrays do not hold a motion.
+        """
         try:
             motion = cls(
                 directions=arrays["directions"],
                 positions=arrays["positions"],
-                fps=float(arrays["fps"]),
-                joint_names=tuple(str(name) for name in arrays["joint_names"]),
-                meta=json.loads(str(arrays["meta"])),
+                fps=float(arrays["fps"].reshape(())),
+                joint_names=_parse_names(arrays["joint_names"]),
+                meta=_parse_meta(arrays["meta"]),
             )
-            if motion.meta["skeleton"] not in SKELETONS:
-                raise ValueError(f"unknown skeleton {motion.meta['skeleton']!r}")  # noqa: TRY301
+            motion.check()
+        except UserError as error:
+            raise UserError(f"{shown(path)}: {error}") from error
         except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} is not a motion ({error}); give an .npz that ha2g generate wrote") from error
+            why = f"it has no {error}" if isinstance(error, KeyError) else reason(error)
+            raise UserError(f"{shown(path)} is not a motion ({why}); give an .npz that ha2g generate wrote") from error
         return motion
+
+
+def _parse_names(names: np.ndarray) -> tuple[str, ...]:
+    if names.size > MAX_MOTION_JOINTS or names.nbytes > MAX_MOTION_META_BYTES:
+        raise ValueError(f"joint_names of shape {names.shape} and {names.nbytes} bytes")
+    return tuple(str(name) for name in names)
+
+
+def _parse_meta(text: np.ndarray) -> dict[str, Any]:
+    if text.nbytes > 4 * MAX_MOTION_META_BYTES:  # four bytes a letter
+        raise ValueError(f"meta of {text.nbytes // 4} bytes, more than the {MAX_MOTION_META_BYTES} allowed")
+    meta = parse_json(str(text.reshape(())))
+    if not isinstance(meta, dict):
+        raise TypeError(f"meta is a {type(meta).__name__}, not an object")
+    json.dumps(meta, allow_nan=False)
+    return meta

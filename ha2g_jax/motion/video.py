@@ -25,7 +25,6 @@ from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.motion.solver import check
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 VIDEO_FPS = 30
@@ -75,11 +74,11 @@ def write_video(
         has_progress: whether to show a progress bar on a terminal.
 
     Raises:
-        UserError: a motion is not valid (see `solver.check`), the size is out of range, or the file cannot be written.
+        UserError: a motion is not valid (see `Motion.check`), the size is out of range, or the file cannot be written.
     """
     motions = motion if isinstance(motion, Mapping) else {"": motion}
     for each in motions.values():
-        check(each)
+        each.check()
     width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
     longest = max(each.num_frames / each.fps for each in motions.values())
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)

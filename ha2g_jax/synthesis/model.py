@@ -18,6 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.layers.resnet_se import Features
+from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
@@ -28,8 +29,6 @@ from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
 from ha2g_jax.synthesis.scan import encode_windows, sample_windows
 from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
 from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
-
-MIN_FPS, MAX_FPS = 1, 240
 
 
 class Audio(NamedTuple):

@@ -15,12 +15,11 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.solver import check
 from ha2g_jax.viewer import sound
 from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
 
-MAX_FRAMES = 1_000_000  # of all motions of a page together: four hours at 60 frames per second, about 100 MB
 MAX_MOTIONS = 12
 _SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
 
@@ -84,7 +83,7 @@ def view(
         The page; `Page.save` writes it, and a notebook shows it.
 
     Raises:
-        UserError: there is no motion, there are too many, or one is too long or not valid (see `solver.check`).
+        UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`).
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
@@ -137,10 +136,12 @@ def _check(motions: Mapping[str, Motion]) -> None:
     if not 1 <= len(motions) <= MAX_MOTIONS:
         raise UserError(f"{len(motions)} motions for one page; expected 1 to {MAX_MOTIONS}, make several pages")
     for motion in motions.values():
-        check(motion)
+        motion.check()
     frames = sum(motion.num_frames for motion in motions.values())
-    if frames > MAX_FRAMES:
-        raise UserError(f"{frames} frames for one page; expected at most {MAX_FRAMES}, cut the motion into parts")
+    if frames > MAX_MOTION_FRAMES:  # a page of so many has about 100 MB
+        raise UserError(
+            f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts"
+        )
 
 
 def _document(title: str, content: dict) -> str:

@@ -13,7 +13,7 @@ import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from ha2g_motion import bone_names, keys, reading, scene
+from ha2g_motion import bone_names, checks, keys, reading, scene
 from ha2g_motion.motion import MotionError
 
 
@@ -40,7 +40,9 @@ def _run(arguments: argparse.Namespace) -> None:
 
     suffix = arguments.out.suffix.lower()
     if suffix not in scene.OUTPUTS:
-        raise MotionError(f"cannot write {arguments.out.name}; expected one of {', '.join(scene.OUTPUTS)}")
+        raise MotionError(
+            f"cannot write {checks.shown(arguments.out.name)}; expected one of {', '.join(scene.OUTPUTS)}"
+        )
     motion = reading.read_motion(arguments.motion)
     if arguments.open is not None:
         scene.open_file(arguments.open)
@@ -67,7 +69,7 @@ def _run(arguments: argparse.Namespace) -> None:
         seconds=arguments.time,
         start=arguments.start,
     )
-    print(arguments.out)
+    print(checks.shown(arguments.out))
 
 
 def _parser() -> argparse.ArgumentParser:

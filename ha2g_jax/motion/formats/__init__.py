@@ -48,7 +48,7 @@ def export(
 
     Raises:
         UserError: the suffix or the rig is unknown, the format does not take the rig, the motion is not valid (see
-            `solver.check`), or the file cannot be written.
+            `Motion.check`), or the file cannot be written.
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
@@ -61,10 +61,12 @@ def export(
     target = rigs.load_rig(rig)
     if rig not in allowed:
         raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
-    solver.check(motion)
+    motion.check()
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
         return
     animation = retarget(solver.animate(motion), target)
-    seconds = motion.meta.get("duration", motion.num_frames / motion.fps) if audio_seconds is None else audio_seconds
-    _WRITERS[suffix](path, animation, duration=seconds, audio_name=motion.meta.get("speech"))
+    seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
+    if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
+        seconds = motion.num_frames / motion.fps
+    _WRITERS[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)

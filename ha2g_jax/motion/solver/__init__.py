@@ -5,12 +5,11 @@ import numpy as np
 from ha2g_jax.motion import armature as armatures
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.solver.checks import MAX_FRAMES, check
 from ha2g_jax.motion.solver.frames import solve
 from ha2g_jax.motion.solver.limits import clamp, without_jumps
 from ha2g_jax.skeleton import Skeleton
 
-__all__ = ["MAX_FRAMES", "animate", "check", "directions_of"]
+__all__ = ["animate", "directions_of"]
 
 
 def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
@@ -29,9 +28,9 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
         An animation whose root does not move; the signs of its quaternions are continuous over time.
 
     Raises:
-        UserError: the motion is not valid, see `check`.
+        UserError: the motion is not valid, see `Motion.check`.
     """
-    check(motion)
+    motion.check()
     skeleton = motion.skeleton
     armature = armatures.ha2g_armature(skeleton)
     directions = rotations.unit(motion.directions) * armatures.export_axes(skeleton)

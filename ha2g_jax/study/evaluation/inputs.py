@@ -1,5 +1,6 @@
 """The inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or two folders of motion."""
 
+import collections
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
+from ha2g_jax.files.reading import shown
 from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.study.evaluation.motion_folders import from_folders
@@ -21,7 +23,7 @@ _TRAINING_CLIPS = 400  # whose motion sets the mean pose, usual changes and limi
 
 
 def evaluate_folders(
-    motion: str | os.PathLike,
+    motion: str | os.PathLike | Sequence[str | os.PathLike],
     reference: str | os.PathLike,
     *,
     autoencoder: str | os.PathLike | None = None,
@@ -30,10 +32,11 @@ def evaluate_folders(
     joint_map: str = AUTO,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Score the motion in a folder, made by any system, against that in another one, paired by names of files.
+    """Score the motion in folders, each made by one system, against that in another one, paired by names of files.
 
     Args:
-        motion, reference: folders; see `motion_folders.from_folders`.
+        motion: folder of the motion of a system, or several, which are scored on the clips that all of them have.
+        reference: folder of the true motion; see `motion_folders.from_folders`.
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
@@ -41,26 +44,32 @@ def evaluate_folders(
         seed: seed of everything random.
 
     Returns:
-        As `make_results`, with one section under the name of the reference folder; the row of the motion has the name
-        of its folder.
+        As `make_results`, with one section under the name of the reference folder; the rows of the motion have the
+        names of their folders.
 
     Raises:
-        UserError: a folder, a file or the auto-encoder cannot be used.
+        UserError: a folder, a file or the auto-encoder cannot be used, or a folder is given twice.
     """
+    folders = [motion] if isinstance(motion, str | os.PathLike) else list(motion)
+    names = _row_names(folders)
     features = _features(autoencoder)
     if skeleton is None and features is not None:
         skeleton = features.skeleton.name
-    folders = from_folders(motion, reference, skeleton=skeleton, joint_map=joint_map, with_audio=legacy)
+    read = {}
+    for name, folder in zip(names, folders, strict=True):
+        read[name] = from_folders(folder, reference, skeleton=skeleton, joint_map=joint_map, with_audio=legacy)
+        skeleton = read[name].skeleton.name
+    truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
-        {_folder_name(motion): folders.motion},
-        folders.reference,
-        folders.skeleton,
+        {name: each.motion for name, each in read.items()},
+        list(truth.values()),
+        next(iter(read.values())).skeleton,
         autoencoder=features,
         legacy=legacy,
         seed=seed,
-        notes=folders.notes,
+        notes=[note if len(read) == 1 else f"{name}: {note}" for name, each in read.items() for note in each.notes],
     )
-    inputs = {"motion": str(motion), "reference": str(reference)}
+    inputs = {"motion": ", ".join(map(str, folders)), "reference": str(reference)}
     return make_results(inputs, {_folder_name(reference): section})
 
 
@@ -195,7 +204,22 @@ def _choose_splits(corpus: Corpus) -> list[str]:
 
 
 def _folder_name(folder: str | os.PathLike) -> str:
-    return pathlib.Path(folder).resolve().name
+    return shown(pathlib.Path(folder).resolve().name)
+
+
+def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
+    """Return the name of each folder, with that of the folder above where two are alike."""
+    names = [_folder_name(folder) for folder in folders]
+    counts = collections.Counter(names)
+    above = [
+        f"{_folder_name(pathlib.Path(folder).resolve().parent)}/{name}"
+        for folder, name in zip(folders, names, strict=True)
+    ]
+    names = [name if counts[name] == 1 else longer for name, longer in zip(names, above, strict=True)]
+    if len(set(names)) < len(names):
+        (twice, _), *_ = collections.Counter(names).most_common(1)
+        raise UserError(f"two folders of motion have the name {twice}; give folders of different names")
+    return names
 
 
 def _features(autoencoder: str | os.PathLike | None):

@@ -9,9 +9,7 @@
 `borders`, the first frames of windows that the motion was joined from, may stand in the first three.
 """
 
-import json
 import pathlib
-import zipfile
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -22,18 +20,18 @@ from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.bvh import read_bvh
 from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, positions_to_directions
+from ha2g_jax.study.evaluation import array_files
 
 SUFFIXES = (".npz", ".bvh", ".json")
 
-_MAX_BYTES = 1 << 30
-_MIN_FPS, _MAX_FPS = 1.0, 2000.0
 _MIN_LENGTH = 1e-6  # metres of a bone that has a direction
+_MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
 _OURS_DOWN = "-y"  # the axis that points up where y points down
 _LISTED = 12
-_EXPECTED = "expected positions (T, J, 3), fps and joint_names (J,)"
 
 
 class FileMotion(NamedTuple):
@@ -48,13 +46,6 @@ class FileMotion(NamedTuple):
     directions: np.ndarray
     fps: float
     borders: tuple[int, ...]
-
-
-class _Arrays(NamedTuple):
-    positions: np.ndarray
-    fps: float
-    joint_names: tuple[str, ...]
-    borders: np.ndarray
 
 
 def read_motion_file(
@@ -76,10 +67,10 @@ def read_motion_file(
         positions = read_motion(path, skeleton, fps=fps, joint_map=joint_map).positions.astype(np.float64)
         _check_positions(positions, skeleton, path)
         return FileMotion(positions_to_directions(skeleton, positions).astype(np.float32), bvh.fps, ())
-    content = _read_content(path)
-    if "directions" in content and "meta" in content:
+    content = array_files.read_content(path)
+    if _is_ours(content):
         return _ours(path, content, skeleton, fps)
-    arrays = _arrays(content, path)
+    arrays = array_files.read_arrays(content, path)
     positions = _choose_joints(arrays, skeleton, joint_map, path)
     _check_positions(positions, skeleton, path)
     directions = positions_to_directions(skeleton, _in_skeleton_axes(positions, skeleton, path))
@@ -101,10 +92,10 @@ def find_skeleton(path: pathlib.Path, joint_map: str = joint_maps.AUTO) -> str:
                 continue
             return name
         return SKELETONS[-1]  # the error at reading then says what is missing
-    content = _read_content(path)
-    if "directions" in content and "meta" in content:
-        return Motion.load(path).meta["skeleton"]
-    arrays = _arrays(content, path)
+    content = array_files.read_content(path)
+    if _is_ours(content):
+        return Motion.from_arrays(content, path).meta["skeleton"]
+    arrays = array_files.read_arrays(content, path)
     for name in SKELETONS:
         if not _find_joints(arrays.joint_names, load_skeleton(name), joint_map)[1]:
             return name
@@ -112,72 +103,31 @@ def find_skeleton(path: pathlib.Path, joint_map: str = joint_maps.AUTO) -> str:
     raise _lacks(path, arrays.joint_names, SKELETONS[-1], lacking)
 
 
-def _read_content(path: pathlib.Path) -> Mapping[str, Any]:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise UserError(f"{path} has more than {_MAX_BYTES} bytes; cut the motion into parts")
-        if path.suffix.lower() == ".json":
-            content = json.loads(path.read_text(encoding="utf-8-sig"))
-        else:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                content = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, EOFError, AttributeError, RecursionError, zipfile.BadZipFile) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise UserError(f"{path} cannot be read ({reason}); {_EXPECTED}") from error
-    if not isinstance(content, dict):
-        raise UserError(f"{path} holds no motion but a {type(content).__name__}; {_EXPECTED}")
-    return content
-
-
-def _arrays(content: Mapping[str, Any], path: pathlib.Path) -> _Arrays:
-    if missing := [name for name in ("positions", "fps", "joint_names") if name not in content]:
-        raise UserError(f"{path} has no {' and no '.join(missing)}; {_EXPECTED}")
-    try:
-        positions = np.array(content["positions"], float)
-        fps = float(np.asarray(content["fps"]).reshape(()))
-        joints = tuple(str(name) for name in content["joint_names"])
-        borders = _borders(content)
-    except (ValueError, TypeError, OverflowError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise UserError(f"{path} holds no motion ({reason}); {_EXPECTED}") from error
-    if positions.ndim != 3 or positions.shape[1:] != (len(joints), 3) or not len(positions):
-        raise UserError(f"{path} has positions of shape {positions.shape} for {len(joints)} joint names; {_EXPECTED}")
-    if not _MIN_FPS <= fps <= _MAX_FPS:
-        raise UserError(f"{path} states {fps:g} frames per second; expected {_MIN_FPS:g} to {_MAX_FPS:g} under fps")
-    return _Arrays(positions, fps, joints, borders)
+def _is_ours(content: Mapping[str, Any]) -> bool:
+    return "directions" in content and "meta" in content
 
 
 def _ours(path: pathlib.Path, content: Mapping[str, Any], skeleton: Skeleton, fps: float) -> FileMotion:
-    motion = Motion.load(path)
+    motion = Motion.from_arrays(content, path)
     if motion.meta["skeleton"] != skeleton.name:
         raise UserError(
-            f"{path} has the skeleton {motion.meta['skeleton']}, not {skeleton.name} as the others; evaluate motion of "
-            "one skeleton at a time"
+            f"{shown(path)} has the skeleton {motion.meta['skeleton']}, not {skeleton.name} as the others; evaluate "
+            "motion of one skeleton at a time"
         )
-    if motion.directions.ndim != 3 or motion.directions.shape[1:] != (skeleton.num_bones, 3) or not motion.num_frames:
-        raise UserError(f"{path} has directions of shape {motion.directions.shape}; generate the motion again")
-    if not _MIN_FPS <= motion.fps <= _MAX_FPS:
-        raise UserError(f"{path} states {motion.fps:g} frames per second; generate the motion again")
-    lengths = np.linalg.norm(motion.directions, axis=-1)
-    if not (lengths > _MIN_LENGTH).all():
-        frame = int(np.argwhere(~(lengths > _MIN_LENGTH))[0, 0])
-        raise UserError(f"{path} has a value that is no number in frame {frame}; generate the motion again")
     try:
-        borders = _borders(motion.meta | dict(content))
-    except (ValueError, TypeError) as error:
-        raise UserError(f"{path} has borders that are no frames; generate the motion again") from error
+        borders = array_files.read_borders(motion.meta | dict(content), motion.num_frames)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UserError(
+            f"{shown(path)} has borders that are no frames ({reason(error)}); generate the motion again"
+        ) from error
     return _at_rate(motion.directions, motion.fps, fps, borders)
 
 
-def _borders(content: Mapping[str, Any]) -> np.ndarray:
-    return np.array(content.get("borders", ()), int).reshape(-1)
-
-
-def _choose_joints(arrays: _Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
+def _choose_joints(arrays: array_files.Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
     places, missing = _find_joints(arrays.joint_names, skeleton, joint_map)
     if missing:
         raise _lacks(path, arrays.joint_names, skeleton.name, missing)
-    return arrays.positions[:, places]
+    return arrays.positions[:, places].astype(np.float64)
 
 
 def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> tuple[list[int], list[str]]:
@@ -193,11 +143,19 @@ def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> 
 
 
 def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: list[str]) -> UserError:
-    shown = ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+    found, lacking = _few([_printable(name) for name in names]), _few(missing)
     return UserError(
-        f"{path} lacks {', '.join(missing[:_LISTED])}{', ...' if len(missing) > _LISTED else ''} of the skeleton "
-        f"{skeleton}; it has {shown}; name the joints as the skeleton does, or give a map (--joint-map)"
+        f"{shown(path)} lacks {lacking} of the skeleton {skeleton}; it has {found}; "
+        "name the joints as the skeleton does, or give a map (--joint-map)"
     )
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+
+
+def _printable(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name[:40])
 
 
 def _in_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> np.ndarray:
@@ -209,7 +167,7 @@ def _in_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, path: pathlib.P
     try:
         return to_skeleton_axes(positions, skeleton, up=up)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> None:
@@ -217,7 +175,12 @@ def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pa
     if not np.isfinite(positions).all():
         frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
         raise UserError(
-            f"{path} has a position that is no number, of {skeleton.joints[joint]} in frame {frame}; export it again"
+            f"{shown(path)} has a position that is no number, of {skeleton.joints[joint]} in frame {frame}; "
+            "export it again"
+        )
+    if (largest := np.abs(positions).max()) > _MAX_PLACE:
+        raise UserError(
+            f"{shown(path)} has a position of {largest:.4g}; expected at most {_MAX_PLACE:g}: export it again"
         )
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
@@ -225,8 +188,8 @@ def _check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pa
         frame, bone = np.argwhere(lengths < _MIN_LENGTH)[0]
         parent, child = (skeleton.joints[joint] for joint in skeleton.bones[bone])
         raise UserError(
-            f"{path} has {parent} and {child} in one place in frame {frame}, so that the bone between them has no "
-            "direction; export it again"
+            f"{shown(path)} has {parent} and {child} in one place in frame {frame}, so that the bone between them has "
+            "no direction; export it again"
         )
 
 

@@ -13,6 +13,7 @@ from ha2g_jax.data.mocap.recordings import AUDIO_SUFFIXES
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics.beats import audio_onsets
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 from ha2g_jax.study.evaluation.clip_result import ClipResult
@@ -92,8 +93,8 @@ def from_folders(
     clips = {name: clip for name in sorted(motions) if (clip := _clip_of(name, references)) is not None}
     if not clips:
         raise UserError(
-            f"no file in {motion} has the name of one in {reference}: found {_few(motions)} and {_few(references)}; "
-            "give both the names of the clips"
+            f"no file in {shown(motion)} has the name of one in {shown(reference)}: found "
+            f"{_few(motions)} and {_few(references)}; give both the names of the clips"
         )
     name = skeleton or find_skeleton(references[min(clips.values())], joint_map)
     sounds = _find_sounds({path.parent for path in (*motions.values(), *references.values())})
@@ -123,7 +124,7 @@ def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
 def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """Find files of motion by name; of several with one name the first kind of `SUFFIXES`, as others hold words."""
     if not folder.is_dir():
-        raise UserError(f"no folder at {folder}; give a folder of motion in {', '.join(SUFFIXES)}")
+        raise UserError(f"no folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
     paths = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
@@ -132,7 +133,7 @@ def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
             name = path.relative_to(folder).with_suffix("").as_posix()
             found.setdefault(name.removesuffix(_GENERATED), path)
     if not found:
-        raise UserError(f"no motion in {folder}; expected files of {', '.join(SUFFIXES)}")
+        raise UserError(f"no motion in {shown(folder)}; expected files of {', '.join(SUFFIXES)}")
     return found
 
 
@@ -191,5 +192,5 @@ def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> li
 
 
 def _few(names: dict[str, pathlib.Path]) -> str:
-    shown = ", ".join(sorted(names)[:_SHOWN])
-    return f"{shown}, ..." if len(names) > _SHOWN else shown
+    first = ", ".join(shown(name) for name in sorted(names)[:_SHOWN])
+    return f"{first}, ..." if len(names) > _SHOWN else first

@@ -1,7 +1,8 @@
 """Motion of ha2g-jax in Blender: an add-on with a panel, whose functions the script without a window uses, too.
 
 The add-on does not need the package ha2g_jax: it reads the files of `ha2g export`. `reading`, `bvh`, `glb`,
-`rotations`, `bone_names` and `fitting` need numpy only; `armatures`, `keys`, `scene` and `panel` need Blender.
+`checks`, `rotations`, `bone_names` and `fitting` need numpy only;
+`armatures`, `keys`, `scene` and `panel` need Blender.
 """
 
 

@@ -9,10 +9,12 @@ import json
 import pathlib
 from collections.abc import Iterable
 
+from . import checks
 from .motion import Motion, MotionError
 
 Names = dict[str, tuple[str, float]]
 
+_MAX_BYTES = 1 << 20
 _LEAST_MATCHES = 4  # bones of both arms; fewer may be equal by chance
 # Where a skeleton has another joint named head, this joint rotates the head.
 _OTHER_NAMES = {"head": "nose_0"}
@@ -38,13 +40,20 @@ def read_names(path: str | pathlib.Path) -> Names:
         MotionError: the file is missing or does not hold such a table.
     """
     try:
-        rows = json.loads(pathlib.Path(path).read_text(encoding="utf-8"))
+        rows = json.loads(checks.read_bytes(pathlib.Path(path), _MAX_BYTES).decode("utf-8-sig"))
         pairs = {bone: (value, 1.0) if isinstance(value, str) else value for bone, value in rows.items()}
-        return {bone: (str(joint), float(weight)) for bone, (joint, weight) in pairs.items()}
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+        return {bone: (str(joint), _weight(weight)) for bone, (joint, weight) in pairs.items()}
+    except (OSError, ValueError, ArithmeticError, TypeError, AttributeError, RecursionError) as error:
         raise MotionError(
-            f'{path} is not a table of names ({error}); write a JSON object {{"BONE": "JOINT"}}'
+            f"{checks.shown(path)} is not a table of names ({checks.reason(error)}); write a JSON object "
+            '{"BONE": "JOINT"}'
         ) from error
+
+
+def _weight(value: float) -> float:
+    if not 0 <= float(value) <= 1:
+        raise ValueError("a weight that is not from 0 to 1")
+    return float(value)
 
 
 def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Names:
@@ -73,6 +82,7 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
         missing = sorted(set(own) - set(bones))
         if unknown or missing:
             what = f"the motion has no joint {unknown[0]}" if unknown else f"the armature has no bone {missing[0]}"
+            what = checks.shown(what)
             raise MotionError(f"{what}; give other names, or export the motion with --rig ha2g")
         return own
     joints |= {name: other for name, other in _OTHER_NAMES.items() if other in joints}
@@ -83,7 +93,7 @@ def match(motion: Motion, bones: Iterable[str], own: Names | None = None) -> Nam
     best = max(({bone: row for bone, row in names.items() if row[0] in moving} for names in found), key=len)
     if len(best) < _LEAST_MATCHES:
         raise MotionError(
-            f"no table of names fits the armature's bones ({', '.join(bones[:4])} ...); "
+            f"no table of names fits the armature's bones ({checks.shown(', '.join(bones[:4]))} ...); "
             "give one as JSON, bone to joint (--names)"
         )
     return best

@@ -1,13 +1,18 @@
 """Reader of BVH files with any order of channels: centimetres, all rotations zero at rest."""
 
+import io
 import pathlib
+import re
 
 import numpy as np
 
-from . import rotations
+from . import checks, rotations
 from .motion import Motion, from_local
 
 _METRES = 0.01
+_MAX_BYTES, _MAX_HEAD = 1 << 26, 1 << 20
+_BLOCK = 1 << 20  # bytes of numbers that are parsed together
+_TIMES = re.compile(rb"\s*Frames:\s*(\d{1,9})\s+Frame\s+Time:\s*(\S{1,40})")
 _AXES = {"X": np.array([1.0, 0.0, 0.0]), "Y": np.array([0.0, 1.0, 0.0]), "Z": np.array([0.0, 0.0, 1.0])}
 
 
@@ -23,18 +28,22 @@ def read(path: pathlib.Path) -> Motion:
     Raises:
         ValueError: the file is not a valid BVH.
     """
-    head, found, body = path.read_text(encoding="utf-8").partition("MOTION")
-    if not found:
-        raise ValueError("no MOTION section")
-    names, parents, offsets, channels = _hierarchy(head)
-    _, count, _, _, frame_time, *values = body.replace("Frames:", "Frames: ").replace("Time:", "Time: ").split()
+    head, found, body = checks.read_bytes(path, _MAX_BYTES).partition(b"MOTION")
+    times = _TIMES.match(body)
+    if not found or times is None or len(head) > _MAX_HEAD:
+        raise ValueError("no MOTION section with the number of frames and their time")
+    names, parents, offsets, channels = _hierarchy(head.decode("utf-8-sig"))
+    count = int(times[1])
+    checks.check_size(count, len(names))
     columns = [(joint, channel) for joint, own in enumerate(channels) for channel in own]
-    table = np.array(values, float)
-    if table.size != int(count) * len(columns):
+    table = _numbers(body[times.end() :])
+    if table.size != count * len(columns):
         raise ValueError(f"{table.size} numbers, expected {count} frames of {len(columns)}")
-    table = table.reshape(int(count), len(columns))
-    rotated = np.tile(rotations.IDENTITY, (int(count), len(names), 1))
-    root = np.tile(offsets[0], (int(count), 1))
+    if not np.isfinite(table).all():
+        raise ValueError("values that are not numbers")
+    table = table.reshape(count, len(columns))
+    rotated = np.tile(rotations.IDENTITY, (count, len(names), 1))
+    root = np.tile(offsets[0], (count, 1))
     for column, (joint, channel) in enumerate(columns):
         axis, kind = channel[0].upper(), channel[1:].lower()
         if kind == "rotation":
@@ -43,8 +52,15 @@ def read(path: pathlib.Path) -> Motion:
         elif joint == 0:
             root[:, "XYZ".index(axis)] += table[:, column]
     rest = np.tile(rotations.IDENTITY, (len(names), 1))
-    fps = _whole(1 / float(frame_time))
+    fps = _whole(1 / float(times[2]))
     return from_local(path.stem, tuple(names), tuple(parents), offsets * _METRES, rest, rotated, root * _METRES, fps)
+
+
+def _numbers(text: bytes) -> np.ndarray:
+    stream, blocks = io.BytesIO(text), [np.empty(0)]
+    while block := stream.read(_BLOCK) + stream.readline():
+        blocks.append(np.array(block.split(), float))
+    return np.concatenate(blocks)
 
 
 def _hierarchy(head: str) -> tuple[list[str], list[int], np.ndarray, list[list[str]]]:

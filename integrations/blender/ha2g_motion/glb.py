@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from . import checks
 from .motion import Body, Motion, from_local
 
 _MAGIC = 0x46546C67
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_MAX_BYTES, _MAX_JSON, _MAX_NODES = 1 << 28, 1 << 24, 4_000
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -21,8 +23,10 @@ class _File:
         magic, version, _, length, _ = struct.unpack_from("<5I", data)
         if magic != _MAGIC or version != 2:
             raise ValueError("no glTF 2.0 binary")
-        self.tree: dict[str, Any] = json.loads(data[20 : 20 + length])
-        self._blob = data[20 + length + 8 :]
+        if length > _MAX_JSON:
+            raise ValueError(f"{length} bytes of JSON, expected at most {_MAX_JSON}")
+        self.tree: dict[str, Any] = json.loads(data[20 : 20 + length].decode())
+        self._blob = memoryview(data)[20 + length + 8 :]
 
     def array(self, index: int) -> np.ndarray:
         """Return an accessor, (n, width) or (n,) for scalars."""
@@ -47,10 +51,12 @@ def read(path: pathlib.Path) -> Motion:
         The motion.
 
     Raises:
-        ValueError: the file has no animation, or not one of `ha2g export`.
+        ValueError and others: the file has no animation, or not one of `ha2g export`.
     """
-    file = _File(path.read_bytes())
+    file = _File(checks.read_bytes(path, _MAX_BYTES))
     nodes = file.tree["nodes"]
+    if len(nodes) > _MAX_NODES:
+        raise ValueError(f"{len(nodes)} nodes, expected at most {_MAX_NODES}")
     if not file.tree.get("animations"):
         raise ValueError("no animation")
     clip = file.tree["animations"][0]
@@ -59,10 +65,15 @@ def read(path: pathlib.Path) -> Motion:
     order = {node: index for index, node in enumerate(joints)}
     offsets = np.array([nodes[node].get("translation", (0, 0, 0)) for node in joints], float)
     rest = np.array([nodes[node].get("rotation", (0, 0, 0, 1)) for node in joints], float)
-    time = np.unique(np.concatenate([file.array(sampler["input"]) for sampler in clip["samplers"]])).astype(float)
+    time = _times(file, clip)
+    checks.check_size(len(time), len(joints))
     rotated, root = np.tile(rest, (len(time), 1, 1)), np.tile(offsets[0], (len(time), 1))
+    seen: set[tuple[int, str]] = set()
     for channel in clip["channels"]:
         sampler, target = clip["samplers"][channel["sampler"]], channel["target"]
+        if (target["node"], target["path"]) in seen:
+            raise ValueError("two channels for one joint")
+        seen.add((target["node"], target["path"]))
         values = file.array(sampler["output"])
         if len(values) != len(time):
             raise ValueError("channels of different lengths")
@@ -79,6 +90,17 @@ def read(path: pathlib.Path) -> Motion:
     return from_local(name, names, parents, offsets, rest, rotated, root, float(fps), _body(file, order))
 
 
+def _times(file: _File, clip: dict[str, Any]) -> np.ndarray:
+    """Return the times (T,) in seconds that the samplers have together."""
+    inputs = [file.array(index) for index in dict.fromkeys(sampler["input"] for sampler in clip["samplers"])]
+    if sum(len(values) for values in inputs) > 2 * checks.MAX_FRAMES:
+        raise ValueError("too many times")
+    time = np.unique(np.concatenate(inputs)).astype(float)
+    if time.ndim != 1 or not np.isfinite(time).all():
+        raise ValueError("times that are not numbers")
+    return time
+
+
 def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -> list[int]:
     """Return the nodes of the joints, each after its parent; joint 0 is the root."""
     if tree.get("skins"):
@@ -88,7 +110,15 @@ def _joints(tree: dict[str, Any], clip: dict[str, Any], above: dict[int, int]) -
         joints = {bone["node"] for bone in bones.values()} | {channel["target"]["node"] for channel in clip["channels"]}
 
     def depth(node: int) -> int:
-        return 1 + depth(above[node]) if node in above else 0
+        steps = 0
+        while node in above:
+            node, steps = above[node], steps + 1
+            if steps > len(above):
+                raise ValueError("nodes in a circle")
+        return steps
+
+    if len(joints) > checks.MAX_JOINTS:
+        raise ValueError(f"{len(joints)} joints, expected at most {checks.MAX_JOINTS}")
 
     return sorted(joints, key=lambda node: (depth(node), node))
 
@@ -99,10 +129,18 @@ def _body(file: _File, order: dict[int, int]) -> Body | None:
     if not skinned:
         return None
     joints = np.array([order[node] for node in file.tree["skins"][skinned[0]["skin"]]["joints"]])
+    primitives = file.tree["meshes"][skinned[0]["mesh"]]["primitives"]
+    if len(primitives) > checks.MAX_MATERIALS:
+        raise ValueError(f"a mesh of {len(primitives)} parts, expected at most {checks.MAX_MATERIALS}")
     points, faces, carriers, weights, materials, colours = [], [], [], [], [], []
-    for index, primitive in enumerate(file.tree["meshes"][skinned[0]["mesh"]]["primitives"]):
-        arrays = {name: file.array(accessor) for name, accessor in primitive["attributes"].items()}
-        corners = file.array(primitive["indices"]).reshape(-1, 3).astype(int)
+    for index, primitive in enumerate(primitives):
+        arrays = {name: file.array(primitive["attributes"][name]) for name in ("POSITION", "JOINTS_0", "WEIGHTS_0")}
+        corners = file.array(primitive["indices"]).reshape(-1, 3)
+        if len(arrays["POSITION"]) > checks.MAX_POINTS or len(corners) > checks.MAX_FACES:
+            raise ValueError("a mesh of too many points or faces")
+        corners = corners.astype(int)
+        if corners.size and not (corners.min() >= 0 and corners.max() < len(arrays["POSITION"])):
+            raise ValueError("a mesh with an index out of range")
         faces.append(corners + sum(len(part) for part in points))
         points.append(arrays["POSITION"])
         carriers.append(joints[arrays["JOINTS_0"]])
@@ -123,4 +161,4 @@ def _colour(tree: dict[str, Any], primitive: dict[str, Any]) -> tuple[str, tuple
     material = tree["materials"][primitive["material"]] if "material" in primitive else {}
     surface = material.get("pbrMetallicRoughness", {})
     colour = tuple(surface.get("baseColorFactor", (0.8, 0.8, 0.8, 1.0)))
-    return material.get("name", "body"), colour, surface.get("roughnessFactor", 1.0)
+    return checks.shown(material.get("name", "body"))[:60], colour, surface.get("roughnessFactor", 1.0)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from . import rotations
+from . import checks, rotations
 
 
 class MotionError(Exception):
@@ -94,20 +94,29 @@ def from_local(
         The motion.
 
     Raises:
-        ValueError: there are no frames, or a value is not a number.
+        ValueError: there are no or too many frames or joints, the frame rate is out of range, the arrays do not fit
+            together, or a value is not a number.
     """
-    if len(rotated) == 0 or not fps > 0:
-        raise ValueError(f"{len(rotated)} frames at {fps} a second")
-    if not all(np.isfinite(values).all() for values in (offsets, rest, rotated, root)):
-        raise ValueError("values that are not numbers")
-    still, moved = np.empty(rest.shape), np.empty(rotated.shape)
+    frames, count = len(rotated), len(joints)
+    checks.check_size(frames, count)
+    checks.check_joints(joints, parents)
+    if not checks.MIN_FPS <= fps <= checks.MAX_FPS:
+        raise ValueError(f"{fps:g} frames a second, expected {checks.MIN_FPS:g} to {checks.MAX_FPS:g}")
+    shapes = (offsets.shape, rest.shape, rotated.shape, root.shape)
+    if shapes != ((count, 3), (count, 4), (frames, count, 4), (frames, 3)):
+        raise ValueError(f"arrays of shape {', '.join(map(str, shapes))} for {frames} frames of {count} joints")
+    checks.check_values([offsets, root], [rest, rotated])
+    if body is not None:
+        checks.check_body(body, count)
+    still, moved, from_rest = np.empty(rest.shape), np.empty(rotated.shape), np.empty(rotated.shape)
     places = np.zeros(offsets.shape)
     for joint, parent in enumerate(parents):
         if parent < 0:
             still[joint], moved[:, joint], places[joint] = rest[joint], rotated[:, joint], root[0]
-            continue
-        still[joint] = rotations.multiply(still[parent], rest[joint])
-        moved[:, joint] = rotations.multiply(moved[:, parent], rotated[:, joint])
-        places[joint] = places[parent] + rotations.rotate(still[parent], offsets[joint])
-    from_rest = rotations.unit(rotations.multiply(moved, rotations.conjugate(still)))
-    return Motion(name, joints, parents, places, rotations.continuous(from_rest), root, fps, body)
+        else:
+            still[joint] = rotations.multiply(still[parent], rest[joint])
+            moved[:, joint] = rotations.multiply(moved[:, parent], rotated[:, joint])
+            places[joint] = places[parent] + rotations.rotate(still[parent], offsets[joint])
+        turned = rotations.multiply(moved[:, joint], rotations.conjugate(still[joint]))
+        from_rest[:, joint] = rotations.continuous(rotations.unit(turned))
+    return Motion(checks.shown(name)[:60], joints, parents, places, from_rest, root, fps, body)

@@ -9,10 +9,16 @@ import tempfile
 
 import numpy as np
 
-from . import bvh, glb
+from . import bvh, checks, glb
 from .motion import Motion, MotionError, from_local
 
 SUFFIXES = (".glb", ".vrma", ".bvh", ".json", ".npz")
+
+_MAX_BYTES = 1 << 26  # of a table; half an hour at 30 frames per second is better read from a .glb
+_MAX_GROUPS = 4_000_000  # objects and lists of a table, each of which takes a hundred bytes
+
+# By these Python answers a tree of values of any kind where another was expected.
+_UNEXPECTED = (ValueError, ArithmeticError, LookupError, TypeError, AttributeError, RecursionError, MemoryError)
 
 
 def read_motion(path: str | pathlib.Path) -> Motion:
@@ -32,13 +38,15 @@ def read_motion(path: str | pathlib.Path) -> Motion:
     readers = {".glb": glb.read, ".vrma": glb.read, ".bvh": bvh.read, ".json": read_json, ".npz": _read_npz}
     suffix = path.suffix.lower()
     if suffix not in readers:
-        raise MotionError(f"cannot read {path.name}; expected a file of ha2g export: {', '.join(SUFFIXES)}")
-    if not path.is_file():
-        raise MotionError(f"no motion at {path}; give a file of ha2g export")
+        found = checks.shown(path.name)
+        raise MotionError(f"cannot read {found}; expected a file of ha2g export: {', '.join(SUFFIXES)}")
     try:
+        if not path.is_file():
+            raise MotionError(f"no motion at {checks.shown(path)}; give a file of ha2g export")
         return readers[suffix](path)
-    except (ValueError, KeyError, IndexError, TypeError, OSError, struct.error) as error:
-        raise MotionError(f"{path} is not a motion ({error}); write it again with ha2g export") from error
+    except (*_UNEXPECTED, OSError, struct.error) as error:
+        what = f"{checks.shown(path)} is not a motion ({checks.reason(error)})"
+        raise MotionError(f"{what}; write it again with ha2g export") from error
 
 
 def read_json(path: pathlib.Path) -> Motion:
@@ -51,10 +59,14 @@ def read_json(path: pathlib.Path) -> Motion:
         The motion.
 
     Raises:
-        ValueError, KeyError, TypeError: the file does not hold such a table.
+        ValueError and others: the file does not hold such a table.
     """
-    table = json.loads(path.read_text(encoding="utf-8"))
+    content = checks.read_bytes(path, _MAX_BYTES)
+    if content.count(b"[") + content.count(b"{") > _MAX_GROUPS:
+        raise ValueError(f"more than {_MAX_GROUPS} objects and lists")
+    table = json.loads(content.decode("utf-8-sig"))
     joints = table["joints"]
+    checks.check_size(len(table["frames"]), len(joints))
     return from_local(
         table["rig"],
         tuple(joint["name"] for joint in joints),
@@ -71,12 +83,13 @@ def _read_npz(path: pathlib.Path) -> Motion:
     """Read an `.npz` with the ha2g command, because Blender's Python does not have the package."""
     command = shutil.which("ha2g")
     if command is None:
-        name = path.with_suffix(".glb").name
-        raise MotionError(f"no ha2g command here to read {path.name}; run: ha2g export {path.name} -o {name}")
+        own, name = checks.shown(path.name), checks.shown(path.with_suffix(".glb").name)
+        raise MotionError(f"no ha2g command here to read {own}; run: ha2g export {own} -o {name}")
     with tempfile.TemporaryDirectory() as folder:
         exported = pathlib.Path(folder) / f"{path.stem}.glb"
-        done = subprocess.run([command, "export", str(path), "-o", str(exported)], capture_output=True, text=True)
+        arguments = [command, "export", str(path), "-o", str(exported)]
+        done = subprocess.run(arguments, capture_output=True, text=True, errors="replace")
         if done.returncode:
             said = (done.stderr.strip() or f"export of {path.name} failed").splitlines()[-1]
-            raise MotionError(said.removeprefix("ha2g: "))
+            raise MotionError(checks.shown(said.removeprefix("ha2g: ")))
         return glb.read(exported)

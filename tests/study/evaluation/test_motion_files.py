@@ -117,7 +117,7 @@ def test_numbers_that_are_none_are_named(skeleton, directions, arrays, tmp_path)
     broken = motion.directions.copy()
     broken[3] = np.nan
     dataclasses.replace(motion, directions=broken).save(tmp_path / "ours.npz")
-    with pytest.raises(UserError, match="no number in frame 3"):
+    with pytest.raises(UserError, match="in frame 3 is not a number"):
         read(tmp_path / "ours.npz", skeleton)
 
 
@@ -132,7 +132,7 @@ def test_unreadable_files_are_refused(content, skeleton, tmp_path):
 
 def test_pickles_are_not_opened(skeleton, tmp_path):
     np.savez(tmp_path / "a.npz", positions=np.array([{"a": 1}], object), fps=15, joint_names=["a"])
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match=r"a\.npz cannot be used: .*Python objects"):
         read(tmp_path / "a.npz", skeleton)
 
 

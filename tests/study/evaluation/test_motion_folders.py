@@ -110,7 +110,7 @@ def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
     with pytest.raises(UserError, match=r"no file in .*motion has the name of one in .*other: found a, b and c;"):
         from_folders(motion, write("other", ["c"]))
     (motion / "a.npz").write_bytes(b"broken")
-    with pytest.raises(UserError, match=r"a\.npz cannot be read"):
+    with pytest.raises(UserError, match=r"a\.npz is not a whole \.npz file"):
         from_folders(motion, write("reference", ["a"]))
 
 

@@ -26,7 +26,7 @@ def with_value(array: np.ndarray, frame: int, place: int, value: float) -> np.nd
 @pytest.mark.parametrize("name", SKELETONS)
 def test_the_mean_pose_is_accepted_and_comes_back(name):
     good = motion(name, 1)
-    solver.check(good)
+    good.check()
     found = solver.directions_of(solver.animate(good), load_skeleton(name))
     np.testing.assert_allclose(found, good.directions, atol=1e-3)
 
@@ -68,4 +68,4 @@ def test_ten_million_frames_are_refused_before_anything_is_computed():
         for key, value in (("directions", GOOD.directions), ("positions", GOOD.positions))
     }
     with pytest.raises(UserError, match="10000000 frames; expected 1 to 1000000"):
-        solver.check(dataclasses.replace(GOOD, **many))
+        dataclasses.replace(GOOD, **many).check()

@@ -1,0 +1,179 @@
+"""The add-on for Blender reads any file, or says in one line why not, by its own exception."""
+
+import importlib
+import json
+import pathlib
+import struct
+import sys
+import types
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from fuzz.conftest import within_limits
+from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import load_skeleton
+
+ADDON = pathlib.Path(__file__).parent.parent.parent / "integrations" / "blender"
+
+
+@pytest.fixture(scope="module")
+def addon() -> Iterator[types.SimpleNamespace]:
+    """The modules of the add-on that need no Blender."""
+    sys.path.insert(0, str(ADDON))
+    try:
+        names = ("bone_names", "fitting", "motion", "reading")
+        yield types.SimpleNamespace(**{name: importlib.import_module(f"ha2g_motion.{name}") for name in names})
+    finally:
+        sys.path.remove(str(ADDON))
+
+
+@pytest.fixture(scope="module")
+def contents(tmp_path_factory) -> dict[str, bytes]:
+    """Files of every format of a short motion, by suffix."""
+    folder = tmp_path_factory.mktemp("exported")
+    skeleton = load_skeleton("ted_gesture")
+    sway = np.random.default_rng(0).normal(0, 0.1, (4, skeleton.num_bones, 3)).astype(np.float32)
+    motion = Motion.from_directions(skeleton, skeleton.mean_directions + sway, 15)
+    for suffix in (".glb", ".vrma", ".bvh", ".json"):
+        export(motion, folder / f"m{suffix}")
+    return {path.suffix: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def answers(addon, contents, tmp_path) -> Callable[[str, bytes], None]:
+    """A function that reads content, and if it is a motion, moves the bones of an armature by it."""
+    (tmp_path / "good.json").write_bytes(contents[".json"])
+    good = addon.reading.read_motion(tmp_path / "good.json")
+    rest = np.tile([0.0, 0.0, 0.0, 1.0], (len(good.joints), 1))
+    target = addon.fitting.Target(good.joints, good.parents, good.places, rest, (True,) * len(good.joints))
+
+    def answers(suffix: str, content: bytes) -> None:
+        path = tmp_path / f"m{suffix}"
+        path.write_bytes(content)
+        with within_limits():
+            try:
+                motion = addon.reading.read_motion(path)
+                addon.fitting.fit(motion, target, addon.bone_names.match(motion, target.bones))
+            except addon.motion.MotionError as error:
+                assert str(error).isprintable() and len(str(error)) < 1_000
+
+    return answers
+
+
+def split_glb(content: bytes) -> tuple[dict, bytes]:
+    """Return the JSON of a GLB, and the bytes of its arrays."""
+    (length,) = struct.unpack_from("<I", content, 12)
+    return json.loads(content[20 : 20 + length]), content[28 + length :]
+
+
+def join_glb(tree: object, blob: bytes) -> bytes:
+    """Return a GLB whose chunks have the lengths that its headers say."""
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<5I", 0x46546C67, 2, 28 + len(text) + len(blob), len(text), 0x4E4F534A)
+    return head + text + struct.pack("<2I", len(blob), 0x4E4942) + blob
+
+
+@FUZZ
+@given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma", ".bvh", ".json")))
+def test_damaged_bytes_are_answered(data, suffix, answers, contents):
+    answers(suffix, data.draw(damaged_bytes(contents[suffix])))
+
+
+@FUZZ
+@given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma")))
+def test_a_damaged_tree_of_a_glb_is_answered(data, suffix, answers, contents):
+    tree, blob = split_glb(contents[suffix])
+    part = data.draw(st.sampled_from(("", *tree)))
+    damaged = damaged_tree(tree) if not part else damaged_tree(tree[part]).map(lambda value: tree | {part: value})
+    answers(suffix, join_glb(data.draw(damaged), blob))
+
+
+@FUZZ
+@given(data=st.data(), suffix=st.sampled_from((".glb", ".vrma")))
+def test_damaged_arrays_of_a_glb_are_answered(data, suffix, answers, contents):
+    tree, blob = split_glb(contents[suffix])
+    answers(suffix, join_glb(tree, data.draw(damaged_bytes(blob))))
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_damaged_table_is_answered(data, answers, contents):
+    table = json.loads(contents[".json"])
+    part = data.draw(st.sampled_from(("", "joints", "frames")))
+    damaged = damaged_tree(table) if not part else damaged_tree(table[part]).map(lambda value: table | {part: value})
+    answers(".json", json.dumps(data.draw(damaged)).encode())
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_damaged_bvh_is_answered(data, answers, contents):
+    answers(".bvh", data.draw(damaged_text(contents[".bvh"].decode())))
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_damaged_table_of_names_is_answered(data, addon, tmp_path):
+    names = {"arm.L": "left_shoulder", "arm.R": ["right_shoulder", 0.5], "hand.L": "left_wrist"}
+    (tmp_path / "names.json").write_text(json.dumps(data.draw(damaged_tree(names))))
+    try:
+        addon.bone_names.read_names(tmp_path / "names.json")
+    except addon.motion.MotionError as error:
+        assert str(error).isprintable() and len(str(error)) < 1_000
+
+
+def cases(contents: dict[str, bytes]) -> dict[str, tuple[str, bytes, str]]:
+    """Files that once ended in another exception, or took minutes or all memory, and what is said of them."""
+    tree, blob = split_glb(contents[".glb"])
+    table = json.loads(contents[".json"])
+    circle = tree | {"nodes": [node | {"children": [index]} for index, node in enumerate(tree["nodes"])]}
+    chain = [{"name": f"n{index}", "children": [index + 1]} for index in range(100_000)]
+    clip = tree["animations"][0]
+    again = tree | {"animations": [clip | {"channels": clip["channels"] * 1000}]}
+    no_columns = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\nMOTION\nFrames: 999999999\nFrame Time: 0.1\n"
+    deep = b'{"a":' * 200_000 + b"1" + b"}" * 200_000
+    one = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n}\nMOTION\nFrames: 1\nFrame Time: %s\n0\n"
+    corners = tree["meshes"][0]["primitives"][0]
+    wild = corners | {"indices": corners["attributes"]["JOINTS_0"]}
+    return {
+        "a circle of nodes": (".glb", join_glb(circle, blob), "in a circle"),
+        "a chain of nodes": (".glb", join_glb(tree | {"nodes": chain}, blob), "100000 nodes"),
+        "channels again": (".glb", join_glb(again, blob), "two channels for one joint"),
+        "indices out of range": (".glb", join_glb(tree | {"meshes": [{"primitives": [wild]}]}, blob), "not a motion"),
+        "extras of another type": (".glb", join_glb(tree | {"scenes": [{"extras": [1]}]}, blob), "another kind"),
+        "deep": (".json", deep, "nested too deep"),
+        "deep in a glb": (".glb", contents[".glb"][:12] + struct.pack("<2I", len(deep), 0) + deep, "nested too deep"),
+        "a number without end": (".json", json.dumps(table | {"fps": 10**400}).encode(), "too large"),
+        "no rate": (".json", json.dumps(table | {"fps": float("nan")}).encode(), "nan frames a second"),
+        "no frames": (".json", json.dumps(table | {"frames": []}).encode(), "0 frames"),
+        "a list": (".json", b"[]", "another kind"),
+        "lists": (".json", b"[" + b"[]," * 9_000_000 + b"[]]", "objects and lists"),
+        "frames without numbers": (".bvh", no_columns.encode(), "999999999 frames"),
+        "no time": (".bvh", (one % "0").encode(), "division by zero"),
+        "time that is no number": (".bvh", (one % "nan").encode(), "not a motion"),
+    }
+
+
+def test_what_was_answered_by_another_exception_is_refused_in_one_line(addon, contents, tmp_path):
+    for name, (suffix, content, what) in cases(contents).items():
+        (tmp_path / f"m{suffix}").write_bytes(content)
+        with within_limits(), pytest.raises(addon.motion.MotionError) as raised:
+            addon.reading.read_motion(tmp_path / f"m{suffix}")
+        assert what in str(raised.value), name
+        assert str(raised.value).isprintable(), name
+
+
+def test_any_name_of_a_file_is_answered(addon, contents, tmp_path):
+    odd = tmp_path / "\udcff\n.json"
+    odd.write_bytes(contents[".json"])
+    assert addon.reading.read_motion(odd).num_frames == 4
+    for name in ("\udcff\n.glb", "a" * 300 + ".glb", "\udcff.fbx"):
+        with pytest.raises(addon.motion.MotionError) as raised:
+            addon.reading.read_motion(tmp_path / name)
+        assert str(raised.value).isprintable()
