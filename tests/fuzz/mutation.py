@@ -14,7 +14,13 @@ FUZZ = settings(
     derandomize="HA2G_FUZZ_EXAMPLES" not in os.environ,
     database=None,
     deadline=None,
-    suppress_health_check=list(HealthCheck),
+    suppress_health_check=(
+        HealthCheck.too_slow,
+        HealthCheck.data_too_large,
+        HealthCheck.filter_too_much,
+        HealthCheck.large_base_example,
+        HealthCheck.function_scoped_fixture,
+    ),
     print_blob=True,
 )
 
