@@ -7,18 +7,20 @@ from typing import Any
 
 import numpy as np
 import soundfile
-from PIL import Image
 
 from ha2g_jax.data import records
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.pictures import PICTURE_ERRORS, decode_picture
+from ha2g_jax.files.reading import reason
+from ha2g_jax.limits import MAX_CLIP_PIXELS
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
 _LENGTH_FACTOR = 4
 _WORD_SLACK = 0.1  # seconds by which a word may lie outside the clip, because aligners and video frames round
+_MAX_SIDE = 4096  # pixels of an image
 _AUDIO_SLACK = 0.25  # seconds allowed between the ends of motion and audio
-_MAX_IMAGE = 4096  # maximum width and height in pixels
 
 
 def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
@@ -151,15 +153,14 @@ def _check_images(fields: dict[str, Any]) -> Iterator[str]:
     sizes = set()
     for frame in fields["reference_images"] or ():
         try:
-            image = Image.open(io.BytesIO(frame))
-            sizes.add(image.size)
-            if max(image.size) > _MAX_IMAGE:
-                yield f"an image of the speaker is {image.width} x {image.height} pixels, expected {_MAX_IMAGE} at most"
-                return
-            image.load()
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            yield f"an image of the speaker cannot be read ({error})"
+            width, height = decode_picture(frame, MAX_CLIP_PIXELS).size
+        except PICTURE_ERRORS as error:
+            yield f"an image of the speaker cannot be read ({reason(error)})"
             return
+        if max(width, height) > _MAX_SIDE:
+            yield f"an image of the speaker is {width} x {height} pixels, expected {_MAX_SIDE} at most"
+            return
+        sizes.add((width, height))
     if len(sizes) > 1:
         yield f"images of the speaker of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sorted(sizes)[:2])}"
 

@@ -13,7 +13,9 @@ from PIL import Image
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.pictures import PICTURE_ERRORS, decode_picture
 from ha2g_jax.features.text import Word
+from ha2g_jax.limits import MAX_CLIP_PIXELS
 
 WINDOW_FRAMES = 34  # N of the paper, at 15 fps
 WINDOW_STRIDE = 10  # frames at 15 fps between the starts of two windows
@@ -216,9 +218,10 @@ def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -
     if fields["reference_images"] is None:
         return None
     try:
-        images = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in fields["reference_images"][:count]]
-        return np.stack([np.asarray(image) for image in images])
-    except (OSError, ValueError, TypeError, SyntaxError, Image.DecompressionBombError) as error:
+        return np.stack(
+            [np.asarray(decode_picture(frame, MAX_CLIP_PIXELS)) for frame in fields["reference_images"][:count]]
+        )
+    except PICTURE_ERRORS as error:
         raise _corrupt(f"clip {fields['id']}, {name},", error) from error
 
 

@@ -8,6 +8,7 @@ from ha2g_jax.data import transcripts
 from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
+from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.viewer.page import write_page
@@ -37,7 +38,7 @@ def view_files(
         UserError: a file cannot be read or does not hold a motion, or the page cannot be written.
     """
     if out in motions or out in (audio, words):
-        raise UserError(f"the page would overwrite {out}; choose another name with -o")
+        raise UserError(f"the page would overwrite {shown(out)}; choose another name with -o")
     named = dict(zip(names_of(motions), map(_read, motions), strict=True))
     samples = None if audio is None else read_audio(audio)
     spoken = ()
@@ -68,10 +69,10 @@ def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
     Raises:
         UserError: a file is given twice.
     """
-    names = [path.stem for path in paths]
-    for name in (lambda path: f"{path.resolve().parent.name}/{path.stem}", lambda path: str(path)):
+    names = [shown(path.stem) for path in paths]
+    for name in (lambda path: shown(f"{path.resolve().parent.name}/{path.stem}"), shown):
         counts = collections.Counter(names)
         names = [old if counts[old] == 1 else name(path) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):
-        raise UserError(f"{', '.join(map(str, paths))} contains a motion twice; give each file once")
+        raise UserError(f"{', '.join(map(shown, paths))} contains a motion twice; give each file once")
     return names

@@ -11,6 +11,7 @@ from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
+from ha2g_jax.files.reading import shown
 from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.study.evaluation.motion_folders import from_folders
@@ -147,9 +148,9 @@ def evaluate_recording(
 
     audio = read_audio(pathlib.Path(speech))
     model = synthesis.load(checkpoint)
-    section = score_recording(model, audio, str(speech), speaker=speaker, seed=seed)
-    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": str(speech)}
-    return make_results(inputs, {pathlib.Path(speech).name: section})
+    section = score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
+    return make_results(inputs, {shown(pathlib.Path(speech).name): section})
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
