@@ -60,6 +60,7 @@ MAX_METRICS_LINE = 1_048_576
 
 MAX_STYLE_PIXELS = 50_000_000
 """Pixels of a reference image of `ha2g generate --reference-image`."""
+
 MAX_DATASET_BYTES = 1 << 24
 """Bytes of the dataset.json of a corpus; a thousand hours need less than a twentieth."""
 
@@ -128,3 +129,39 @@ MAX_MOTION_META_BYTES = 1 << 20
 
 MAX_MOTION_JSON_BYTES = 1 << 25
 """Bytes of a file of motion in JSON."""
+
+MAX_SOUND_SECONDS = 3900.0
+"""Seconds of a recording: an hour and five minutes."""
+
+MIN_SOUND_RATE = 1_000
+"""Samples per second of a recording, at least."""
+
+MAX_SOUND_RATE = 768_000
+"""Samples per second of a recording, at most: the highest rate of audio interfaces."""
+
+MAX_SOUND_CHANNELS = 64
+"""Channels of a recording."""
+
+MAX_SOUND_VALUES = 375_000_000
+"""Samples of a recording, times its channels or 2 if it is mono: 65 minutes in stereo at 48 kHz."""
+
+MAX_VIDEO_PIXELS = 33_177_600
+"""Pixels of an image of a video: 7680 x 4320."""
+
+MAX_VIDEO_IMAGE_BYTES = 53_084_160
+"""Bytes of a decoded image of a video, of which codecs keep up to 16: 7680 x 4320 has 49,766,400 in 8 bits."""
+
+MAX_VIDEO_IMAGES = 468_000
+"""Images of a video: 65 minutes at 120 images per second."""
+
+MAX_PICTURE_BYTES = 268_435_456
+"""Bytes of a reference image."""
+
+MAX_PICTURE_PIXELS = 67_108_864
+"""Pixels of a reference image, such as 8192 x 8192."""
+
+MAX_PICTURE_PASSES = 805_306_368
+"""Pixels of a reference image in progressive JPEG, times its passes over them, of which there are 10 usually."""
+
+MAX_UNPACKED_RATIO = 100
+"""Bytes that a byte of packed word vectors may unpack to; text of numbers unpacks to three."""

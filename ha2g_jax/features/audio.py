@@ -8,14 +8,17 @@ Slaney's scale and area normalisation over 0-8 kHz, power to dB. D11: 0 dB is th
 import functools
 import logging
 import pathlib
+from collections.abc import Iterator
 
-import av
 import numpy as np
-import soundfile
-from av.error import FFmpegError
+import soxr
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import sound_files
 from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.features.sound_files import Block
+from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.limits import MAX_SOUND_SECONDS, MAX_SOUND_VALUES
 
 SAMPLE_RATE = 16000
 FFT_SIZE = 1024
@@ -23,12 +26,10 @@ HOP_LENGTH = 512
 NUM_MELS = 128
 FLOOR_DB = -80.0
 MIN_SECONDS = 0.2
-MAX_SECONDS = 3900.0  # an hour and five minutes
 
 # A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
 _SILENCE_POWER = 1e-15
-_MIN_SOURCE_RATE = 1000
-_BLOCK = 1 << 20
+_INFINITE = 1e30  # greater samples would overflow in sums of them
 
 _logger = logging.getLogger(__name__)
 
@@ -46,29 +47,50 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
 
     Raises:
-        UserError: the file does not exist, has no audio, only NaN, or is not between 0.2 s and 65 minutes long.
+        UserError: the file does not exist, has no audio, only NaN, is not between 0.2 s and 65 minutes long, or is
+            beyond another limit of sound in docs/limits.md.
     """
     path = pathlib.Path(path)
-    if not path.is_file():
-        raise UserError(f"{'a folder' if path.is_dir() else 'no file'} at {path}; give the path of an audio file")
-    if path.stat().st_size == 0:
-        raise UserError(f"{path} is an empty file; expected a recording of speech")
-    try:
-        samples, rate = _read_with_soundfile(path)
-    except (
-        soundfile.SoundFileError,
-        TypeError,
-        OSError,
-    ):  # TypeError: a suffix of headerless audio, such as .raw
-        samples, rate = _read_with_av(path)
-    if rate < _MIN_SOURCE_RATE:
-        raise UserError(f"{path} declares {rate} samples per second; expected at least {_MIN_SOURCE_RATE}")
-    samples = check_samples(samples, rate, str(path))
-    if rate != SAMPLE_RATE:
-        num_samples = round(len(samples) * SAMPLE_RATE / rate)
-        samples = librosa().resample(samples, orig_sr=rate, target_sr=SAMPLE_RATE, res_type="soxr_hq")
-        samples = librosa().util.fix_length(samples, size=num_samples)
-    return samples / np.maximum(1, np.max(np.abs(samples)))
+    with reading(path, "an audio file"):
+        size = path.stat().st_size if path.is_file() else None
+    if size is None:
+        raise UserError(
+            f"{'a folder' if path.is_dir() else 'no file'} at {shown(path)}; give the path of an audio file"
+        )
+    if size == 0:
+        raise UserError(f"{shown(path)} is an empty file; expected a recording of speech")
+    # Sums of samples that are damaged may be infinite.
+    with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
+        try:
+            samples = _collect(sound_files.libsndfile_blocks(path), shown(path))
+        except sound_files.SOUNDFILE_ERRORS:
+            samples = _collect(sound_files.ffmpeg_blocks(path), shown(path))
+    peak = max(samples.max(), -samples.min())
+    if peak > 1:
+        samples /= peak
+    return samples
+
+
+def _collect(blocks: Iterator[Block], name: str) -> np.ndarray:
+    """Return the sound of blocks, (samples,) float32 at 16 kHz; it is resampled block by block, which gives the same
+    samples as to resample all of it at once."""
+    parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
+    for block in blocks:
+        if block.rate != SAMPLE_RATE and resampler is None:
+            rate = block.rate
+            resampler = soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
+        num_samples += len(block.samples)
+        _check_most(max(num_samples, block.declared), rate, block.channels, name)
+        samples, bad = _finite(block.samples)
+        num_bad += bad
+        parts.append(samples if resampler is None else resampler.resample_chunk(samples))
+    _check_least(num_samples, rate, name)
+    _report(num_bad, num_samples, name)
+    if resampler is not None:
+        parts.append(resampler.resample_chunk(np.zeros(0, np.float32), last=True))
+    samples = np.concatenate(parts)
+    expected = round(num_samples * SAMPLE_RATE / rate)
+    return samples[:expected] if len(samples) >= expected else np.pad(samples, (0, expected - len(samples)))
 
 
 def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
@@ -85,54 +107,41 @@ def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
     Raises:
         UserError: the audio is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
     """
-    seconds = len(samples) / rate
-    if seconds < MIN_SECONDS:
-        raise UserError(f"{name} has {seconds:.3f} s of sound; expected at least {MIN_SECONDS} s of speech")
-    if seconds > MAX_SECONDS:
-        raise UserError(
-            f"{name} has more than {MAX_SECONDS / 60:.0f} minutes of sound; cut it into parts of at most an hour"
-        )
-    is_finite = np.isfinite(samples)
-    bad = len(samples) - np.count_nonzero(is_finite)
-    if bad == len(samples):
-        raise UserError(f"{name} has only NaN or infinite samples; export the recording again")
-    if bad:
-        _logger.warning("%s: %d of %d samples are NaN or infinite; taken as silence", name, bad, len(samples))
-        samples = np.where(is_finite, samples, np.float32(0))
+    _check_least(len(samples), rate, name)
+    _check_most(len(samples), rate, 1, name)
+    samples, num_bad = _finite(samples)
+    _report(num_bad, len(samples), name)
     return samples
 
 
-def _read_with_soundfile(path: pathlib.Path) -> tuple[np.ndarray, int]:
-    # Opened here, because libsndfile uses the name of a file before its contents and prints warnings to stderr.
-    with path.open("rb") as raw, soundfile.SoundFile(raw) as file:
-        blocks, num_samples = [], 0
-        while len(block := file.read(_BLOCK, dtype="float32", always_2d=True)):
-            blocks.append(block.mean(axis=1))
-            num_samples += len(block)
-            if num_samples > MAX_SECONDS * file.samplerate:
-                break
-        return np.concatenate([np.zeros(0, np.float32), *blocks]), file.samplerate
+def _check_least(num_samples: int, rate: int, name: str) -> None:
+    if (seconds := num_samples / rate) < MIN_SECONDS:
+        raise UserError(f"{name} has {seconds:.3f} s of sound; expected at least {MIN_SECONDS} s of speech")
 
 
-def _read_with_av(path: pathlib.Path) -> tuple[np.ndarray, int]:
-    try:
-        with av.open(str(path)) as container:
-            if not container.streams.audio:
-                raise UserError(f"{path} has no sound; expected a recording of speech, or a video with sound")
-            stream = container.streams.audio[0]
-            rate = stream.codec_context.sample_rate
-            to_float = av.AudioResampler(format="fltp")
-            blocks, num_samples = [], 0
-            for frame in container.decode(stream):
-                for part in to_float.resample(frame):
-                    blocks.append(part.to_ndarray().mean(axis=0))
-                    num_samples += part.samples
-                if num_samples > MAX_SECONDS * rate:
-                    break
-    except (FFmpegError, OSError, ValueError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise UserError(f"{path} holds no sound that can be read ({reason}); expected a recording of speech") from error
-    return np.concatenate([np.zeros(0, np.float32), *blocks]), rate
+def _check_most(num_samples: int, rate: int, channels: int, name: str) -> None:
+    if num_samples / rate > MAX_SOUND_SECONDS:
+        raise UserError(
+            f"{name} has more than {MAX_SOUND_SECONDS / 60:.0f} minutes of sound; cut it into parts of at most an hour"
+        )
+    if num_samples * max(channels, 2) > MAX_SOUND_VALUES:  # to resample them takes as long as to decode a channel
+        raise UserError(
+            f"{name} is too long for a recording of {channels} channels at {rate} Hz; convert it to mono at 48 kHz"
+        )
+
+
+def _finite(samples: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return samples without those that are NaN, infinite, or too large to be resampled, and the number of these."""
+    is_finite = np.abs(samples) < _INFINITE
+    bad = len(samples) - int(np.count_nonzero(is_finite))
+    return (np.where(is_finite, samples, np.float32(0)) if bad else samples), bad
+
+
+def _report(num_bad: int, num_samples: int, name: str) -> None:
+    if num_bad == num_samples:
+        raise UserError(f"{name} has only NaN or infinite samples; export the recording again")
+    if num_bad:
+        _logger.warning("%s: %d of %d samples are NaN or infinite; taken as silence", name, num_bad, num_samples)
 
 
 @functools.cache

@@ -15,10 +15,13 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
+from ha2g_jax.files.reading import reading, reason, shown
+from ha2g_jax.limits import MAX_UNPACKED_RATIO
 
 _ZIP = b"PK\x03\x04"
 _MAX_LINE = 1 << 20  # bytes in a line of a text file
 _MAX_NAME = 1 << 16
+_SMALL = 1 << 24  # bytes that any packed file may unpack to
 
 # fastText's own format, little-endian throughout.
 _FASTTEXT = struct.pack("<i", 793712314)
@@ -52,21 +55,23 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
         UserError: the file is missing, is not one of these formats, is damaged, or has another width.
     """
     path = pathlib.Path(path)
-    if not path.is_file():
-        raise UserError(f"no word vectors at {path}; give a fastText, GloVe or word2vec file")
+    with reading(path, "a file of word vectors"):
+        is_file = path.is_file()
+    if not is_file:
+        raise UserError(f"no word vectors at {shown(path)}; give a fastText, GloVe or word2vec file")
     table = np.random.default_rng(0).normal(0, dim**-0.5, (len(vocabulary), dim)).astype(np.float32)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused below
             rows = _rows(path, vocabulary, dim)
-    except (ValueError, EOFError, OSError, zlib.error, struct.error) as error:
+    except (ValueError, ArithmeticError, EOFError, OSError, zlib.error, struct.error) as error:
         raise UserError(
-            f"{path} is not a file of word vectors ({error}); "
+            f"{shown(path)} is not a file of word vectors ({reason(error)}); "
             "expected fastText, GloVe or word2vec text, or fastText or word2vec binary"
         ) from error
     for index, (name, vector) in rows.items():
         table[index] = vector
         if not np.isfinite(vector).all():
-            raise UserError(f"{path} has a vector for {name!r} that is not finite; choose another file")
+            raise UserError(f"{shown(path)} has a vector for {name!r} that is not finite; choose another file")
     return table
 
 
@@ -79,11 +84,31 @@ def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tup
         if not head:
             raise ValueError("it is empty")
         if head == _ZIP or (is_packed and head == _FASTTEXT):
-            raise UserError(f"{path} is packed and cannot be read in place; unpack it (unzip, gunzip) first")
+            raise UserError(f"{shown(path)} is packed and cannot be read in place; unpack it (unzip, gunzip) first")
         if head == _FASTTEXT:
             return _fasttext_rows(path, vocabulary, dim)
         reader = _word2vec_rows if is_binary else _text_rows
-        return _best_spellings(reader(file, vocabulary, path, dim), vocabulary)
+        source = _Unpacked(file, _SMALL + MAX_UNPACKED_RATIO * path.stat().st_size) if is_packed else file
+        return _best_spellings(reader(source, vocabulary, path, dim), vocabulary)
+
+
+class _Unpacked:
+    """A file of which at most `most` bytes are read, because a small packed file may unpack to any size."""
+
+    def __init__(self, file: io.BufferedIOBase, most: int):
+        self._file, self._left = file, most
+
+    def read(self, size: int) -> bytes:
+        return self._count(self._file.read(size))
+
+    def readline(self, size: int) -> bytes:
+        return self._count(self._file.readline(size))
+
+    def _count(self, content: bytes) -> bytes:
+        self._left -= len(content)
+        if self._left < 0:
+            raise ValueError(f"it unpacks to more than {MAX_UNPACKED_RATIO} times its size")
+        return content
 
 
 def _best_spellings(rows: Iterator[tuple[str, _Value]], vocabulary: Vocabulary) -> dict[int, tuple[str, _Value]]:
@@ -100,13 +125,13 @@ def _best_spellings(rows: Iterator[tuple[str, _Value]], vocabulary: Vocabulary) 
 def _check_width(path: pathlib.Path, found: int, dim: int) -> None:
     if found != dim:
         raise UserError(
-            f"{path} has vectors of {found} values, but the config expects {dim}; "
+            f"{shown(path)} has vectors of {found} values, but the config expects {dim}; "
             "set model.text.embedding_dim to the file's width or choose another file"
         )
 
 
 def _text_rows(
-    file: io.BufferedIOBase, vocabulary: Vocabulary, path: pathlib.Path, dim: int
+    file: io.BufferedIOBase | _Unpacked, vocabulary: Vocabulary, path: pathlib.Path, dim: int
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield rows `word value value ...`, which fastText and word2vec precede by a line `count dim`."""
     is_first = True
@@ -129,7 +154,7 @@ def _text_rows(
 
 
 def _word2vec_rows(
-    file: io.BufferedIOBase, vocabulary: Vocabulary, path: pathlib.Path, dim: int
+    file: io.BufferedIOBase | _Unpacked, vocabulary: Vocabulary, path: pathlib.Path, dim: int
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the words of a file with a line `count dim`, then for each word its name, a space and dim little-endian
     float32."""
@@ -172,7 +197,9 @@ def _fasttext_rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict
         is_quantised, num_rows, num_columns = _MATRIX.unpack_from(data, end)
         start = end + _MATRIX.size
         if is_quantised or num_pruned >= 0:
-            raise UserError(f"{path} is a quantised fastText model (.ftz), which is not supported; use the full .bin")
+            raise UserError(
+                f"{shown(path)} is a quantised fastText model (.ftz), which is not supported; use the full .bin"
+            )
         if (num_rows, num_columns) != (num_words + num_buckets, dim) or start + 4 * num_rows * dim > len(data):
             raise ValueError(f"its matrix of {num_rows} x {num_columns} is cut off, or does not match its words")
     vectors: dict[int, tuple[str, np.ndarray]] = {}

@@ -64,7 +64,7 @@ def reason(error: BaseException) -> str:
     """
     if isinstance(error, RecursionError):
         return "nested too deep"
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    text = str(getattr(error, "strerror", None) or error)  # of OSError, and of the errors of FFmpeg
     text = " ".join(text.split()) or type(error).__name__
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= 200 else f"{text[:200]}..."

@@ -17,6 +17,7 @@ from ha2g_jax.data.speech import prepare
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import shown
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.methods import METHODS
@@ -166,7 +167,7 @@ def read_speech(speech: Speech) -> Audio:
     if isinstance(speech, Audio):
         return speech
     if isinstance(speech, str | pathlib.Path):
-        return Audio(read_audio(speech), pathlib.Path(speech).name)
+        return Audio(read_audio(speech), shown(pathlib.Path(speech).name))
     samples = np.asarray(speech)
     if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
         raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")

@@ -1,22 +1,18 @@
 """Styles to generate motion in: that of a speaker, of a mixture of speakers, of images, or a random one."""
 
-import contextlib
 import math
 import pathlib
-import struct
-import warnings
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import ImageOps
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.pictures import read_picture
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_STYLE_PIXELS
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec, Variables
 
@@ -79,7 +75,7 @@ def choose_style(
         return np.asarray(f_id, np.float32), {"kind": "mixture", "speakers": weights}
     if style.images is not None:
         images = [style.images] if isinstance(style.images, str | pathlib.Path) else style.images
-        names = [pathlib.Path(path).name for path in images]
+        names = [shown(pathlib.Path(path).name) for path in images]
         return _encode_images(spec, variables, assets, images), {"kind": "images", "images": names}
     if not spec.style_dim:
         if style.seed is not None:
@@ -153,28 +149,8 @@ def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequ
         raise UserError("an empty list of reference images; give one or more images")
     images = []
     for path in paths:
-        with _reading_image(path), Image.open(path) as image:
-            if image.width * image.height > MAX_STYLE_PIXELS:
-                raise UserError(
-                    f"{shown(path)} has {image.width} x {image.height} pixels, expected at most {MAX_STYLE_PIXELS}: "
-                    "make it smaller"
-                )
-            upright = ImageOps.exif_transpose(image).convert("RGB")
+        upright = read_picture(path)
         side = min(upright.size)
         square = np.asarray(ImageOps.fit(upright, (side, side)))
         images.append(resize_images(square[None], spec.image_size))
     return np.asarray(encode_identity(spec, variables, np.concatenate(images)))
-
-
-@contextlib.contextmanager
-def _reading_image(path: str | pathlib.Path) -> Iterator[None]:
-    try:
-        with warnings.catch_warnings():  # of images that are too large, which are refused, and of their metadata
-            warnings.simplefilter("ignore")
-            yield
-    # Pillow raises many classes for damaged images.
-    except (
-        *(OSError, ValueError, SyntaxError, LookupError, TypeError, AttributeError, ArithmeticError),
-        *(EOFError, MemoryError, struct.error, zlib.error, Image.DecompressionBombError),
-    ) as error:
-        raise UserError(f"{shown(path)} cannot be read as an image; expected a PNG or JPEG of a person") from error

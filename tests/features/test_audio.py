@@ -47,6 +47,16 @@ def test_reads_what_only_ffmpeg_reads(tmp_path):
     assert np.abs(samples).max() == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.parametrize("rate", [8_000, 11_025, 44_100, 48_000, 96_000])
+def test_sound_resampled_in_blocks_is_that_resampled_at_once(tmp_path, monkeypatch, rate):
+    monkeypatch.setattr("ha2g_jax.features.sound_files._BLOCK", 999)
+    samples = noise(rate + 7)
+    soundfile.write(tmp_path / "speech.wav", samples, rate, subtype="FLOAT")
+    whole = librosa.resample(samples, orig_sr=rate, target_sr=16_000, res_type="soxr_hq")
+    expected = librosa.util.fix_length(whole, size=round(len(samples) * 16_000 / rate))
+    np.testing.assert_array_equal(audio.read_audio(tmp_path / "speech.wav"), expected)
+
+
 def test_a_loud_float_file_is_scaled_to_full_scale(tmp_path):
     soundfile.write(tmp_path / "loud.wav", 100 * tone(1), 16000, subtype="FLOAT")
     assert np.abs(audio.read_audio(tmp_path / "loud.wav")).max() == pytest.approx(1)

@@ -172,6 +172,7 @@ BAD = {
     "header.bin": (b"\x93\x00\x01", "not a file of word vectors"),
     "packed.txt.gz": (b"two 1 2 3\n", "not a file of word vectors"),
     "cut.txt.gz": (gzip.compress(LINES)[:-20], "not a file of word vectors"),
+    "bomb.txt.gz": (gzip.compress((b"x" * 1_000 + b" 1 2 3\n") * 25_000), "unpacks to more than 100 times its size"),
     "zipped.vec.zip": (b"PK\x03\x04 and more", "unpack it"),
     "fasttext.bin.gz": (gzip.compress(MODEL), "unpack it"),
     "quantised.ftz": (fasttext_model(["two"], [[1, 2, 3]], is_quantised=True), "quantised"),

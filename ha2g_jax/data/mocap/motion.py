@@ -12,10 +12,10 @@ from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.joint_maps import AUTO, HEAD, choose_map
 from ha2g_jax.data.mocap.kinematics import world_motion
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MAX_SECONDS
+from ha2g_jax.limits import MAX_SOUND_SECONDS
 from ha2g_jax.skeleton import Skeleton
 
-MAX_MINUTES = 2 * MAX_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
+MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 
 _UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
 _ARM = 0.55  # metres from shoulder to wrist of an adult

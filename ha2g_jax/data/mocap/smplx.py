@@ -12,15 +12,15 @@ from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MAX_SECONDS
 from ha2g_jax.files.npz import read_npz
+from ha2g_jax.limits import MAX_SOUND_SECONDS
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"
 
 _MAX_BYTES = 1 << 28
 _MAX_FRAMES = 400_000  # more than an hour at 100 frames per second
-_MAX_MINUTES = 2 * MAX_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
+_MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 _POSES, _BETAS, _TRANS = "poses", "betas", "trans"
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
 _POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")

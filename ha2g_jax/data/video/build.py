@@ -19,6 +19,7 @@ from ha2g_jax.data.video.extraction import Extraction
 from ha2g_jax.data.video.recordings import VideoRecording, find_recordings
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 RUNNERS = ("local", "ray")
 
@@ -97,7 +98,7 @@ def build_video(
 
     names = [recording.name for recording in recordings]
     keys = [outcome.keys[name] for name in names if name in outcome.keys]
-    metadata = {"name": root.name, "source": "ha2g data build-video", "licence": licence}
+    metadata = {"name": shown(root.name), "source": "ha2g data build-video", "licence": licence}
     with CorpusWriter(dst, splits=[split], skeleton=extraction.SKELETON, fps=settings.fps, metadata=metadata) as writer:
         report, counts = _write(writer, split, keys, work)
         if not report.kept:

@@ -17,6 +17,7 @@ from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import load_skeleton
 
 SKELETON = "ted_expressive"
@@ -82,7 +83,7 @@ def extract(
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):
         raise UserError(
-            f"{video} has {len(times)} images, but the pose estimator returned {len(poses.positions)} poses; "
+            f"{shown(video)} has {len(times)} images, but the pose estimator returned {len(poses.positions)} poses; "
             "expected one for each image, in order"
         )
     if overlay_path is not None:

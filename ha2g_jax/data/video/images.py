@@ -1,23 +1,24 @@
 """The images of a video: their times, and square images of the speaker."""
 
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import av
 import numpy as np
 from av.container import InputContainer
-from av.error import FFmpegError
 from PIL import Image
 
+from ha2g_jax.data.video.decoding import decode, no_images, open_video, unreadable
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.media import MEDIA_ERRORS
+from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import Skeleton
 
 _MARGIN = 1.15  # enlargement of the square around the keypoints, because shoulders and fingertips lie outside them
 _CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of that of the neck
 _DEFAULT_RATE = 25
 _WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
-_MAX_PIXELS = 1 << 26  # maximum size of an image, twice 8K, so that a damaged file cannot exhaust the memory
 
 
 class Box(NamedTuple):
@@ -47,18 +48,20 @@ def image_times(video: pathlib.Path) -> np.ndarray:
     Raises:
         UserError: the file has no readable images, or was cut off.
     """
-    times, shown = [], 0.0
+    times, last = [], 0.0
     with open_video(video) as container:
         stream = container.streams.video[0]
         rate = float(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
         for frame in decode(video, container):
             times.append(frame.time)
-            shown = float((frame.duration or 0) * (frame.time_base or 0))
+            last = float((frame.duration or 0) * (frame.time_base or 0))
         expected = _stated_seconds(container)
     if not times:
-        raise _empty(video)
-    if times[0] is not None and times[-1] is not None and (found := times[-1] - times[0] + shown) < expected:
-        raise UserError(f"{video} was cut off: it has {found:.1f} s of images but declares more; get the whole file")
+        raise no_images(video)
+    if times[0] is not None and times[-1] is not None and (found := times[-1] - times[0] + last) < expected:
+        raise UserError(
+            f"{shown(video)} was cut off: it has {found:.1f} s of images but declares more; get the whole file"
+        )
     start = _sound_start(video)
     stated = np.array([time for time in times if time is not None])
     if len(stated) == len(times) and (np.diff(stated) > 0).all():
@@ -78,7 +81,7 @@ def image_size(video: pathlib.Path) -> tuple[int, int]:
     with open_video(video) as container:
         for frame in decode(video, container):
             return upright(frame).size
-    raise _empty(video)
+    raise no_images(video)
 
 
 def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int) -> Box:
@@ -138,7 +141,7 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
                 break
         else:
             if wanted:
-                raise UserError(f"{video} has no image {max(numbers)}, which was there before; check the file")
+                raise UserError(f"{shown(video)} has no image {max(numbers)}, which was there before; check the file")
     return [images[number] for number in range(len(wanted))]
 
 
@@ -164,8 +167,8 @@ def _sound_start(video: pathlib.Path) -> float:
             return 0.0
         try:
             first = next(container.decode(container.streams.audio[0]), None)
-        except (FFmpegError, OSError, ValueError) as error:
-            raise _unreadable(video, error) from error
+        except MEDIA_ERRORS as error:
+            raise unreadable(video, error) from error
     return (first.time if first else None) or 0.0
 
 
@@ -178,53 +181,3 @@ def _stated_seconds(container: InputContainer) -> float:
     stream = container.streams.video[0]
     of_stream = float((stream.duration or 0) * (stream.time_base or 0))
     return _WHOLE * min((container.duration or 0) / av.time_base, of_stream) - 1
-
-
-def open_video(video: pathlib.Path) -> InputContainer:
-    """Open a video, which the caller must close.
-
-    Args:
-        video: path of a video.
-
-    Raises:
-        UserError: the file cannot be read, has no images, or has images of more than 8192 x 8192 pixels.
-    """
-    try:
-        container = av.open(str(video))
-    except (FFmpegError, OSError, ValueError) as error:
-        raise _unreadable(video, error) from error
-    if not container.streams.video:
-        container.close()
-        raise _empty(video)
-    stream = container.streams.video[0]
-    if stream.width * stream.height > _MAX_PIXELS:
-        container.close()
-        raise UserError(f"{video} has images of {stream.width} x {stream.height}; expected at most 8192 x 8192")
-    stream.codec_context.options = {"max_pixels": str(_MAX_PIXELS)}
-    stream.thread_type = "AUTO"
-    return container
-
-
-def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoFrame]:
-    """Yield the images of a video in the order in which they are shown.
-
-    Args:
-        video: path of the video, to name it in an error message.
-        container: the open video.
-
-    Raises:
-        UserError: an image cannot be read.
-    """
-    try:
-        yield from container.decode(container.streams.video[0])
-    except (FFmpegError, OSError, ValueError) as error:
-        raise _unreadable(video, error) from error
-
-
-def _empty(video: pathlib.Path) -> UserError:
-    return UserError(f"{video} has no images; expected a video of a speaker")
-
-
-def _unreadable(video: pathlib.Path, error: Exception) -> UserError:
-    reason = (getattr(error, "strerror", None) or str(error)).lower()
-    return UserError(f"{video} is not a readable video ({reason}); expected a complete file with images and audio")

@@ -8,11 +8,13 @@ from collections.abc import Iterator
 import av
 import numpy as np
 from av.container import OutputContainer
-from av.error import FFmpegError
 from PIL import Image, ImageDraw
 
 from ha2g_jax.data.video import images
+from ha2g_jax.data.video.decoding import decode, open_video
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.media import MEDIA_ERRORS, open_media
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
@@ -69,8 +71,8 @@ def write_overlay(
 def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.ndarray) -> Iterator[Image.Image]:
     """Yield the images of the video with the skeleton, at most 1280 pixels long and with even sides for H.264."""
     skeleton = load_skeleton("ted_expressive")
-    with images.open_video(video) as container:
-        for frame, points, certainty in zip(images.decode(video, container), image_points, confidence, strict=True):
+    with open_video(video) as container:
+        for frame, points, certainty in zip(decode(video, container), image_points, confidence, strict=True):
             image = images.upright(frame)
             scale = min(1.0, _LONGEST_SIDE / max(image.size))
             width, height = (max(2, 2 * round(side * scale / 2)) for side in image.size)
@@ -138,7 +140,7 @@ class _Sound:
 def _sound(video: pathlib.Path) -> Iterator[av.AudioFrame]:
     """Yield the audio in blocks that AAC accepts: mono or stereo."""
     try:
-        with av.open(str(video)) as container:
+        with open_media(video) as container:
             if not container.streams.audio:
                 return
             stream = container.streams.audio[0]
@@ -149,6 +151,7 @@ def _sound(video: pathlib.Path) -> Iterator[av.AudioFrame]:
                 if frame is not None:
                     frame.pts = None
                 yield from to_aac.resample(frame)
-    except (FFmpegError, ValueError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise UserError(f"{video} has audio that cannot be read ({reason}); expected a complete file") from error
+    except MEDIA_ERRORS as error:
+        raise UserError(
+            f"{shown(video)} has audio that cannot be read ({reason(error).lower()}); expected a complete file"
+        ) from error

@@ -13,8 +13,10 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from ha2g_jax.data.video import images, keypoints, pose_environment
+from ha2g_jax.data.video.decoding import decode, no_images, open_video
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.reading import shown
 
 _JOINTS = 43
 _DEFAULT_RATE = 25
@@ -55,7 +57,7 @@ def estimate(video: pathlib.Path, *, command: str | None = None) -> Poses:
         if command is None:
             return _estimate_with_holistic(video, out)
         _run_command(command, video, out)
-        return _read_poses(out, f"the pose command's file for {video}")
+        return _read_poses(out, f"the pose command's file for {shown(video)}")
 
 
 def _run_command(command: str, video: pathlib.Path, out: pathlib.Path) -> None:
@@ -89,7 +91,7 @@ def _replaced(part: str, places: dict[str, str]) -> str:
 def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
     """Decode the images here, as for every other step, and send them to `holistic`."""
     arguments = [*pose_environment.command(), str(out)]
-    with images.open_video(video) as container, tempfile.TemporaryFile() as log:
+    with open_video(video) as container, tempfile.TemporaryFile() as log:
         stream = container.streams.video[0]
         fps = float(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
         is_empty = True
@@ -97,7 +99,7 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
         assert process.stdin is not None
         try:
             with contextlib.suppress(BrokenPipeError):  # the estimator died; `_check` reports the reason
-                for frame in images.decode(video, container):
+                for frame in decode(video, container):
                     image = images.upright(frame)
                     is_empty = False
                     process.stdin.write(struct.pack("<2I", *image.size))
@@ -110,7 +112,7 @@ def _estimate_with_holistic(video: pathlib.Path, out: pathlib.Path) -> Poses:
             with contextlib.suppress(BrokenPipeError):
                 process.stdin.close()
         if is_empty:
-            raise UserError(f"{video} has no images; expected a video of a speaker")
+            raise no_images(video)
         _check(process, out, log, video)
     landmarks = read_npz(out)
     found = keypoints.from_holistic(**landmarks)
@@ -133,14 +135,18 @@ def _check(process: subprocess.Popen[bytes], out: pathlib.Path, log: IO[bytes], 
     if process.returncode < 0:
         number = -process.returncode
         name = signal.Signals(number).name if number in set(signal.Signals) else f"signal {number}"
-        raise UserError(f"the pose estimator was killed by {name} at {video}; check whether memory is sufficient")
+        raise UserError(
+            f"the pose estimator was killed by {name} at {shown(video)}; check whether memory is sufficient"
+        )
     if process.returncode:
         raise UserError(
-            f"the pose estimator failed at {video} with exit code {process.returncode} ({_last_line(log)}); "
+            f"the pose estimator failed at {shown(video)} with exit code {process.returncode} ({_last_line(log)}); "
             "correct the cause, or try another --pose-command"
         )
     if not out.is_file():
-        raise UserError(f"the pose estimator wrote no file for {video} ({_last_line(log)}); expected a .npz at {{out}}")
+        raise UserError(
+            f"the pose estimator wrote no file for {shown(video)} ({_last_line(log)}); expected a .npz at {{out}}"
+        )
 
 
 def _last_line(log: IO[bytes]) -> str:

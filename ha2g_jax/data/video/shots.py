@@ -4,7 +4,7 @@ import itertools
 import pathlib
 from fractions import Fraction
 
-from ha2g_jax.data.video import images
+from ha2g_jax.data.video.decoding import decode, no_images, open_video
 from ha2g_jax.errors import UserError
 
 _DEFAULT_RATE = 25
@@ -40,10 +40,10 @@ def find_shots(
     video = pathlib.Path(video)
     detector = ContentDetector(threshold=threshold, min_scene_len=_FLASH_SECONDS)
     borders, num_frames = [0], 0
-    with images.open_video(video) as container:
+    with open_video(video) as container:
         stream = container.streams.video[0]
         rate = Fraction(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
-        for frame in images.decode(video, container):
+        for frame in decode(video, container):
             width = min(_WIDTH, frame.width)
             height = max(1, round(frame.height * width / frame.width))
             image = frame.to_ndarray(format="bgr24", width=width, height=height)
@@ -51,6 +51,6 @@ def find_shots(
             borders += [cut.frame_num for cut in cuts]
             num_frames += 1
     if not num_frames:
-        raise UserError(f"{video} has no images; expected a video of a speaker")
+        raise no_images(video)
     borders = sorted({*borders, num_frames})
     return tuple((start, end) for start, end in itertools.pairwise(borders) if end - start >= min_seconds * rate)

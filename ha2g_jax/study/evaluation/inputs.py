@@ -156,9 +156,9 @@ def evaluate_recording(
 
     audio = read_audio(pathlib.Path(speech))
     model = synthesis.load(checkpoint)
-    section = score_recording(model, audio, str(speech), speaker=speaker, seed=seed)
-    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": str(speech)}
-    return make_results(inputs, {pathlib.Path(speech).name: section})
+    section = score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
+    return make_results(inputs, {shown(pathlib.Path(speech).name): section})
 
 
 def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
