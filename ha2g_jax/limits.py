@@ -60,3 +60,12 @@ MAX_METRICS_LINE = 1_048_576
 
 MAX_STYLE_PIXELS = 50_000_000
 """Pixels of a reference image of `ha2g generate --reference-image`."""
+
+MAX_SEED = 2**63 - 1
+"""Seed of random choices."""
+
+MAX_TALK_MINUTES = 100_000
+"""Minutes of speech of a Talk corpus."""
+
+MAX_TALK_SPEAKERS = 10_000
+"""Speakers of a Talk corpus."""
