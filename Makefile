@@ -46,7 +46,7 @@ lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-notebooks: $(VENV)/test
+notebooks: $(VENV)/notebook
 	$(VENV)/bin/jupytext --sync notebooks/*.py
 	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
 
@@ -61,6 +61,10 @@ $(VENV)/demo: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/test: $(VENV)/bin/python pyproject.toml
 	$(VENV)/bin/python -m pip install --quiet --editable '.[test]'
+	touch $@
+
+$(VENV)/notebook: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable '.[notebook]'
 	touch $@
 
 $(VENV)/lint: $(VENV)/bin/python pyproject.toml

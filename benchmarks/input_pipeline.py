@@ -1,6 +1,6 @@
 """Measure the windows per second of the input pipeline alone, and of the train step of the same config.
 
-python benchmarks/input_pipeline.py --config experiments/configs/talk.py:paper
+python benchmarks/input_pipeline.py --config talk:paper
 python benchmarks/input_pipeline.py --data runs/corpus --workers 8 --step-batch 128
 
 Windows are read with and without images, by threads of this process and by worker processes, and "cold", where every

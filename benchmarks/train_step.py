@@ -1,8 +1,8 @@
 """Time the train step of a config in several variants, alternating in one process, so that other load affects all.
 
-python benchmarks/train_step.py --config experiments/configs/talk.py:small --dtype float32 bfloat16
-python benchmarks/train_step.py --config experiments/configs/talk.py:small --accumulate 1 4
-python benchmarks/train_step.py --config experiments/configs/talk.py:small --devices 1 0
+python benchmarks/train_step.py --config talk:small --dtype float32 bfloat16
+python benchmarks/train_step.py --config talk:small --accumulate 1 4
+python benchmarks/train_step.py --config talk:small --devices 1 0
 
 The data are random; their numbers of words and speakers are about those of TED. Several lists of values give all
 combinations as variants; ratios are relative to the first variant.

@@ -11,6 +11,7 @@ import ml_collections
 
 from ha2g_jax import config_renames
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 # An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
@@ -199,7 +200,7 @@ def study(config: Config) -> Config:
 
 
 def debug(config: Config) -> Config:
-    """Return the config with the smallest sizes, for tests of some seconds."""
+    """Return the config with the smallest sizes, for tests."""
     config = small(config)
     config.data.image_size = 32
     config.model.audio.resnet_se.channels = (8, 8, 16, 32)
@@ -233,5 +234,5 @@ def sized(config: Config, size: str) -> Config:
         UserError: there is no such size.
     """
     if size and size not in SIZES:
-        raise UserError(f"the config has no size {size!r}; expected one of {', '.join(SIZES)}")
+        raise UserError(f"the config has no size '{shown(size)}'; expected one of {', '.join(SIZES)}")
     return SIZES[size or "paper"](config)

@@ -4,6 +4,7 @@ import pathlib
 import re
 import runpy
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,20 +12,26 @@ import ml_collections
 from absl import flags
 from ml_collections import config_flags
 
-from ha2g_jax import config_renames
+from ha2g_jax import config_renames, presets
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, reason, shown
 
 _USAGE = """\
-usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--profile]
+usage: {program} --config CONFIG --workdir DIR [--config.KEY=VALUE ...] [--profile]
 
 Train the model of a config. The same command continues a run that was stopped.
 
-  --config FILE[:SIZE]   config, such as experiments/configs/talk.py:small; sizes are paper, small, study, debug
+  --config CONFIG        one of these three, the size being paper (default), small, study or debug:
+      DATA[:SIZE]            HA2G on the data {data}
+      METHOD:DATA[:SIZE]     another method: {methods}
+      FILE[:SIZE]            a Python file with a function get_config(size); it is executed
   --workdir DIR          folder for checkpoints, metrics.jsonl and config.json
-  --config.KEY=VALUE     change one setting, such as --config.train.batch_size=64
+  --config.KEY=VALUE     change one setting, such as --config.train.batch_size=64; all are in ha2g_jax/config.py
   --profile              write a trace of a few steps to DIR/profile
+
+For example: {program} --config talk:small --workdir runs/talk
+The Talk corpus is made on first use; for other data give --config.data.path=CORPUS, the folder of a corpus.
 
 To train one model with several processes, start each with the same command and
   --coordinator HOST:PORT   address at which all processes reach process 0; any port that is free there
@@ -32,6 +39,7 @@ To train one model with several processes, start each with the same command and
   --process_id I            number of this process, from 0
 Under Slurm's srun none of these is needed, see docs/scaling.md.
 """
+_MAX_LETTERS = 1000  # of a message of a library, which may quote all of a flag
 
 
 class Arguments(NamedTuple):
@@ -56,7 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     argv = list(sys.argv if argv is None else argv)
     if {"--help", "-help", "-h"} & set(argv[1:]):
-        sys.stdout.write(_USAGE.format(program=argv[0]))
+        methods = ", ".join(name for name in presets.METHODS if name != "ha2g")
+        sys.stdout.write(_USAGE.format(program=argv[0], data=", ".join(presets.DATA), methods=methods))
         return 0
     arguments = _parse(argv)
 
@@ -75,14 +84,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
-    """Return the config of a file, locked.
+    """Return the config of a preset or of a file, locked.
 
     Args:
-        spec: "FILE" or "FILE:SIZE", the path of a Python file with a function `get_config(size)`, and a size.
+        spec: "DATA[:SIZE]" or "METHOD:DATA[:SIZE]", names of `presets`; or "FILE[:SIZE]", the path of a Python file
+            with a function `get_config(size)`.
         overrides: flags such as "--config.train.steps=10".
 
     Raises:
-        UserError: there is no such file or size, or an override does not fit.
+        UserError: there is no such preset, file or size, the file cannot be used, or an override does not fit.
     """
     return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides]).config
 
@@ -102,7 +112,7 @@ def _parse(argv: list[str]) -> Arguments:
             config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
-        raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
+        raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
     except (flags.Error, TypeError, ValueError) as error:
@@ -112,7 +122,7 @@ def _parse(argv: list[str]) -> Arguments:
     if not spec or not values.workdir:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
-        raise UserError(f"unexpected argument {rest[1]!r}; see {argv[0]} --help")
+        raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
     return Arguments(
         config=values.config,
         workdir=values.workdir,
@@ -137,24 +147,21 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
 
 
 def _read(spec: str) -> Config:
-    """Return the config that `get_config` of "FILE[:SIZE]" returns."""
+    """Return the config of a preset, or the one that `get_config` of "FILE[:SIZE]" returns.
+
+    A file with the name of a preset is given as ./NAME, so that no file is executed whose name was not meant as a file.
+    """
     path, _, size = spec.partition(":")
-    with reading(path, "a config, FILE[:SIZE], such as experiments/configs/talk.py:small"):
-        if not pathlib.Path(path).is_file():
-            raise UserError(
-                f"no config file '{shown(path)}'; expected FILE[:SIZE], such as experiments/configs/talk.py:small"
-            )
-    try:
-        get_config = runpy.run_path(path).get("get_config")
-        config = get_config(*([size] if size else [])) if get_config else None
-    except UserError:
-        raise
-    except SyntaxError as error:
-        raise UserError(f"{shown(path)} is not a Python file ({_one_line(error)}); see experiments/configs") from error
-    except Exception as error:  # the code of the user may raise anything
-        raise UserError(
-            f"{shown(path)} failed with {type(error).__name__} ({reason(error)}); see experiments/configs"
-        ) from error
+    if path in presets.DATA:
+        return presets.make(path, size)
+    if path in presets.METHODS:
+        return presets.parse(size or "talk", path)
+    with reading(path, "a preset or a config file"):
+        is_file = pathlib.Path(path).is_file()
+    if not is_file:
+        known = ", ".join([*presets.DATA, *presets.METHODS])
+        raise UserError(f"no config {shown(path)}; expected a preset, such as talk:small ({known}), or FILE[:SIZE]")
+    config = _of_program(path, size)
     if not isinstance(config, ml_collections.ConfigDict):
         raise UserError(
             f"{shown(path)} has no function get_config(size) that returns a ConfigDict; see experiments/configs"
@@ -162,6 +169,25 @@ def _read(spec: str) -> Config:
     values, renamed = config_renames.with_new_names(config.to_dict())
     config_renames.warn(renamed, shown(path))
     return ml_collections.ConfigDict(values) if renamed else config
+
+
+def _of_program(path: str, size: str) -> object:
+    """Return what `get_config` of a Python file returns; None if it has no such function.
+
+    The file is the user's own program, which can raise anything.
+    """
+    try:
+        get_config = runpy.run_path(path).get("get_config")
+        return get_config(*([size] if size else [])) if get_config else None
+    except UserError:
+        raise
+    except Exception as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        where = f" in line {lines[-1]}" if lines else ""
+        raise UserError(
+            f"the config {shown(path)} failed{where} with {type(error).__name__}: {reason(error)}; it must be a Python "
+            "file, see experiments/configs"
+        ) from error
 
 
 def _with_new_names(argv: list[str], method: str) -> list[str]:
@@ -181,4 +207,5 @@ def _with_new_names(argv: list[str], method: str) -> list[str]:
 def _one_line(error: Exception) -> str:
     # ml_collections quotes the message about a misspelt key, including its line breaks.
     message = str(error).replace("\\n", ". ").replace("\\'", "").replace("'", "")
-    return " ".join(message.split())
+    message = " ".join(message.split())
+    return message if len(message) <= _MAX_LETTERS else f"{message[:_MAX_LETTERS]}..."

@@ -58,9 +58,6 @@ MAX_RECORD_BYTES = 33_554_432
 MAX_METRICS_LINE = 1_048_576
 """Letters of a line of metrics.jsonl."""
 
-MAX_STYLE_PIXELS = 50_000_000
-"""Pixels of a reference image of `ha2g generate --reference-image`."""
-
 MAX_DATASET_BYTES = 1 << 24
 """Bytes of the dataset.json of a corpus; a thousand hours need less than a twentieth."""
 
@@ -165,3 +162,5 @@ MAX_PICTURE_PASSES = 805_306_368
 
 MAX_UNPACKED_RATIO = 100
 """Bytes that a byte of packed word vectors may unpack to; text of numbers unpacks to three."""
+MAX_SEED = 2**63 - 1
+"""Seed of random choices."""

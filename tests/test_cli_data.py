@@ -3,6 +3,7 @@
 import io
 import json
 import pathlib
+import sys
 import zipfile
 
 import numpy as np
@@ -52,8 +53,9 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(("command", "name", "content"), HOSTILE.values(), ids=HOSTILE)
-def test_a_file_that_cannot_be_used(command, name, content, tmp_path, capfd):
+def test_a_file_that_cannot_be_used(command, name, content, tmp_path, capfd, monkeypatch):
     """One line that names the file, and nothing that looks like a corpus."""
+    monkeypatch.setenv("HA2G_POSE_PYTHON", sys.executable)  # without a pose estimator no video is read
     src = tmp_path / "src"
     path = src / name
     path.parent.mkdir(parents=True)

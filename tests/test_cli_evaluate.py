@@ -47,6 +47,14 @@ def test_folders_give_a_table(folders, form, capsys):
     assert all(row in shown for row in ("mine", "white jitter", "autoencoder"))
 
 
+@pytest.mark.parametrize("given", [(), ("--json",), ("--seed", 3), ("--split", "test")])
+def test_without_an_input_nothing_is_scored(given, capsys, monkeypatch):
+    monkeypatch.setattr("ha2g_jax.data.talk.build.make_talk", lambda *_, **__: pytest.fail("a corpus was made"))
+    assert evaluate(*given) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("ha2g: nothing to score; give --checkpoint MODEL --data CORPUS") and line.count("\n") == 1
+
+
 def test_one_folder_alone_is_refused(folders, capsys):
     assert evaluate("--motion", folders[0]) == 2
     assert capsys.readouterr().err == "ha2g: --motion and --reference go together; give both folders\n"

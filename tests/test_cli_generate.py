@@ -14,7 +14,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis.files import out_paths
+from ha2g_jax.synthesis.files import SUFFIXES, out_paths
 
 
 @pytest.fixture(scope="module")
@@ -88,16 +88,44 @@ def test_neutral_flags_change_no_byte(checkpoint, speech, tmp_path):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["talk", "talk.npz", "talk.mp4", "talk.v2"])
-def test_the_name_of_the_result_may_have_a_suffix(speech, tmp_path, name):
-    stem = "talk.v2" if name == "talk.v2" else "talk"
-    assert out_paths(speech, tmp_path / name) == (tmp_path / f"{stem}.npz", tmp_path / f"{stem}.mp4")
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".BVH"])
+def test_a_suffix_names_the_one_file_that_is_written(speech, tmp_path, suffix):
+    assert out_paths(speech, tmp_path / f"talk{suffix}") == (tmp_path / f"talk{suffix}",)
+
+
+def test_a_name_without_a_suffix_is_that_of_the_motion_and_the_video(speech, tmp_path):
+    assert out_paths(speech, tmp_path / "talk") == (tmp_path / "talk.npz", tmp_path / "talk.mp4")
 
 
 def test_the_result_lies_beside_the_speech_or_in_a_folder(speech, tmp_path):
     beside = speech.parent / "speech_gestures.npz", speech.parent / "speech_gestures.mp4"
     assert out_paths(speech, None) == beside
     assert out_paths(speech, tmp_path)[0] == tmp_path / "speech_gestures.npz"
+    assert out_paths(speech.with_name("speech.v2.wav"), None)[0].name == "speech.v2_gestures.npz"
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES])
+def test_every_format_is_written_and_nothing_else(checkpoint, speech, tmp_path, capsys, suffix):
+    out = tmp_path / "new" / f"talk{suffix}"
+    assert generate(speech, "-o", out, "--checkpoint", checkpoint, "--size", 64) == 0
+    assert capsys.readouterr().out == f"{out}\n"
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    content = out.read_bytes()
+    starts = {".bvh": b"HIERARCHY", ".glb": b"glTF", ".vrma": b"glTF", ".npz": b"PK", ".html": b"<!"}
+    assert content.startswith(starts.get(suffix, b"")) and len(content) > 1000
+
+
+def test_a_file_of_another_program_is_that_of_export(checkpoint, speech, tmp_path):
+    assert generate(speech, "-o", tmp_path / "a.bvh", "--checkpoint", checkpoint) == 0
+    assert generate(speech, "-o", tmp_path / "b.npz", "--checkpoint", checkpoint) == 0
+    assert cli.main(["export", str(tmp_path / "b.npz"), "-o", str(tmp_path / "b.bvh")]) == 0
+    assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
+
+
+def test_a_format_that_is_not_known_is_refused_before_the_speech_is_read(tmp_path, capsys):
+    assert generate(tmp_path / "missing.wav", "-o", tmp_path / "out.xyz") == 2
+    line = capsys.readouterr().err
+    assert line.startswith("ha2g: cannot write out.xyz: .xyz; expected one of .bvh, .glb") and line.count("\n") == 1
 
 
 def test_the_same_seed_gives_the_same_bytes_in_another_process(checkpoint, speech, tmp_path):
@@ -149,12 +177,15 @@ MISTAKES = {
     "style": ["{speech}", "--style", "ada:0.3,eve:0.7"],
     "seed pose": ["{speech}", "--seed-pose", "{bad}/missing.npz"],
     "size": ["{speech}", "--size", "large"],
+    "size of the video": ["{speech}", "--size", "8192"],
+    "format": ["{speech}", "-o", "{bad}/out.xyz"],
     "no checkpoint": ["{speech}", "--checkpoint", "{bad}/missing"],
     "empty checkpoint": ["{speech}", "--checkpoint", "{bad}/no_model"],
     "cut checkpoint": ["{speech}", "--checkpoint", "{bad}/cut_model"],
     "not a checkpoint": ["{speech}", "--checkpoint", "{bad}/text.wav"],
     "unwritable": ["{speech}", "-o", "{bad}/text.wav/out"],
     "overwrites the speech": ["{bad}/film.mp4", "-o", "{bad}/film"],
+    "overwrites the speech with one file": ["{bad}/film.mp4", "-o", "{bad}/film.mp4"],
 }
 
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from ha2g_jax import cli, launch
+from ha2g_jax import cli, launch, presets
 from ha2g_jax.errors import UserError
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -26,11 +26,53 @@ def test_a_spec_and_overrides_give_a_locked_config():
     assert launch.load_config(TALK).train.batch_size == 128  # a second call is not touched by the first
 
 
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("talk", "talk.py"),
+        ("talk:small", "talk.py:small"),
+        ("ted_gesture:debug", "ted_gesture.py:debug"),
+        ("trimodal", "trimodal.py"),
+        ("autoencoder:talk:small", "autoencoder.py:talk:small"),
+        ("seq2seq:ted_expressive", "seq2seq.py:ted_expressive"),
+    ],
+)
+def test_a_preset_by_name_is_that_of_the_file(name, file):
+    """An installed package has no folder experiments, so names work without it."""
+    assert launch.load_config(name).to_json() == launch.load_config(f"{ROOT}/experiments/configs/{file}").to_json()
+
+
+def test_every_file_of_experiments_is_a_preset():
+    names = {path.stem for path in (ROOT / "experiments" / "configs").glob("*.py")}
+    assert names == {*presets.DATA, *presets.METHODS} - {"ha2g"}
+
+
+def test_a_file_with_the_name_of_a_preset_is_executed_only_as_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("talk").write_text("raise SystemExit('executed')")
+    assert launch.load_config("talk:debug").train.steps == 2
+    with pytest.raises(SystemExit, match="executed"):
+        launch.load_config("./talk")
+
+
+def test_a_config_that_fails_is_named_with_its_line(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("def get_config(size):\n    return 1 / 0\n")
+    with pytest.raises(UserError, match=r"mine.py failed in line 2 with ZeroDivisionError: division by zero"):
+        launch.load_config(f"{path}:small")
+    path.write_bytes(b"\0\xff binary")
+    with pytest.raises(UserError, match=r"mine.py failed with \w+Error"):
+        launch.load_config(str(path))
+
+
 WRONG = {
     "misspelt": (["--config", TALK, "--workdir=x", "--config.train.batch_sise=64"], "batch_size"),
     "no such group": (["--config", TALK, "--workdir=x", "--config.trane.steps=1"], "trane"),
     "not a number": (["--config", TALK, "--workdir=x", "--config.train.steps=many"], "many"),
     "missing file": (["--config=nowhere.py:small", "--workdir=x"], "nowhere.py"),
+    "no such preset": (["--config=walk:small", "--workdir=x"], "talk:small"),
+    "no such size of a preset": (["--config=talk:huge", "--workdir=x"], "huge"),
+    "no such data of a preset": (["--config=trimodal:dance", "--workdir=x"], "dance"),
     "not Python": ([f"--config={ROOT / 'README.md'}", "--workdir=x"], "README.md"),
     "not a config": ([f"--config={__file__}", "--workdir=x"], "get_config"),
     "no such size": (["--config", f"{TALK}:huge", "--workdir=x"], "huge"),
@@ -54,7 +96,9 @@ def test_what_is_wrong_is_named_in_one_line(arguments, named, capsys, tmp_path, 
 
 def test_help(capsys):
     assert cli.main(["train", "--help"]) == 0
-    assert "usage: ha2g train --config FILE[:SIZE] --workdir DIR" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert all(name in text for name in (*presets.DATA, *presets.METHODS, "FILE[:SIZE]", "--workdir DIR"))
+    assert text.startswith("usage: ha2g train --config CONFIG --workdir DIR")
 
 
 def test_experiments_launch_takes_the_same_flags(tmp_path):

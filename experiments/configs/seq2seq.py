@@ -2,7 +2,7 @@
 
 DATA is one of talk, ted_expressive, ted_gesture, bvh and video; a size may follow, as in talk:small.
 
-ha2g train --config experiments/configs/seq2seq.py:DATA --workdir runs/seq2seq [--config.data.path=CORPUS]
+ha2g train --config seq2seq:DATA --workdir runs/seq2seq [--config.data.path=CORPUS]
 """
 
 from ha2g_jax import presets

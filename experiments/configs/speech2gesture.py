@@ -2,7 +2,7 @@
 
 DATA is one of talk, ted_expressive, ted_gesture, bvh and video; a size may follow, as in talk:small.
 
-ha2g train --config experiments/configs/speech2gesture.py:DATA --workdir runs/speech2gesture [--config.data.path=CORPUS]
+ha2g train --config speech2gesture:DATA --workdir runs/speech2gesture [--config.data.path=CORPUS]
 """
 
 from ha2g_jax import presets

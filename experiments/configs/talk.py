@@ -1,6 +1,6 @@
 """HA2G on the Talk corpus, which is made on first use.
 
-ha2g train --config experiments/configs/talk.py:small --workdir runs/talk
+ha2g train --config talk:small --workdir runs/talk
 """
 
 from ha2g_jax import presets

@@ -1,7 +1,7 @@
 """HA2G on TED-Expressive (43 joints, six levels), as in the paper.
 
 ha2g data import-ted LMDB corpora/ted  # the folder that holds train, val and test, or lmdb_train, ...
-ha2g train --config experiments/configs/ted_expressive.py --workdir runs/ted --config.data.path=corpora/ted
+ha2g train --config ted_expressive --workdir runs/ted --config.data.path=corpora/ted
 """
 
 from ha2g_jax import presets

@@ -2,7 +2,7 @@
 
 DATA is one of talk, ted_expressive, ted_gesture, bvh and video; a size may follow, as in talk:small.
 
-ha2g train --config experiments/configs/trimodal.py:DATA --workdir runs/trimodal [--config.data.path=CORPUS]
+ha2g train --config trimodal:DATA --workdir runs/trimodal [--config.data.path=CORPUS]
 """
 
 from ha2g_jax import presets

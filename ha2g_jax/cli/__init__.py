@@ -11,6 +11,7 @@ import traceback
 
 from ha2g_jax import __version__
 from ha2g_jax.cli import data, evaluate, export, generate, view
+from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
 
@@ -65,23 +66,33 @@ def _print_any_path() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+_CONFIG = "a preset, such as talk:small or trimodal:talk:small, or FILE[:SIZE], as for ha2g train"
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="ha2g", description="Generate gestures from speech.")
+    parser = Parser(prog="ha2g", description="Generate gestures from speech.")
+    parser.add_argument("--version", action="version", version=f"ha2g {__version__}", help="print the version and end")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     generate.add_command(commands)
     export.add_commands(commands)
     view.add_command(commands)
 
+    speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move if that is known")
+    speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."
+    speakers.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder (default: demo)")
+    speakers.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    speakers.set_defaults(run=_speakers)
+
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
 
     doctor = commands.add_parser("doctor", help="check devices, versions, memory and data, and time one step")
-    doctor.add_argument("--config", help="FILE[:SIZE] (default: the smallest model, without data)")
+    doctor.add_argument("--config", metavar="CONFIG", help=f"{_CONFIG} (default: the smallest model)")
     doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
     doctor.set_defaults(run=_doctor)
 
     describe = commands.add_parser("describe", help="print shapes and parameter counts of every module")
-    describe.add_argument("--config", required=True, help="FILE[:SIZE]")
+    describe.add_argument("--config", metavar="CONFIG", required=True, help=_CONFIG)
     describe.add_argument("--json", action="store_true", help="print JSON instead of a table")
     describe.set_defaults(run=_describe)
 
@@ -94,6 +105,13 @@ def _parser() -> argparse.ArgumentParser:
 
     data.add_commands(commands)
     return parser
+
+
+def _speakers(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.synthesis import speakers
+
+    rows = speakers.describe_speakers(arguments.checkpoint)
+    print(json.dumps(rows, indent=1) if arguments.json else speakers.as_table(rows))
 
 
 def _doctor(arguments: argparse.Namespace) -> int:

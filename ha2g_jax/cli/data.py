@@ -10,6 +10,7 @@ from typing import Any
 
 from ha2g_jax.cli import data_imports
 from ha2g_jax.cli.data_imports import positive
+from ha2g_jax.cli.parser import read_seed
 
 _SPLITS = ("train", "val", "test")
 
@@ -30,7 +31,7 @@ def _add_make_talk(data: Any) -> None:
     command.add_argument("out", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
     command.add_argument("--speakers", type=int, default=24, metavar="N", help="number of speakers (default: 24)")
     command.add_argument("--minutes", type=float, default=120, metavar="M", help="minutes of speech (default: 120)")
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the random draws (default: 0)")
+    command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random draws (default: 0)")
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
     command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")
     command.set_defaults(run=_make_talk)
@@ -166,7 +167,7 @@ def _add_split(data: Any) -> None:
         metavar=("TRAIN", "VAL", "TEST"),
         help="fractions of the duration; 0 leaves a split out (default: 0.8 0.1 0.1)",
     )
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the random order (default: 0)")
+    command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random order (default: 0)")
     command.set_defaults(run=_split)
 
 

@@ -164,7 +164,7 @@ def _add_build_video(data: Any) -> None:
     command = data.add_parser("build-video", help="import videos of speakers: shots, 3-D body and hands, words")
     command.description = (
         "Import videos of speakers: find shots, estimate 3-D body and hands, read or recognise the words. "
-        "Run `ha2g data install-pose` once before."
+        "Run `pip install 'ha2g-jax[video]'` and `ha2g data install-pose` once before."
     )
     command.add_argument(
         "videos", type=pathlib.Path, nargs="+", metavar="VIDEO", help="video files, or folders of them"

@@ -5,6 +5,7 @@ import json
 import pathlib
 from typing import Any
 
+from ha2g_jax.cli.parser import read_seed
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
@@ -15,8 +16,10 @@ Score the motion of one of three inputs, with intervals, beside rows that show w
   --checkpoint MODEL --speech FILE     motion that a model makes for one recording
   --motion DIR ... --reference DIR     motion made by any systems, against true motion
 
-All three give results of one shape: text, --markdown or --json. On the Talk corpus, whose causes are known, the scores
-against strokes, words and styles are a further part of each section. An option that does not apply is an error."""
+One of these must be named: --checkpoint alone is scored on the Talk corpus, --data alone with the demo model. On Talk
+this takes minutes; the first time, the corpus is made as well, which takes further minutes. All three give results of
+one shape: text, --markdown or --json. On Talk, whose causes are known, the scores against strokes, words and styles are
+a further part of each section. An option that does not apply is an error."""
 
 # The options of each input, beside --seed, --json and --markdown, which all have.
 _OPTIONS = {
@@ -36,8 +39,8 @@ def add_command(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     model = command.add_argument_group("a checkpoint on a corpus or a recording")
-    model.add_argument("--checkpoint", help="'demo', a workdir or a model folder (default: demo)")
-    model.add_argument("--data", help="'talk' or the folder of a corpus (default: talk)")
+    model.add_argument("--checkpoint", help="'demo', a workdir or a model folder (with --data or --speech: demo)")
+    model.add_argument("--data", help="'talk' or the folder of a corpus (with --checkpoint: talk)")
     model.add_argument(
         "--split",
         nargs="+",
@@ -69,7 +72,7 @@ def add_command(commands: Any) -> None:
     scores.add_argument(
         "--legacy", action="store_const", const=True, help="add the scores by the field's old rules (not with --speech)"
     )
-    scores.add_argument("--seed", type=int, default=0, help="seed of everything random (default: 0)")
+    scores.add_argument("--seed", type=read_seed, default=0, help="seed of everything random (default: 0)")
     form = command.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print the results as JSON")
     form.add_argument("--markdown", action="store_true", help="print the results as Markdown")
@@ -80,10 +83,15 @@ def run(arguments: argparse.Namespace) -> None:
     """Evaluate what the arguments name and print the results.
 
     Raises:
-        UserError: an option does not apply to the input, or the input cannot be evaluated.
+        UserError: no input is named, an option does not apply to it, or it cannot be evaluated.
     """
     kind = _input_of(arguments)
     _refuse_others(arguments, kind)
+    if kind == _CORPUS and arguments.checkpoint is None and arguments.data is None:
+        raise UserError(
+            "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE or --motion DIR "
+            "--reference DIR, such as --checkpoint demo --data talk (see ha2g evaluate --help)"
+        )
     from ha2g_jax.study.evaluation import inputs
     from ha2g_jax.study.evaluation.table import as_markdown, as_table
 

@@ -134,7 +134,7 @@ def read_size(text: str) -> int | tuple[int, int]:
     """
     size = re.fullmatch(r"(\d{1,5})(?:[xX×](\d{1,5}))?", text)
     if size is None:
-        raise UserError(f"the size is {text!r}; give WIDTHxHEIGHT, such as 1920x1080, or one number")
+        raise UserError(f"the size is '{shown(text)}'; give WIDTHxHEIGHT, such as 1920x1080, or one number")
     return (int(size[1]), int(size[2])) if size[2] else int(size[1])
 
 

@@ -5,15 +5,24 @@ import pathlib
 from typing import Any
 
 from ha2g_jax.cli.export import read_size
+from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.progress import stage
 
 
 def add_command(commands: Any) -> None:
     """Add `generate` to the commands of a parser."""
     command = commands.add_parser("generate", help="generate motion and a video from a speech file")
+    command.description = "Generate motion from a speech file, and write it in one format, or as motion and video."
     command.add_argument("speech", type=pathlib.Path, help="audio or video file with sound")
-    command.add_argument("-o", "--out", type=pathlib.Path, help="name of OUT.npz and OUT.mp4 (default: beside speech)")
+    command.add_argument(
+        "-o",
+        "--out",
+        type=pathlib.Path,
+        help="file to write; its suffix is the format: .mp4, .html, .bvh, .glb, .vrma, .json, .csv or .npz; a name "
+        "without a suffix for OUT.npz and OUT.mp4 (default: both, beside the speech)",
+    )
     command.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
-    command.add_argument("--seed", type=int, default=0, help="seed of all random choices (default: 0)")
+    command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
     command.add_argument(
         "--words", type=pathlib.Path, help="transcript, for a baseline that reads words (default: beside speech)"
@@ -31,7 +40,7 @@ def _add_style(command: argparse.ArgumentParser) -> None:
     style.add_argument("--speaker", help="name of a speaker of the training data")
     style.add_argument("--style", metavar="A:0.3,B:0.7", help="mixture of speakers, with weights")
     style.add_argument("--reference-image", type=pathlib.Path, nargs="+", metavar="PNG", help="images of a person")
-    style.add_argument("--style-seed", type=int, help="draw a style from the prior with this seed")
+    style.add_argument("--style-seed", type=read_seed, help="draw a style from the prior with this seed")
 
 
 def _add_controls(command: argparse.ArgumentParser) -> None:
@@ -64,9 +73,10 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Generate a motion and a video by the arguments, and print the paths of the files."""
-    from ha2g_jax import synthesis
-    from ha2g_jax.motion import control
+    """Generate the files that the arguments ask for, and print their paths."""
+    with stage("starting"):
+        from ha2g_jax import synthesis
+        from ha2g_jax.motion import control
 
     controls = control.Controls(
         energy=arguments.energy,

@@ -13,14 +13,16 @@ from ha2g_jax.files.reading import reason, shown
 
 
 def cache_folder() -> pathlib.Path:
-    """Return $HA2G_CACHE, by default ~/.cache/ha2g-jax; the folder may not exist.
+    """Return $HA2G_CACHE, or else $XDG_CACHE_HOME/ha2g-jax, or else ~/.cache/ha2g-jax; the folder may not exist.
 
     Raises:
-        UserError: the variable is not set, and this user has no home folder.
+        UserError: no variable is set, and this user has no home folder.
     """
-    cache = os.environ.get("HA2G_CACHE")
-    if cache:
+    if cache := os.environ.get("HA2G_CACHE"):
         return pathlib.Path(cache)
+    shared = pathlib.Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if shared.is_absolute():  # the specification of XDG says that another path is ignored
+        return shared / "ha2g-jax"
     try:
         return pathlib.Path.home() / ".cache" / "ha2g-jax"
     except RuntimeError as error:

@@ -25,6 +25,7 @@ from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import Skeleton, directions_to_positions
 
 VIDEO_FPS = 30
@@ -71,7 +72,7 @@ def write_video(
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
         workers: number of threads that draw and encode; by default one for each core.
-        has_progress: whether to show a progress bar on a terminal.
+        has_progress: whether to show a progress bar on stderr.
 
     Raises:
         UserError: a motion is not valid (see `Motion.check`), the size is out of range, or the file cannot be written.
@@ -93,7 +94,7 @@ def write_video(
         concurrent.futures.ThreadPoolExecutor(workers) as executor,
         contextlib.closing(_in_order(executor, encode, range(0, frames, _PIECE), workers)) as pieces,
         av.open(str(temporary), "w", format="mp4", options=options) as container,
-        tqdm(desc="video", total=frames, unit="frame", disable=None if has_progress else True, leave=False) as bar,
+        progress_bar("drawing the video", frames, "frame") if has_progress else tqdm(disable=True) as bar,
     ):
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
         _set_up(video.codec_context, width, height)

@@ -12,6 +12,7 @@ from ha2g_jax import config as configs
 from ha2g_jax import config_renames
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.presets.ablations import ABLATIONS
 from ha2g_jax.presets.data import DATA
 from ha2g_jax.presets.methods import METHODS
@@ -33,7 +34,7 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
     """
     for kind, name, names in (("data", data, DATA), ("method", method, METHODS)):
         if name not in names:
-            raise UserError(f"no {kind} {name!r}; expected one of {', '.join(names)}")
+            raise UserError(f"no {kind} '{shown(name)}'; expected one of {', '.join(names)}")
     preset = DATA[data]
     config = configs.sized(configs.paper(preset.skeleton), size)
     preset.adapt(config, size)
@@ -52,7 +53,7 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
 
 
 def parse(spec: str, method: str) -> Config:
-    """Return the config of a method for data and size in one string, as the files of experiments/configs take them.
+    """Return the config of a method for data and size in one string.
 
     Args:
         spec: "DATA" or "DATA:SIZE".

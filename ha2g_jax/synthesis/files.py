@@ -1,5 +1,6 @@
-"""Generate a motion file and a video from a speech file."""
+"""Generate the files of a motion from a speech file: the motion itself, videos, pages and files of other programs."""
 
+import contextlib
 import pathlib
 import sys
 from typing import Unpack
@@ -12,8 +13,16 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.files.whole_file import whole_file
-from ha2g_jax.motion.video import write_video
-from ha2g_jax.synthesis.model import Model, Options, load, read_speech
+from ha2g_jax.motion import formats
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.video import check_size, write_video
+from ha2g_jax.progress import stage
+from ha2g_jax.synthesis.model import Audio, Model, Options, load, read_speech
+from ha2g_jax.viewer.page import write_page
+
+_VIDEO, _PAGE = ".mp4", ".html"
+SUFFIXES = (*formats.SUFFIXES, _VIDEO, _PAGE)
+_WITHOUT_SUFFIX = (".npz", _VIDEO)
 
 
 def generate_files(
@@ -24,15 +33,17 @@ def generate_files(
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
     **options: Unpack[Options],
-) -> tuple[pathlib.Path, pathlib.Path]:
-    """Generate motion for a speech file; write it (`.npz`) and a video of the figure with the sound (`.mp4`).
+) -> tuple[pathlib.Path, ...]:
+    """Generate motion for a speech file and write it.
 
-    Either both files are written or neither.
+    The suffix of `out` is the format: one of `motion.formats.SUFFIXES`, `.mp4` for a video with the sound,
+    or `.html` for a page of the viewer with it. Without a suffix the motion (`.npz`) and the video (`.mp4`) are
+    written, both or neither. What the work is and how long it has taken is shown on stderr.
 
     Args:
         speech: path of a file with sound.
-        out: name of both files, with or without `.npz` or `.mp4`, or a folder for them; by default the folder of the
-            speech, and its name with `_gestures` appended.
+        out: file to write; a name without a suffix for the motion and the video; or a folder for these two. By default
+            they are in the folder of the speech, and have its name with `_gestures` appended.
         checkpoint: model, see `load`.
         words: path of a transcript of the speech, for a model that reads words; by default a transcript beside the
             speech is used. HA2G needs none.
@@ -40,25 +51,47 @@ def generate_files(
         options: keyword arguments of `Model.generate`.
 
     Returns:
-        The paths of the `.npz` and the `.mp4`.
+        The paths of the files.
 
     Raises:
-        UserError: as `load` and `Model.generate`, or a file cannot be written.
+        UserError: as `out_paths`, `load` and `Model.generate`, or a file cannot be written.
     """
     speech = pathlib.Path(speech)
-    npz, mp4 = out_paths(speech, out)
+    paths = out_paths(speech, out)
+    check_size((size, size) if isinstance(size, int) else size)
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
             pass  # a path that cannot be read is noticed before the work
-    audio = read_speech(speech)
-    model = load(checkpoint)
+    with stage("reading the speech"):
+        audio = read_speech(speech)
+    with stage("loading the model"):
+        model = load(checkpoint)
     spoken = _read_words(model, speech, audio.samples, words)
-    # The files are opened before the work, so that a path that cannot be written is noticed early.
-    with whole_file(npz) as temporary_npz, whole_file(mp4) as temporary_mp4:
-        motion = model.generate(audio, words=spoken, **options)
-        motion.save(temporary_npz)
-        write_video(temporary_mp4, motion, audio.samples, size=size)
-    return npz, mp4
+    with contextlib.ExitStack() as stack:
+        # The files are opened before the work, so that a path that cannot be written is noticed early.
+        temporary = [stack.enter_context(whole_file(path)) for path in paths]
+        # A program is compiled for the length of the speech, which takes most of the time of a short one.
+        with stage(f"compiling for {audio.duration:.1f} s of speech and generating the motion"):
+            motion = model.generate(audio, words=spoken, **options)
+        for path in temporary:
+            _write(path, motion, audio, spoken, size)
+    return paths
+
+
+def _write(
+    path: pathlib.Path, motion: Motion, audio: Audio, words: tuple[Word, ...], size: int | tuple[int, int]
+) -> None:
+    """Write a motion in the format of the suffix of the path, with the sound if the format has sound."""
+    suffix = path.suffix.lower()
+    if suffix == _VIDEO:
+        write_video(path, motion, audio.samples, size=size)
+        return
+    with stage(f"writing {suffix}"):
+        if suffix == _PAGE:
+            name = shown(pathlib.Path(audio.name or "").stem)
+            write_page(path, {name: motion}, audio.samples, words=words)
+        else:
+            formats.export(motion, path)
 
 
 def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None) -> tuple[Word, ...]:
@@ -78,22 +111,28 @@ def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pa
     return transcripts.words_of(audio, words, recognise=None)
 
 
-def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, pathlib.Path]:
-    """Return the paths of the `.npz` and the `.mp4` that `generate_files` writes.
+def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, ...]:
+    """Return the paths of the files that `generate_files` writes.
 
     Args:
         speech: path of the speech.
         out: see `generate_files`.
 
     Raises:
-        UserError: a file would overwrite the speech.
+        UserError: the suffix of `out` is not one of `SUFFIXES`, or a file would overwrite the speech.
     """
     if out is None or pathlib.Path(out).is_dir():
-        stem = (speech.parent if out is None else pathlib.Path(out)) / f"{speech.stem}_gestures"
+        out = (speech.parent if out is None else pathlib.Path(out)) / f"{speech.stem}_gestures"
+        is_stem = True
     else:
         out = pathlib.Path(out)
-        stem = out.with_suffix("") if out.suffix in (".npz", ".mp4") else out
-    npz, mp4 = (stem.with_name(stem.name + suffix) for suffix in (".npz", ".mp4"))
-    if speech.resolve() in (npz.resolve(), mp4.resolve()):
+        is_stem = not out.suffix
+    if not is_stem and out.suffix.lower() not in SUFFIXES:
+        raise UserError(
+            f"cannot write {shown(out.name)}: {shown(out.suffix)}; expected one of {', '.join(SUFFIXES)}, or a name "
+            "without a suffix for .npz and .mp4"
+        )
+    paths = tuple(out.with_name(out.name + suffix) for suffix in _WITHOUT_SUFFIX) if is_stem else (out,)
+    if speech.resolve() in [path.resolve() for path in paths]:
         raise UserError(f"the result would overwrite {shown(speech)}; choose another name with --out")
-    return npz, mp4
+    return paths

@@ -35,13 +35,15 @@ def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary:
     """
     stride = spec.num_frames - spec.num_seed_frames
     chunks = []
-    for start in tqdm(range(0, count, _CHUNK), desc="encoding speech", disable=None, delay=2):
-        windows = [
-            window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
-            for index in range(start, start + _CHUNK)
-        ]
-        batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
-        chunks.append(jax.device_get(_encode_speech(spec, variables, batch)))
+    with tqdm(desc="encoding speech", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
+        for start in range(0, count, _CHUNK):
+            windows = [
+                window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
+                for index in range(start, start + _CHUNK)
+            ]
+            batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
+            chunks.append(jax.device_get(_encode_speech(spec, variables, batch)))
+            bar.update(min(_CHUNK, count - start))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 

@@ -13,6 +13,7 @@ from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.pictures import read_picture
 from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec, Variables
 
@@ -57,7 +58,7 @@ def choose_style(
 
     Raises:
         UserError: more than one style is requested, a speaker is unknown, a weight is impossible, an image cannot be
-            read, a seed is negative, or the model has no styles.
+            read, a seed is negative or above `MAX_SEED`, or the model has no styles.
     """
     if not isinstance(style, Style):
         raise UserError(f"the style is {style!r}; give a Style, such as Style(speaker='ada')")
@@ -67,6 +68,8 @@ def choose_style(
         )
     if min(seed, style.seed or 0) < 0:
         raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
+    if max(seed, style.seed or 0) > MAX_SEED:
+        raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
     if style.speaker is not None:
         return _speaker(assets, style.speaker), {"kind": "speaker", "speaker": style.speaker}
     if style.mixture is not None:
@@ -106,7 +109,9 @@ def read_mixture(text: str) -> dict[str, float]:
         except ValueError:
             name, value = part, 1.0  # a name with a colon in it
         if not name.strip() or name.strip() in weights:
-            raise UserError(f"the style {text!r} names a speaker twice, or none; expected a text such as A:0.3,B:0.7")
+            raise UserError(
+                f"the style '{shown(text)}' names a speaker twice, or none; expected a text such as A:0.3,B:0.7"
+            )
         weights[name.strip()] = value
     return weights
 
@@ -125,7 +130,7 @@ def _speaker(assets: Assets, name: str) -> np.ndarray:
     if name not in assets.speakers:
         known = _names(assets)
         expected = f"expected one of: {known}" if known else "the model has no speakers"
-        raise UserError(f"no speaker {name!r} in the model; {expected}")
+        raise UserError(f"no speaker '{shown(name)}' in the model; {expected}")
     return np.asarray(assets.speakers[name], np.float32)
 
 

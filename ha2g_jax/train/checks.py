@@ -13,7 +13,7 @@ from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_CONFIG_BYTES
+from ha2g_jax.limits import MAX_CONFIG_BYTES, MAX_SEED
 from ha2g_jax.methods import METHODS, TRAINABLE
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Spec
@@ -52,6 +52,13 @@ def check_settings(config: Config) -> None:
             raise UserError(
                 f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
             )
+    if not 0 <= config.seed <= MAX_SEED:
+        raise UserError(f"config.seed is {config.seed}, expected 0 to {MAX_SEED}: set --config.seed")
+    betas = config.train.betas
+    if len(betas) != 2 or not all(isinstance(beta, float | int) and 0 <= beta < 1 for beta in betas):
+        raise UserError(
+            f"config.train.betas is {betas}, expected two numbers from 0 to below 1: set --config.train.betas"
+        )
     method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
     terms = [f"loss/{name}" for name in (*method.term_names, "total")]
     if config.train.best_by not in terms:
@@ -89,13 +96,13 @@ def check_augmentation(config: Config, spec: Spec) -> None:
 
 
 def _check_data(data: Config) -> None:
-    quietest, loudest = data.noise_snr_db
+    bounds = data.noise_snr_db
     expected = {
         "jitter": ("0 or more", data.jitter >= 0),
         "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
         "gain_db": ("0 or more", data.gain_db >= 0),
         "noise": ("from 0 to 1", 0 <= data.noise <= 1),
-        "noise_snr_db": ("a lower and an upper bound", quietest <= loudest),
+        "noise_snr_db": ("a lower and an upper bound", len(bounds) == 2 and bounds[0] <= bounds[1]),
         "workers": ("0 or more", data.workers >= 0),
         "cache_gib": ("0 or more", data.cache_gib >= 0),
     }

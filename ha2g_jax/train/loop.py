@@ -24,6 +24,7 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.method import Spec
+from ha2g_jax.progress import stage
 from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog
 from ha2g_jax.train.objective import build_objective, init_state
@@ -108,7 +109,8 @@ def _train(
     best = Checkpoints(workdir / model_folder.BEST)
     fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
-    state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
+    with _stage("initialising the networks"):
+        state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
     step, best_score = int(state.step), record.get("best_score", math.inf)
     batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
     if hosts.is_first():
@@ -155,7 +157,12 @@ def _train(
             while step < num_steps and not log.is_stopping:
                 with log.waiting():
                     batch = sharding.shard_batch(mesh, next(batches))
-                with log.stepping(), trace.step(step):
+                is_first = not stop.has_begun
+                with (
+                    _stage("compiling the training step, which takes minutes on a CPU", is_first),
+                    log.stepping(),
+                    trace.step(step),
+                ):
                     state, metrics = step_function(state, batch, key, stop.is_set())
                 stop.begin()
                 step += 1
@@ -165,7 +172,8 @@ def _train(
                     best.check()
                     if validate and _is_due(step, config.train.validate_every, num_steps):
                         log.flush()
-                        scores = validate(state, key)
+                        with _stage("validating"):
+                            scores = validate(state, key)
                         writer.write(step, {f"validation/{name}": value for name, value in scores.items()})
                         if scores[config.train.best_by] < best_score:
                             best_score = scores[config.train.best_by]
@@ -182,6 +190,11 @@ def _train(
             raise _failure(error, names, workdir, save) from error
     if step < num_steps and hosts.is_first():
         tqdm.tqdm.write(f"stopped at step {step} of {num_steps}; the same command continues", file=sys.stderr)
+
+
+def _stage(text: str, is_shown: bool = True) -> contextlib.AbstractContextManager[None]:
+    """Return a context whose work is shown on stderr by the first host."""
+    return stage(text) if is_shown and hosts.is_first() else contextlib.nullcontext()
 
 
 def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows, spec: Spec) -> Assets:

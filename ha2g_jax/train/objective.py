@@ -116,7 +116,7 @@ def loss_config(config: Config) -> Config:
     if config.method not in config.loss:
         raise UserError(
             f"the config has no losses of {config.method}, only of {', '.join(config.loss) or 'no method'}: start from "
-            f"its preset, experiments/configs/{config.method}.py"
+            f"its preset, {config.method}:DATA"
         )
     return config.loss[config.method]
 

@@ -3,6 +3,7 @@
 import functools
 import os
 import pathlib
+import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -20,16 +21,20 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
 from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
+from ha2g_jax.progress import progress_bar
 
 FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
+DEFAULT = "talk"  # name of the default corpus in configs and commands
 _VERSION = "talk-v1"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
-_DEFAULT_SPEAKERS, _DEFAULT_MINUTES = 24, 120
+_DEFAULT_SPEAKERS, _DEFAULT_MINUTES, _DEFAULT_SEED = 24, 120, 0
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
 _MEAN_CLIP_SECONDS = 17.6
 _CLIPS_PER_RECORDING = 2
+# Of a core of a server of 2023, and of the disk, for one minute of speech.
+_SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
 # Fractions of the speakers, and of the recordings.
 _UNSEEN_SPEAKERS, _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
 
@@ -70,7 +75,7 @@ def make_talk(
     *,
     speakers: int = _DEFAULT_SPEAKERS,
     minutes: float = _DEFAULT_MINUTES,
-    seed: int = 0,
+    seed: int = _DEFAULT_SEED,
     workers: int | None = None,
     fps: int = FPS,
 ) -> None:
@@ -104,10 +109,12 @@ def make_talk(
         CorpusWriter(out, splits=SPLITS, skeleton=teacher.SKELETON, fps=fps, metadata=metadata) as writer,
         parallel_map(workers, _DIED) as each,
     ):
-        made = zip(plans, each(functools.partial(_make_clips, fps=fps), plans))
-        for plan, clips in tqdm.tqdm(made, "Talk corpus", len(plans), unit="recording"):
-            for clip in clips:
-                writer.add(plan.split, clip)
+        _say_how_long(minutes, workers)
+        with progress_bar("Talk corpus", len(plans), "recording") as bar:
+            for plan, clips in zip(plans, each(functools.partial(_make_clips, fps=fps), plans)):
+                for clip in clips:
+                    writer.add(plan.split, clip)
+                bar.update()
 
 
 def talk_path(spec: str) -> pathlib.Path:
@@ -123,9 +130,13 @@ def talk_path(spec: str) -> pathlib.Path:
         UserError: the default Talk corpus cannot be written.
     """
     path = talk_folder(spec)
-    if spec == "talk" and not os.path.lexists(path):
+    if spec == DEFAULT and not os.path.lexists(path):
         with one_maker(path):
             if not os.path.lexists(path):  # otherwise another process has made the same corpus in the meantime
+                tqdm.tqdm.write(
+                    f"the Talk corpus is made once, and kept in {path} (the variable HA2G_CACHE names another folder)",
+                    file=sys.stderr,
+                )
                 make_talk(path)
     return path
 
@@ -134,10 +145,9 @@ def talk_folder(spec: str) -> pathlib.Path:
     """Return the folder that `talk_path` returns, without building the corpus.
 
     Args:
-        spec: "talk" for the default Talk corpus, which lies in $HA2G_CACHE, by default ~/.cache/ha2g-jax; else the
-            path of a corpus.
+        spec: "talk" for the default Talk corpus, which lies in `cache_folder()`; else the path of a corpus.
     """
-    if spec != "talk":
+    if spec != DEFAULT:
         return pathlib.Path(spec)
     return cache_folder() / _VERSION
 
@@ -154,10 +164,21 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int) -> None:
             raise UserError(f"--{name} is {value:.15g}, expected {least} to {most:,}")
 
 
+def _say_how_long(minutes: float, workers: int) -> None:
+    """Say on stderr how much is made and how long it takes, unless it is a matter of seconds."""
+    expected = minutes * _SECONDS_PER_MINUTE / min(workers, os.cpu_count() or 1)
+    if expected > 30:
+        tqdm.tqdm.write(
+            f"making {minutes:g} minutes of speech and gestures, {minutes * _MEGABYTES_PER_MINUTE:.0f} MB: about "
+            f"{max(1, round(expected / 60))} min with {workers} processes if the machine is otherwise idle",
+            file=sys.stderr,
+        )
+
+
 def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:
     """Assign recordings to speakers and splits, in the order of writing."""
     num_clips = round(minutes * 60 / _MEAN_CLIP_SECONDS)
-    unseen = max(1, round(num_speakers * _UNSEEN_SPEAKERS))
+    unseen = _num_unseen(num_speakers)
     seen = num_speakers - unseen
     clips_each = _CLIPS_PER_RECORDING if num_clips >= 4 * _CLIPS_PER_RECORDING * num_speakers else 1
     num_recordings = num_clips // clips_each
@@ -182,6 +203,16 @@ def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:
             own_seed = np.random.SeedSequence(seed, spawn_key=(_RECORDING_SEEDS, key, number))
             plans.append(_RecordingPlan(f"{split}-{number:04d}", split, speaker, clips_each, own_seed))
     return plans
+
+
+def default_styles() -> dict[str, Style]:
+    """Return the style of each speaker of the default Talk corpus by name, those of training first."""
+    unseen = _num_unseen(_DEFAULT_SPEAKERS)
+    return {speaker.name: speaker.style for speaker in _cast(_DEFAULT_SPEAKERS - unseen, unseen, _DEFAULT_SEED)}
+
+
+def _num_unseen(num_speakers: int) -> int:
+    return max(1, round(num_speakers * _UNSEEN_SPEAKERS))
 
 
 def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:

@@ -14,7 +14,7 @@ from ha2g_jax.data import import_report
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
-from ha2g_jax.data.video import extraction, runners, work_folder
+from ha2g_jax.data.video import extraction, pose_environment, runners, shots, work_folder
 from ha2g_jax.data.video.extraction import Extraction
 from ha2g_jax.data.video.recordings import VideoRecording, find_recordings
 from ha2g_jax.data.video.settings import VideoSettings
@@ -77,7 +77,8 @@ def build_video(
         The counts of the split.
 
     Raises:
-        UserError: `dst` exists, no video is found, all videos fail, or no clip is left.
+        UserError: `dst` exists, no video is found, PySceneDetect or the pose estimator is not
+            installed, all videos fail, or no clip is left.
     """
     dst, settings = pathlib.Path(dst).absolute(), settings or VideoSettings()
     overlay = pathlib.Path(overlay).absolute() if overlay is not None else None
@@ -86,6 +87,10 @@ def build_video(
     if runner not in RUNNERS:
         raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
     root, recordings = find_recordings(videos, without=overlay)
+    if runner == "local":  # the nodes of a cluster have environments of their own
+        shots.check_installed()
+        if settings.pose_command is None:
+            pose_environment.command()
     work = dst.with_name(f".{dst.name}-work")
     jobs = [_Job(recording, settings, overlay, work_folder.keys_in(work)) for recording in recordings]
     results = runners.local(_do, jobs, workers) if runner == "local" else runners.ray(_do, jobs, workers, address)

@@ -26,7 +26,7 @@ def install(folder: str | os.PathLike | None = None, python: str | os.PathLike |
     It is made in a temporary folder and renamed after MediaPipe has processed an image, so it is complete or absent.
 
     Args:
-        folder: folder of the environment; by default "pose-0.10.21" in $HA2G_CACHE, by default ~/.cache/ha2g-jax.
+        folder: folder of the environment; by default "pose-0.10.21" in `cache_folder()`.
         python: interpreter of the environment, Python 3.11 or 3.12; by default the running one, or else one on PATH.
 
     Returns:

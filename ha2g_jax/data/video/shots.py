@@ -12,6 +12,20 @@ _WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces
 _FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
 
 
+def check_installed() -> None:
+    """Check that PySceneDetect is installed.
+
+    Raises:
+        UserError: it is not, or cannot be imported.
+    """
+    try:
+        import scenedetect  # noqa: F401
+    except ImportError as error:
+        raise UserError(
+            f"videos need PySceneDetect, which cannot be imported ({error}); run pip install 'ha2g-jax[video]'"
+        ) from error
+
+
 def find_shots(
     video: pathlib.Path, *, threshold: float = 27.0, min_seconds: float = 0.0
 ) -> tuple[tuple[int, int], ...]:
@@ -31,12 +45,9 @@ def find_shots(
     Raises:
         UserError: the file has no readable images, or PySceneDetect is not installed.
     """
-    try:
-        from scenedetect import ContentDetector, FrameTimecode
-    except ImportError as error:
-        raise UserError(
-            f"videos need PySceneDetect, which cannot be imported ({error}); pip install 'ha2g-jax[video]'"
-        ) from error
+    check_installed()
+    from scenedetect import ContentDetector, FrameTimecode
+
     video = pathlib.Path(video)
     detector = ContentDetector(threshold=threshold, min_scene_len=_FLASH_SECONDS)
     borders, num_frames = [0], 0

@@ -21,7 +21,7 @@ from ha2g_jax.methods.autoencoder import PoseAutoencoder
 from ha2g_jax.methods.method import Spec, subtract_mean
 from ha2g_jax.skeleton import Skeleton
 
-_TRAIN_ONE = "train one with `ha2g train --config experiments/configs/autoencoder.py:DATA`"
+_TRAIN_ONE = "train one with `ha2g train --config autoencoder:DATA`"
 _EXPECTED = f"a workdir or an exported folder of a pose auto-encoder, as none comes with the package; {_TRAIN_ONE}"
 _BATCH = 256  # windows that are encoded at once; the last batch is filled up, so that one shape is compiled
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NO_AUTOENCODER = (
     "no FGD and no diversity without a pose auto-encoder; train one with "
-    "`ha2g train --config experiments/configs/autoencoder.py:DATA --workdir WORKDIR` and give --autoencoder WORKDIR"
+    "`ha2g train --config autoencoder:DATA --workdir WORKDIR` and give --autoencoder WORKDIR"
 )
 
 _BIAS = (

@@ -1,6 +1,7 @@
 """The Talk corpus: same bytes whatever the workers, splits that fraction nothing they must not, records that agree."""
 
 import collections
+import contextlib
 
 import numpy as np
 import pytest
@@ -107,7 +108,20 @@ def test_interruption_leaves_nothing(monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_talk_path(monkeypatch, tmp_path):
+def test_it_says_how_long_a_long_corpus_takes(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(build.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(build, "parallel_map", lambda *_: contextlib.nullcontext(lambda *_: iter(())))
+    monkeypatch.setattr(build, "CorpusWriter", lambda *_, **__: contextlib.nullcontext())
+    build.make_talk(tmp_path / "long")
+    assert capsys.readouterr().err == (
+        "making 120 minutes of speech and gestures, 204 MB: about 2 min with 2 processes if the machine is otherwise "
+        "idle\n"
+    )
+    build.make_talk(tmp_path / "short", speakers=4, minutes=4)
+    assert capsys.readouterr().err == ""
+
+
+def test_talk_path(monkeypatch, tmp_path, capsys):
     """The corpus called talk is built once, in the cache folder; any other name is a path."""
     calls = []
 
@@ -119,4 +133,6 @@ def test_talk_path(monkeypatch, tmp_path):
     monkeypatch.setattr(build, "make_talk", make)
     assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / "talk-v1"
     assert len(calls) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and "is made once" in lines[0] and f"kept in {tmp_path / 'talk-v1'}" in lines[0]
     assert str(build.talk_path("some/folder")) == "some/folder"

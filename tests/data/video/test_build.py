@@ -181,6 +181,17 @@ def test_mistakes_are_told_before_any_work(videos, settings, tmp_path):
     assert not (tmp_path / "calls").exists()
 
 
+def test_what_is_not_installed_is_told_before_any_work(videos, settings, tmp_path, monkeypatch):
+    monkeypatch.setattr(build.runners, "local", lambda *_: pytest.fail("the work began"))
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "empty"))
+    monkeypatch.delenv("HA2G_POSE_PYTHON", raising=False)
+    with pytest.raises(UserError, match="run `ha2g data install-pose`"):
+        build.build_video([videos], tmp_path / "new", settings=dataclasses.replace(settings(), pose_command=None))
+    monkeypatch.setitem(sys.modules, "scenedetect", None)
+    with pytest.raises(UserError, match=r"run pip install 'ha2g-jax\[video\]'"):
+        build.build_video([videos], tmp_path / "new", settings=settings())
+
+
 def test_names_are_unique_and_speakers_are_folders(tmp_path):
     for name in (
         "b/x.mp4",

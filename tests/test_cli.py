@@ -1,0 +1,78 @@
+"""The command `ha2g` as a whole: its help says what everything is, and a mistake is shown with the right usage."""
+
+import argparse
+import json
+import re
+
+import pytest
+
+import ha2g_jax
+from ha2g_jax import cli
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.data.talk import build
+
+
+def parsers(parser, name="ha2g"):
+    """Yield the name and the parser of every command, and the entries of help of its subcommands."""
+    yield name, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            assert {choice.dest for choice in action._choices_actions} == set(action.choices), name
+            assert all(choice.help for choice in action._choices_actions), name
+            for command, below in action.choices.items():
+                yield from parsers(below, f"{name} {command}")
+
+
+COMMANDS = dict(parsers(cli._parser()))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_argument_says_what_it_is(name):
+    for action in COMMANDS[name]._actions:
+        if not isinstance(action, argparse._SubParsersAction):
+            assert action.help and action.help != argparse.SUPPRESS, f"{name} {action.option_strings or action.dest}"
+    assert COMMANDS[name].format_help()  # a stray % in a help text would fail here
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["generate", "a.wav"], "ha2g generate"),
+        (["view", "a.npz"], "ha2g view"),
+        (["data", "validate", "a"], "ha2g data validate"),
+        (["data", "split", "a", "b"], "ha2g data split"),
+    ],
+)
+def test_an_unknown_flag_is_answered_with_the_usage_of_its_command(arguments, command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*arguments, "--nope", "3"])
+    printed = capsys.readouterr().err
+    assert stop.value.code == 2 and printed.startswith(f"usage: {command} ")
+    assert re.search(rf"{command}: error: unknown arguments: --nope.*; see {command} --help\n$", printed)
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["--version"])
+    assert stop.value.code == 0 and capsys.readouterr().out == f"ha2g {ha2g_jax.__version__}\n"
+
+
+def test_speakers_of_the_demo_are_those_of_talk(capsys):
+    assert cli.main(["speakers", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    styles = build.default_styles()
+    assert list(rows) == list(styles)[:20]
+    assert rows["speaker-00"]["hand"] == ("right" if styles["speaker-00"].handedness > 0 else "left")
+    assert rows["speaker-03"]["amplitude"] == pytest.approx(styles["speaker-03"].amplitude, abs=0.006)
+    assert cli.main(["speakers"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("name        hand ") and "handedness  which hand does more" in text
+
+
+def test_speakers_of_another_model_have_names_only(debug_model, tmp_path, capsys):
+    """The debug model has no data path, so that nothing is known of its speakers."""
+    folder = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
+    assert cli.main(["speakers", "--checkpoint", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [{"name": "ada"}, {"name": "ben"}]
+    assert cli.main(["speakers", "--checkpoint", str(folder)]) == 0
+    assert "nothing about how they move" in capsys.readouterr().out
