@@ -52,8 +52,8 @@ MAX_BVH_VALUES = 30_000_000
 MAX_SMPLX_FRAMES = 400_000
 """Frames of an SMPL-X file, more than an hour at 100 frames per second."""
 
-MAX_POSED_JOINTS = 10_000_000
-"""Joints of an imported motion times its frames at the new rate; two hours of 75 joints at 15 per second have 8,100,000."""
+MAX_POSED_JOINTS = 6_000_000
+"""Joints of an imported motion times its frames at the new rate; an hour of 50 joints at 30 per second has 5,400,000."""
 
 MIN_FILE_FPS = 0.1
 """Least frames per second of an imported motion file."""

@@ -12,7 +12,7 @@ from ha2g_jax.limits import MAX_POSED_JOINTS
 _AXES = "XYZ"
 
 
-def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarray, list[Rotation]]:
+def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarray, list[np.ndarray]]:
     """Compute positions and rotations of joints by forward kinematics, at another frame rate.
 
     Between two frames, local rotations are interpolated on the sphere and local positions linearly, so that a bone
@@ -24,7 +24,7 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
         joints: n indices of joints of the file; only these and the joints above them are computed.
 
     Returns:
-        (T, n, 3) positions in units of the file and n times T rotations, both in the file's coordinates.
+        (T, n, 3) positions in units of the file and n times (T, 3, 3) rotations, both in the file's coordinates.
 
     Raises:
         UserError: the joints times the frames of the result are more than `MAX_POSED_JOINTS`.
@@ -34,24 +34,33 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
     needed = _with_parents(bvh.parents, joints)
     check_size(len(needed), num_frames)
     moments = np.minimum(np.arange(num_frames) * (bvh.fps / fps), last)
-    before = np.floor(moments).astype(int)
-    after, weight = np.minimum(before + 1, last), (moments - before)[:, None]
+    # A slow file has many frames of the result between the same two of its own, which are converted once.
+    starts, place_of = np.unique(np.floor(moments).astype(int), return_inverse=True)
+    weight = (moments - starts[place_of])[:, None]
+    # The rotation of a joint matters if it is asked for or moves another joint.
+    above = {bvh.parents[joint] for joint in needed} | {*joints}
     places: dict[int, np.ndarray] = {}
-    rotations: dict[int, Rotation] = {}
+    rotations: dict[int, np.ndarray] = {}
     column = 0
     for joint, (parent, channels) in enumerate(zip(bvh.parents, bvh.channels, strict=True)):
         values = bvh.motion[:, column : column + len(channels)]
         column += len(channels)
         if joint not in needed:
             continue
-        first, second = (_local(bvh.offsets[joint], channels, values[frames]) for frames in (before, after))
-        place = first[0] + weight * (second[0] - first[0])
-        rotation = first[1] * Rotation.from_rotvec(weight * (first[1].inv() * second[1]).as_rotvec())
-        if parent >= 0:
-            place = places[parent] + rotations[parent].apply(place)
-            rotation = rotations[parent] * rotation
-        places[joint], rotations[joint] = place, rotation
+        before, after = (values[frames] for frames in (starts, np.minimum(starts + 1, last)))
+        place = _places(bvh.offsets[joint], channels, before)[place_of]
+        place += weight * (_places(bvh.offsets[joint], channels, after)[place_of] - place)
+        places[joint] = place if parent < 0 else places[parent] + _apply(rotations[parent], place)
+        if joint in above:
+            first, second = _rotations(channels, before), _rotations(channels, after)
+            turn = (first.inv() * second).as_rotvec()[place_of]
+            rotation = (first[place_of] * Rotation.from_rotvec(weight * turn)).as_matrix()
+            rotations[joint] = rotation if parent < 0 else rotations[parent] @ rotation
     return np.stack([places[joint] for joint in joints], axis=1), [rotations[joint] for joint in joints]
+
+
+def _apply(rotations: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return (rotations @ vectors[:, :, None])[:, :, 0]
 
 
 def check_size(num_joints: int, num_frames: int) -> None:
@@ -81,17 +90,19 @@ def _with_parents(parents: Sequence[int], joints: Sequence[int]) -> set[int]:
     return needed
 
 
-def _local(offset: np.ndarray, channels: tuple[str, ...], values: np.ndarray) -> tuple[np.ndarray, Rotation]:
-    """Return the position (T, 3) and rotation of a joint relative to its parent; position channels replace the
-    offset."""
+def _places(offset: np.ndarray, channels: tuple[str, ...], values: np.ndarray) -> np.ndarray:
+    """Return the position (T, 3) of a joint relative to its parent; position channels replace the offset."""
     place = np.tile(offset, (len(values), 1))
-    order, angles = "", []
     for channel, value in zip(channels, values.T, strict=True):
         if channel.endswith("position"):
             place[:, _AXES.index(channel[0])] = value
-        else:
-            order += channel[0]  # upper case: intrinsic rotations
-            angles.append(value)
-    if not order:
-        return place, Rotation.identity(len(values))
-    return place, Rotation.from_euler(order, np.stack(angles, axis=-1), degrees=True)
+    return place
+
+
+def _rotations(channels: tuple[str, ...], values: np.ndarray) -> Rotation:
+    """Return the T rotations of a joint relative to its parent."""
+    turning = [index for index, channel in enumerate(channels) if channel.endswith("rotation")]
+    if not turning:
+        return Rotation.identity(len(values))
+    order = "".join(channels[index][0] for index in turning)  # upper case: intrinsic rotations
+    return Rotation.from_euler(order, values[:, turning], degrees=True)

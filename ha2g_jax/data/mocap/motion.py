@@ -81,7 +81,7 @@ def read_motion(
     positions *= unit
     up = names.up or find_up(positions, skeleton)
     try:
-        positions = add_face(positions, world[:, -1] * unit, rotations[-1].as_matrix(), skeleton, up=up)
+        positions = add_face(positions, world[:, -1] * unit, rotations[-1], skeleton, up=up)
         positions = to_skeleton_axes(positions, skeleton, up=up)
     except UserError as error:
         raise UserError(f"{shown(path)}: {error}") from error

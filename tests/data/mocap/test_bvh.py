@@ -65,7 +65,7 @@ def test_positions_worked_out_by_hand(written):
     np.testing.assert_allclose(positions[1], [[5, 0, 0], [4, 0, 0], [4, 2, 0]], atol=1e-12)
     # The arm rotates about z, then about the x it has left: its y points along the world's z.
     np.testing.assert_allclose(positions[2], [[0, 0, 0], [0, 1, 0], [0, 3, 0]], atol=1e-12)
-    np.testing.assert_allclose(rotations[1][2].apply([0, 1, 0]), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(rotations[1][2] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
 
 
 def about(axis: str, degrees: float) -> np.ndarray:
