@@ -16,10 +16,13 @@ MAX_TRANSCRIPT_BYTES = 16 << 20
 MAX_TRANSCRIPT_LINES = 1_000_000
 """Lines of a transcript."""
 
+MAX_SUBTITLE_LETTERS = 3 << 20
+"""Letters of a file of subtitles; an hour with the times of all words has about a million."""
+
 MAX_CUE_LINES = 200
 """Lines of one subtitle."""
 
-MAX_WORDS = 100_000
+MAX_WORDS = 200_000
 """Words of a transcript; an hour of fast speech has 12,000."""
 
 MAX_JOINT_MAP_BYTES = 1 << 16
@@ -53,7 +56,7 @@ MAX_SMPLX_FRAMES = 400_000
 """Frames of an SMPL-X file, more than an hour at 100 frames per second."""
 
 MAX_POSED_JOINTS = 6_000_000
-"""Joints of an imported motion times its frames at the new rate; an hour of 50 joints at 30 per second has 5,400,000."""
+"""Joints of an imported motion times its frames at the new rate; 50 joints have 5,400,000 in an hour at 30 a second."""
 
 MIN_FILE_FPS = 0.1
 """Least frames per second of an imported motion file."""

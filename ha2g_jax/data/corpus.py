@@ -16,6 +16,7 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.files.reading import check_utf8
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 TRAIN = "train"
@@ -131,6 +132,7 @@ class Corpus:
             UserError: there is no corpus, or it is incomplete or of an unknown version.
         """
         path = pathlib.Path(path)
+        check_utf8(path)
         try:
             if not (path / FILE).is_file():
                 raise UserError(f"no corpus in {path}: {FILE} is missing; make one with `ha2g data` (see its --help)")

@@ -82,7 +82,7 @@ def check_regular(path: str | os.PathLike, expected: str) -> None:
         UserError: there is nothing, a folder, a pipe or a device at the path, or its folder is unreadable.
     """
     try:
-        mode = os.stat(path).st_mode
+        mode = pathlib.Path(path).stat().st_mode
     except FileNotFoundError:
         raise UserError(f"no file at {shown(path)}; expected {expected}") from None
     except OSError as error:

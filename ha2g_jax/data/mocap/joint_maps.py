@@ -121,7 +121,7 @@ def _check_structure(text: bytes) -> None:
     depth = 0
     for event in yaml.parse(text, yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
-            raise ValueError("it has an alias")
+            raise yaml.YAMLError("it has an alias")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _MAX_DEPTH:
             raise ValueError("nested too deep")
@@ -137,13 +137,11 @@ def _positive(value: Any, name: str) -> float:
     return number
 
 
-def _text(value: Any) -> str:
-    """Return a value of YAML as text of one line; a number of thousands of digits has none."""
-    try:
-        text = str(value)
-    except ValueError:
-        return "a number without end"
-    return reason(ValueError(text[:40]))
+def _text(value: Any, max_letters: int = 40) -> str:
+    """Return a value of YAML as the beginning of its text; Python writes no number of thousands of digits."""
+    if isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME:
+        return "9" * max_letters
+    return str(value)[:max_letters]
 
 
 def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
@@ -152,7 +150,9 @@ def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
         raise UserError(
             f"{name} has no name for {_text(key)}; expected the name of a joint, in quotes if it is unusual"
         )
-    if any(isinstance(item, int) and abs(item) >= 10**MAX_JOINT_NAME or len(str(item)) > MAX_JOINT_NAME for item in names):
+    if any(
+        (isinstance(item, int) and abs(item) >= 10**MAX_JOINT_NAME) or len(str(item)) > MAX_JOINT_NAME for item in names
+    ):
         raise UserError(f"{name} has a name of more than {MAX_JOINT_NAME} letters for {_text(key)}; correct it")
     return tuple(str(item) for item in names)
 
@@ -171,7 +171,9 @@ def _find(
             alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
             if len(alike) > 1:
                 both = " and ".join(joints[index] for index in alike[:2])
-                raise UserError(f"{shown(file)} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)")
+                raise UserError(
+                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)"
+                )
             if alike:
                 places[ours] = alike[0]
                 break

@@ -10,6 +10,7 @@ from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import reading, shown
 
 # In order of preference, if several files lie beside a motion file.
 AUDIO_SUFFIXES = (
@@ -55,27 +56,28 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
     Raises:
         UserError: there is no such file, or audio or words are given for several files.
     """
-    if not src.exists():
-        raise UserError(f"nothing at {src}; give a {suffix} file or a folder of them")
-    if src.is_file():
-        paths, root = [src], src.parent
-    else:
-        found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
-        paths, root = sorted(path for path in found if not path.name.startswith(".")), src
+    with reading(src, f"a {suffix} file or a folder of them"):
+        if not src.exists():
+            raise UserError(f"nothing at {shown(src)}; give a {suffix} file or a folder of them")
+        if src.is_file():
+            paths, root = [src], src.parent
+        else:
+            found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
+            paths, root = sorted(path for path in found if not path.name.startswith(".")), src
     if not paths:
-        raise UserError(f"no {suffix} file in {src} or below it; give a {suffix} file or a folder of them")
+        raise UserError(f"no {suffix} file in {shown(src)} or below it; give a {suffix} file or a folder of them")
     audio, words = (None if given is None else pathlib.Path(given) for given in (options.audio, options.words))
     if len(paths) > 1 and (audio or words):
-        raise UserError(f"{src} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
-    names = [path.stem for path in paths]
+        raise UserError(f"{shown(src)} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
+    names = [shown(path.stem) for path in paths]
     if len(set(names)) < len(names):
-        names = ["_".join(path.relative_to(root).with_suffix("").parts) for path in paths]
+        names = [shown("_".join(path.relative_to(root).with_suffix("").parts)) for path in paths]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise UserError(f"{src} holds two recordings that would both be called {twice}; rename one")
+        raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
-    speakers = [options.speaker or (path.parent.name if in_folders else path.stem) for path in paths]
+    speakers = [options.speaker or shown(path.parent.name if in_folders else path.stem) for path in paths]
     return [
         MotionRecording(path, name, speaker, audio, words, folders.count(path.parent) == 1)
         for path, name, speaker in zip(paths, names, speakers, strict=True)
@@ -99,11 +101,14 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     """
     path = recording.audio or _find_audio(recording.path)
     if path is None:
-        raise UserError(f"{recording.path} has no audio; put {recording.path.stem}.wav beside it or give it (--audio)")
+        raise UserError(
+            f"{shown(recording.path)} has no audio; put {shown(recording.path.stem)}.wav beside it or give it (--audio)"
+        )
     transcript = recording.words or _find_words(recording)
     if transcript is None and with_words:
         raise UserError(
-            f"{recording.path} has no transcript; put {recording.path.stem}.TextGrid, .json, .srt, .vtt or .tsv beside "
+            f"{shown(recording.path)} has no transcript; put {shown(recording.path.stem)}.TextGrid, "
+            ".json, .srt, .vtt or .tsv beside "
             "it, or import without words (--no-words)"
         )
     audio = read_audio(path)
@@ -127,7 +132,7 @@ def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray
         UserError: one is less than half as long as the other, so that they cannot belong together.
     """
     sound = len(audio) / SAMPLE_RATE
-    lengths = f"{recording.path} has {motion:.2f} s of motion and {sound:.2f} s of audio"
+    lengths = f"{shown(recording.path)} has {motion:.2f} s of motion and {sound:.2f} s of audio"
     if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
         raise UserError(f"{lengths}, which do not belong together; give the audio of this motion (--audio)")
     return f"{lengths}; cut to the shorter" if abs(motion - sound) > _MAX_DIFFERENCE else None

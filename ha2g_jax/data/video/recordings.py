@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import check_regular, reading, shown
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v")
 
@@ -43,17 +44,21 @@ def find_recordings(
     """
     # Links are not followed, so that a video is named by the path where it was found.
     given = [pathlib.Path(os.path.abspath(path)) for path in videos]  # noqa: PTH100
-    if missing := [path for path in given if not path.exists()]:
-        raise UserError(f"no file or folder at {missing[0]}; give videos, or folders of videos")
+    for path in given:
+        with reading(path, "a video or a folder of videos"):
+            if not path.exists():
+                raise UserError(f"no file or folder at {shown(path)}; give videos, or folders of videos")
+        if not path.is_dir():
+            check_regular(path, "a video")
     found = {file for path in given for file in (_inside(path, without) if path.is_dir() else [path])}
     if not found:
-        raise UserError(f"no video in {', '.join(map(str, given))}; expected files ending in {', '.join(SUFFIXES)}")
+        raise UserError(f"no video in {', '.join(map(shown, given))}; expected files ending in {', '.join(SUFFIXES)}")
     root = pathlib.Path(os.path.commonpath([path if path.is_dir() else path.parent for path in given]))
     names = collections.Counter(_name(file, root) for file in found)
     recordings = []
     for file in found:
         name = _name(file, root)
-        name = name if names[name] == 1 else file.relative_to(root).as_posix()
+        name = name if names[name] == 1 else shown(file.relative_to(root).as_posix())
         folder, slash, _ = name.partition("/")
         recordings.append(VideoRecording(file, name, folder if slash else name))
     return root, sorted(recordings, key=lambda recording: recording.name)
@@ -71,4 +76,4 @@ def _inside(folder: pathlib.Path, without: pathlib.Path | None) -> list[pathlib.
 
 
 def _name(file: pathlib.Path, root: pathlib.Path) -> str:
-    return file.relative_to(root).with_suffix("").as_posix()
+    return shown(file.relative_to(root).with_suffix("").as_posix())
