@@ -14,6 +14,11 @@ from ml_collections import config_flags
 from ha2g_jax import config_renames
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, reason, shown
+from ha2g_jax.limits import MAX_CONFIG_BYTES, MAX_SETTING, MAX_SIZE
+
+_EXPECTED = "a config, such as experiments/configs/talk.py"
+_PARTS = ("data", "model", "loss", "train")
 
 _USAGE = """\
 usage: {program} --config FILE[:SIZE] --workdir DIR [--config.KEY=VALUE ...] [--profile]
@@ -104,7 +109,7 @@ def _parse(argv: list[str]) -> Arguments:
         raise UserError(f"unknown flag --{error.flagname}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
-    except (flags.Error, TypeError, ValueError) as error:
+    except (flags.Error, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         if match := re.search(r"--?config\.data\.fps=(\d+\.\d+)\b", str(error)):
             check_fps(float(match[1]), "config.data.fps")
         raise UserError(_one_line(error)) from error
@@ -112,6 +117,7 @@ def _parse(argv: list[str]) -> Arguments:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument {rest[1]!r}; see {argv[0]} --help")
+    _check_numbers(values.config, "config")
     return Arguments(
         config=values.config,
         workdir=values.workdir,
@@ -138,18 +144,59 @@ def _take_spec(argv: list[str]) -> tuple[str, list[str]]:
 def _read(spec: str) -> Config:
     """Return the config that `get_config` of "FILE[:SIZE]" returns."""
     path, _, size = spec.partition(":")
-    if not pathlib.Path(path).is_file():
-        raise UserError(f"no config file {path!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small")
+    with reading(path, _EXPECTED):
+        if not pathlib.Path(path).is_file():
+            raise UserError(
+                f"no config file {shown(path)!r}; expected FILE[:SIZE], such as experiments/configs/talk.py:small"
+            )
+        if pathlib.Path(path).stat().st_size > MAX_CONFIG_BYTES:
+            raise UserError(f"{shown(path)} has more than {MAX_CONFIG_BYTES} bytes; expected {_EXPECTED}")
     try:
         get_config = runpy.run_path(path).get("get_config")
+        config = get_config(*([size] if size else [])) if get_config else None
+    except UserError:
+        raise
     except SyntaxError as error:
-        raise UserError(f"{path} is not a Python file ({_one_line(error)}); see experiments/configs") from error
-    config = get_config(*([size] if size else [])) if get_config else None
+        raise UserError(f"{shown(path)} is not a Python file ({_one_line(error)}); see experiments/configs") from error
+    except (Exception, SystemExit) as error:  # a config is a program of the user, which may raise anything
+        found = f"{type(error).__name__}: {reason(error)}"
+        raise UserError(f"{shown(path)} fails ({found}); correct it, see experiments/configs") from error
     if not isinstance(config, ml_collections.ConfigDict):
-        raise UserError(f"{path} has no function get_config(size) that returns a ConfigDict; see experiments/configs")
+        raise UserError(
+            f"{shown(path)} has no function get_config(size) that returns a ConfigDict; see experiments/configs"
+        )
+    _check_parts(config, path)
     values, renamed = config_renames.with_new_names(config.to_dict())
-    config_renames.warn(renamed, path)
+    config_renames.warn(renamed, shown(path))
     return ml_collections.ConfigDict(values) if renamed else config
+
+
+def _check_parts(config: Config, path: str) -> None:
+    """Check that a config has the parts that all configs have."""
+    for name in _PARTS:
+        if not isinstance(config.get(name), ml_collections.ConfigDict):
+            raise UserError(f"{shown(path)} returns a config without the part {name}; start from ha2g_jax.config.paper")
+    for name in ("method", "skeleton"):
+        if not isinstance(config.get(name), str):
+            raise UserError(f"{shown(path)} returns a config without a {name}; start from ha2g_jax.config.paper")
+
+
+def _check_numbers(part: Config, name: str) -> None:
+    """Check that all numbers of a config are finite, and that sizes are such that networks can be built."""
+    for key, value in part.items():
+        if isinstance(value, ml_collections.ConfigDict):
+            _check_numbers(value, f"{name}.{key}")
+            continue
+        for number in value if isinstance(value, (tuple, list)) else (value,):
+            if isinstance(number, (int, float)) and not -MAX_SETTING <= number <= MAX_SETTING:
+                text = f"{number:g}" if isinstance(number, float) else "a number of many digits"
+                raise UserError(f"{name}.{key} is {text}; expected a number of at most {MAX_SETTING:,}")
+            # Whole numbers of the networks are sizes, and so are those of images.
+            is_size = name.startswith("config.model") or key in ("image_size", "num_reference_images")
+            if is_size and type(number) is int and not 1 <= number <= MAX_SIZE:
+                raise UserError(f"{name}.{key} is {number}; expected 1 to {MAX_SIZE:,}: set --{name}.{key}")
+            if key == "dropout" and not 0 <= number < 1:
+                raise UserError(f"{name}.{key} is {number}; expected at least 0 and less than 1: set --{name}.{key}")
 
 
 def _with_new_names(argv: list[str], method: str) -> list[str]:
@@ -169,4 +216,4 @@ def _with_new_names(argv: list[str], method: str) -> list[str]:
 def _one_line(error: Exception) -> str:
     # ml_collections quotes the message about a misspelt key, including its line breaks.
     message = str(error).replace("\\n", ". ").replace("\\'", "").replace("'", "")
-    return " ".join(message.split())
+    return reason(ValueError(message))

@@ -34,6 +34,12 @@ MAX_SETTINGS_BYTES = 1 << 18
 MAX_CONFIG_BYTES = 1 << 20
 """Bytes of a config file."""
 
+MAX_SETTING = 1_000_000_000
+"""Size of any number in a config."""
+
+MAX_SIZE = 10_000
+"""Size of any part of a network in a config, such as channels or layers."""
+
 MAX_BVH_HEADER = 8 << 20
 """Letters before the numbers of a BVH file."""
 

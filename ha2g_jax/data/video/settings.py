@@ -69,7 +69,9 @@ class VideoSettings:
             if not low <= getattr(self, name) <= high:
                 raise UserError(f"setting {name} is {getattr(self, name):g}; expected {low:g} to {high:g}")
         if not all(1 <= number <= _MAX_WINDOW for number in (self.filters.num_frames, self.filters.stride)):
-            raise UserError(f"settings filters.num_frames and filters.stride must be 1 to {_MAX_WINDOW}")
+            raise UserError(
+                f"settings filters.num_frames and filters.stride must be at least 1 and at most {_MAX_WINDOW}"
+            )
 
     def as_json(self) -> dict[str, Any]:
         """Return the values by name, ready for JSON; `filters` is a nested mapping."""

@@ -35,7 +35,9 @@ def read_pin(text: str) -> Pin:
         if not path.is_file() and "@" in pose:
             name, _, at = pose.rpartition("@")
             path, moment = pathlib.Path(name), _seconds(at, text)
-    check_regular(path, _EXPECTED)
+        exists = path.exists()
+    if exists:
+        check_regular(path, _EXPECTED)
     motion = Motion.load(path)
     last = (motion.num_frames - 1) / motion.fps
     if not 0 <= moment <= last:
