@@ -22,7 +22,7 @@ MAX_SUBTITLE_LETTERS = 3 << 20
 MAX_CUE_LINES = 200
 """Lines of one subtitle."""
 
-MAX_WORDS = 200_000
+MAX_WORDS = 50_000
 """Words of a transcript; an hour of fast speech has 12,000."""
 
 MAX_JOINT_MAP_BYTES = 1 << 16
