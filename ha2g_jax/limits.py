@@ -22,7 +22,7 @@ MAX_SUBTITLE_LETTERS = 3 << 20
 MAX_CUE_LINES = 200
 """Lines of one subtitle."""
 
-MAX_WORDS = 50_000
+MAX_WORDS = 100_000
 """Words of a transcript; an hour of fast speech has 12,000."""
 
 MAX_JOINT_MAP_BYTES = 1 << 16
@@ -42,6 +42,9 @@ MAX_SIZE = 10_000
 
 MAX_BVH_HEADER = 8 << 20
 """Letters before the numbers of a BVH file."""
+
+MAX_BVH_LINES = 100_000
+"""Lines before the numbers of a BVH file."""
 
 MAX_BVH_JOINTS = 1_000
 """Joints of a BVH file."""

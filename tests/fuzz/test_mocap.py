@@ -92,7 +92,7 @@ LARGE = {
     "joints": (nested(1_000, frames=216_000), "expected at most 30,000,000 numbers"),
     "depth": (nested(1_000), "does not fit the joint map"),
     "more joints": (nested(1_001), "more than 1000 joints"),
-    "blank lines": ("HIERARCHY\n" + "\n" * (9 << 20), "letters before the motion"),
+    "blank lines": ("HIERARCHY\n" + "\n" * (9 << 20), "more than 100000 lines"),
     "one line": (BVH.replace("\n", " ") + "1 " * (1 << 20), "line of 65536 characters"),
     "a number": (BVH[: BVH.rindex(" ")] + " " + "1" * 10**6, "a word of more than 65536 characters"),
     "NUL bytes": (BVH.replace("OFFSET", "OFFSET\0", 1), "line 4: found"),
@@ -175,7 +175,9 @@ def test_a_name_that_is_not_utf8_is_imported_as_text(tmp_path, refused):
     (clip,) = corpus.clips("train")
     assert clip.recording == clip.speaker == shown(ODD) == "t\\xff\\xe9 lk"
     json.dumps(corpus.metadata, ensure_ascii=False).encode()
-    assert "not UTF-8" in refused("data", "split", str(tmp_path / "out"), str(tmp_path / f"x{ODD}"))
+    assert "not UTF-8" in refused(
+        "data", "split", str(tmp_path / "out"), str(tmp_path / f"x{ODD}"), "--fractions", "1", "0", "0"
+    )
 
 
 @pytest.mark.parametrize("name", ["x" * 300, ODD, "pipe", "folder", "dangling"])

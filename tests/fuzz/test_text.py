@@ -94,7 +94,7 @@ LARGE = {
     "gaps.srt": ("1\n" + CUE + "a\n\n" * 1_000, "a subtitle of"),
     "letters.srt": ("1\n" + CUE + "a" * (4 << 20), "expected at most 3145728"),
     "blanks.TextGrid": (GRID.replace("item []", "\n" * 900_000 + "item []"), "TextGrid"),
-    "words.tsv": ("start\tend\tword\n" + "0\t1\ta\n" * 60_000, "more than 50000 words"),
+    "words.tsv": ("start\tend\tword\n" + "0\t1\ta\n" * 110_000, "more than 100000 words"),
     "deep.json": ('{"words":' + "[" * 90 + "]" * 90 + "}", "nested too deep"),
 }
 

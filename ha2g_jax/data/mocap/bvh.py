@@ -14,6 +14,7 @@ from ha2g_jax.limits import (
     MAX_BVH_FRAMES,
     MAX_BVH_HEADER,
     MAX_BVH_JOINTS,
+    MAX_BVH_LINES,
     MAX_BVH_VALUES,
     MAX_FILE_FPS,
     MAX_JOINT_CHANNELS,
@@ -194,8 +195,10 @@ class _Reader:
                 raise self._error("the file ends here, expected more of the skeleton or the motion")
             if len(line) == _MAX_LINE:
                 raise self._error(f"a line of {_MAX_LINE} characters or more, so it is not a BVH file")
-            if self._num_letters > MAX_BVH_HEADER:
-                raise self._error(f"more than {MAX_BVH_HEADER} letters before the motion, so it is not a BVH file")
+            if self._num_letters > MAX_BVH_HEADER or self._line > MAX_BVH_LINES:
+                raise self._error(
+                    f"more than {MAX_BVH_LINES} lines or {MAX_BVH_HEADER} letters before the motion, so it is not BVH"
+                )
             if self._in_motion:
                 line = line.replace(":", " ")
             self._words = iter(line.replace("{", " { ").replace("}", " } ").split())

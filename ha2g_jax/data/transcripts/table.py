@@ -33,7 +33,7 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
     Raises:
         UserError: a row lacks a column, or a time is not a number.
     """
-    rows = _rows(text, path)
+    rows, name = _rows(text, path), shown(path)
     number, header = next(rows)
     names = [field.strip().lower() for field in header]
     columns = {key: next((names.index(name) for name in known if name in names), -1) for key, known in _NAMES.items()}
@@ -43,10 +43,10 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
         columns, may_be_milliseconds = {"start": 0, "end": 1, "text": 2}, False
         if len(names) != 3 or not _is_number(names[0]):
             raise UserError(f"{shown(path)} has the columns {', '.join(names)[:80]}; expected start, end and word")
-        stretches.append(_stretch(header, columns, f"{shown(path)}, line {number},"))
+        stretches.append(_stretch(header, columns, f"{name}, line {number},"))
     for number, row in rows:
         may_be_milliseconds &= all(row[columns[key]].isdecimal() for key in ("start", "end") if columns[key] < len(row))
-        stretches.append(_stretch(row, columns, f"{shown(path)}, line {number},"))
+        stretches.append(_stretch(row, columns, f"{name}, line {number},"))
     if may_be_milliseconds:
         return [Stretch(text, start / 1000, end / 1000) for text, start, end in stretches]
     return stretches
