@@ -8,6 +8,7 @@ import pathlib
 import numpy as np
 import pytest
 import soundfile
+from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_text
 from hypothesis import given
 from hypothesis import strategies as st
@@ -100,10 +101,10 @@ LARGE = {
 
 
 @pytest.mark.parametrize("case", LARGE)
-def test_a_bvh_that_is_too_large(case, tmp_path, answered):
+def test_a_bvh_that_is_too_large(case, tmp_path):
     content, found = LARGE[case]
-    answered(read_bvh_motion, content.encode(), "a.bvh")
-    with pytest.raises(UserError, match=found):
+    (tmp_path / "a.bvh").write_text(content)
+    with within_limits(), pytest.raises(UserError, match=found):
         read_bvh_motion(tmp_path / "a.bvh")
 
 
@@ -149,10 +150,10 @@ def test_joint_maps(content, answered):
 
 
 @pytest.mark.parametrize("case", MAPS)
-def test_a_joint_map_that_unfolds(case, tmp_path, answered):
+def test_a_joint_map_that_unfolds(case, tmp_path):
     content, found = MAPS[case]
-    answered(lambda path: load_map(str(path)), content.encode(), "a.yaml")
-    with pytest.raises(UserError, match=found):
+    (tmp_path / "a.yaml").write_text(content)
+    with within_limits(), pytest.raises(UserError, match=found):
         load_map(str(tmp_path / "a.yaml"))
 
 

@@ -54,7 +54,8 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
         if joint in above:
             first, second = _rotations(channels, before), _rotations(channels, after)
             turn = (first.inv() * second).as_rotvec()[place_of]
-            rotation = (first[place_of] * Rotation.from_rotvec(weight * turn)).as_matrix()
+            begin = Rotation.from_quat(first.as_quat()[place_of])
+            rotation = (begin * Rotation.from_rotvec(weight * turn)).as_matrix()
             rotations[joint] = rotation if parent < 0 else rotations[parent] @ rotation
     return np.stack([places[joint] for joint in joints], axis=1), [rotations[joint] for joint in joints]
 
