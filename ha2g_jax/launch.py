@@ -16,6 +16,9 @@ from ha2g_jax import config_renames, presets
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, reason, shown
+from ha2g_jax.limits import MAX_PROGRAM_BYTES, MAX_SETTING
+
+_PARTS = ("data", "model", "loss", "train")
 
 _USAGE = """\
 usage: {program} --config CONFIG --workdir DIR [--config.KEY=VALUE ...] [--profile]
@@ -115,7 +118,7 @@ def _parse(argv: list[str]) -> Arguments:
         raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
         raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
-    except (flags.Error, TypeError, ValueError) as error:
+    except (flags.Error, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         if match := re.search(r"--?config\.data\.fps=(\d+\.\d+)\b", str(error)):
             check_fps(float(match[1]), "config.data.fps")
         raise UserError(_one_line(error)) from error
@@ -123,6 +126,7 @@ def _parse(argv: list[str]) -> Arguments:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
+    _check_numbers(values.config, "config")
     return Arguments(
         config=values.config,
         workdir=values.workdir,
@@ -158,6 +162,8 @@ def _read(spec: str) -> Config:
         return presets.parse(size or "talk", path)
     with reading(path, "a preset or a config file"):
         is_file = pathlib.Path(path).is_file()
+        if is_file and pathlib.Path(path).stat().st_size > MAX_PROGRAM_BYTES:
+            raise UserError(f"{shown(path)} has more than {MAX_PROGRAM_BYTES} bytes; expected a config of some lines")
     if not is_file:
         known = ", ".join([*presets.DATA, *presets.METHODS])
         raise UserError(f"no config {shown(path)}; expected a preset, such as talk:small ({known}), or FILE[:SIZE]")
@@ -166,6 +172,7 @@ def _read(spec: str) -> Config:
         raise UserError(
             f"{shown(path)} has no function get_config(size) that returns a ConfigDict; see experiments/configs"
         )
+    _check_parts(config, path)
     values, renamed = config_renames.with_new_names(config.to_dict())
     config_renames.warn(renamed, shown(path))
     return ml_collections.ConfigDict(values) if renamed else config
@@ -181,13 +188,37 @@ def _of_program(path: str, size: str) -> object:
         return get_config(*([size] if size else [])) if get_config else None
     except UserError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
         where = f" in line {lines[-1]}" if lines else ""
         raise UserError(
             f"the config {shown(path)} failed{where} with {type(error).__name__}: {reason(error)}; it must be a Python "
             "file, see experiments/configs"
         ) from error
+
+
+def _check_parts(config: Config, path: str) -> None:
+    """Check that a config has the parts that all configs have."""
+    for name in _PARTS:
+        if not isinstance(config.get(name), ml_collections.ConfigDict):
+            raise UserError(f"{shown(path)} returns a config without the part {name}; start from ha2g_jax.config.paper")
+    for name in ("method", "skeleton"):
+        if not isinstance(config.get(name), str):
+            raise UserError(f"{shown(path)} returns a config without a {name}; start from ha2g_jax.config.paper")
+
+
+def _check_numbers(part: Config, name: str) -> None:
+    """Check that no number of a config is infinite, NaN or huge; `methods.ranges` checks those of the networks."""
+    for key, value in part.items():
+        if isinstance(value, ml_collections.ConfigDict):
+            _check_numbers(value, f"{name}.{key}")
+            continue
+        if key == "seed":  # any number of 63 bits, see `train.checks`
+            continue
+        for number in value if isinstance(value, (tuple, list)) else (value,):
+            if isinstance(number, (int, float)) and not -MAX_SETTING <= number <= MAX_SETTING:
+                text = f"{number:g}" if isinstance(number, float) else "a number of many digits"
+                raise UserError(f"{name}.{key} is {text}; expected a number of at most {MAX_SETTING:,}")
 
 
 def _with_new_names(argv: list[str], method: str) -> list[str]:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from ha2g_jax.data.import_report import Report
     from ha2g_jax.data.mocap.options import ImportOptions
 
+_MAX_DIGITS = 9
 _SKELETONS = ("ted_expressive", "ted_gesture")
 
 
@@ -20,9 +21,18 @@ def add_commands(data: Any) -> None:
 
 def positive(text: str) -> int:
     """Parse a positive integer of the command line."""
-    if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of 1 or more")
+    if not text.isdecimal() or not int(text[:_MAX_DIGITS]) >= 1 or len(text) > _MAX_DIGITS:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from 1 to {'9' * _MAX_DIGITS}")
     return int(text)
+
+
+def text(value: str) -> str:
+    """Parse a text of the command line that is stored in the corpus, so that it must be UTF-8."""
+    try:
+        value.encode()
+    except UnicodeEncodeError as error:
+        raise argparse.ArgumentTypeError("the text is not UTF-8") from error
+    return value
 
 
 def _add_import_ted(data: Any) -> None:
@@ -33,7 +43,7 @@ def _add_import_ted(data: Any) -> None:
     )
     _add_destination(command)
     command.add_argument(
-        "--split", default="train", help="name of the split if SRC is one LMDB folder (default: train)"
+        "--split", type=text, default="train", help="name of the split if SRC is one LMDB folder (default: train)"
     )
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
     _add_json(command)
@@ -123,7 +133,7 @@ def _add_motion_arguments(command: argparse.ArgumentParser, src: str) -> None:
         "--fps", type=positive, default=15, metavar="N", help="frames per second of the corpus (default: 15)"
     )
     command.add_argument(
-        "--speaker", metavar="NAME", help="name of the speaker (default: by names of folders and files)"
+        "--speaker", type=text, metavar="NAME", help="name of the speaker (default: by names of folders and files)"
     )
     command.add_argument("--audio", type=pathlib.Path, metavar="FILE", help="audio file, if SRC is one file")
     command.add_argument("--words", type=pathlib.Path, metavar="FILE", help="transcript, if SRC is one file")
@@ -152,8 +162,10 @@ def _add_destination(command: argparse.ArgumentParser) -> None:
 
 
 def _add_split_and_licence(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--split", default="train", help="name of the split of all clips (default: train)")
-    command.add_argument("--licence", default="", metavar="TEXT", help="licence of the data, stored in the corpus")
+    command.add_argument("--split", type=text, default="train", help="name of the split of all clips (default: train)")
+    command.add_argument(
+        "--licence", type=text, default="", metavar="TEXT", help="licence of the data, stored in the corpus"
+    )
 
 
 def _add_json(command: argparse.ArgumentParser) -> None:

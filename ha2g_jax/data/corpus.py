@@ -15,7 +15,7 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
+from ha2g_jax.files.reading import check_utf8, parse_json, read_bytes, reason, shown
 from ha2g_jax.limits import MAX_DATASET_BYTES, MAX_NAME_LENGTH
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
@@ -146,6 +146,7 @@ class Corpus:
             UserError: there is no corpus, or it is incomplete or of an unknown version.
         """
         path = pathlib.Path(path)
+        check_utf8(path)
         file = path / FILE
         try:
             exists = file.is_file()

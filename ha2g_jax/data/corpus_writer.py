@@ -16,7 +16,7 @@ from ha2g_jax.data.corpus import FILE, TRAIN
 from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.partial_folder import partial_folder
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import check_utf8, reason, shown
 from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import load_skeleton
 
@@ -49,6 +49,7 @@ class CorpusWriter:
         self, path: str | os.PathLike, *, splits: Sequence[str], skeleton: str, fps: float, metadata: dict[str, Any]
     ):
         self._path = pathlib.Path(path)
+        check_utf8(self._path)
         if os.path.lexists(self._path):
             raise _exists(self._path)
         for split in splits:

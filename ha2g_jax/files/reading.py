@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pathlib
+import stat
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
@@ -68,6 +69,45 @@ def reason(error: BaseException) -> str:
     text = " ".join(text.split()) or type(error).__name__
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def check_regular(path: str | os.PathLike, expected: str) -> None:
+    """Check that there is a regular file, because reading a pipe or a device may never end.
+
+    Args:
+        path: path of the file.
+        expected: kind of file, with its article.
+
+    Raises:
+        UserError: there is nothing, a folder, a pipe or a device at the path, or its folder is unreadable.
+    """
+    try:
+        mode = pathlib.Path(path).stat().st_mode
+    except FileNotFoundError:
+        raise UserError(f"no file at {shown(path)}; expected {expected}") from None
+    except OSError as error:
+        raise UserError(f"cannot read {shown(path)} ({reason(error)}); expected {expected}") from error
+    except ValueError as error:
+        raise UserError(f"{shown(path)} cannot be a path ({reason(error)}); expected {expected}") from error
+    if stat.S_ISDIR(mode):
+        raise UserError(f"a folder at {shown(path)}; expected {expected}")
+    if not stat.S_ISREG(mode):
+        raise UserError(f"{shown(path)} is not a file but a pipe or a device; expected {expected}")
+
+
+def check_utf8(path: str | os.PathLike) -> None:
+    """Check that a path is UTF-8, as the libraries that read and write corpora need it.
+
+    Args:
+        path: path of a file or a folder.
+
+    Raises:
+        UserError: the path has bytes that are not UTF-8.
+    """
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise UserError(f"the path {shown(path)} is not UTF-8, which corpora need; rename it") from error
 
 
 def read_bytes(path: str | os.PathLike, expected: str, max_bytes: int) -> bytes:

@@ -11,6 +11,7 @@ from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.data.mocap.recordings import find_recordings
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import load_skeleton
 
 _SUFFIX = ".bvh"
@@ -49,7 +50,7 @@ def import_bvh(
     if joint_map != joint_maps.AUTO:
         joint_maps.load_map(joint_map)  # report an error of the map once, not for each file
     read = functools.partial(_read, options=options, joint_map=joint_map, unit=_to_metres(unit))
-    name = src.resolve().name
+    name = shown(src.resolve().name)
     return import_files(recordings, read, dst, options, name=name, source=f"BVH files: {name}")
 
 
@@ -67,5 +68,5 @@ def _to_metres(unit: float | str) -> float | None:
     except ValueError:
         metres = 0.0
     if not 0 < metres < float("inf"):
-        raise UserError(f"unit {unit!r}; expected auto or metres, such as 0.01 for centimetres")
+        raise UserError(f"unit {str(unit)[:40]!r}; expected auto or metres, such as 0.01 for centimetres")
     return metres

@@ -15,6 +15,8 @@ from ha2g_jax.data.mocap.smplx import AUTO, read_smplx
 from ha2g_jax.data.mocap.smplx_model import read_body_model
 from ha2g_jax.data.mocap.smplx_template import Body, template
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_FILE_FPS, MIN_FILE_FPS
 from ha2g_jax.skeleton import load_skeleton
 
 _SUFFIX = ".npz"
@@ -57,8 +59,8 @@ def import_smplx(
     src = pathlib.Path(src)
     if up not in (AUTO, *UPS):
         raise UserError(f"up {up!r}; expected {AUTO} or one of {', '.join(UPS)}")
-    if source_fps is not None and not 1 <= source_fps <= 2000:
-        raise UserError(f"{source_fps:g} frames per second of the files; expected 1 to 2000")
+    if source_fps is not None and not MIN_FILE_FPS <= source_fps <= MAX_FILE_FPS:
+        raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_FILE_FPS} to {MAX_FILE_FPS}")
     recordings = find_recordings(src, _SUFFIX, options)
     if src.is_dir():
         recordings = _with_folders_of_beat(recordings, src)
@@ -66,8 +68,8 @@ def import_smplx(
         recordings = [_with_speaker_of_beat(recording) for recording in recordings]
     body = template() if model is None else read_body_model(model)
     read = functools.partial(_read, options=options, body=body, source_fps=source_fps, up=up)
-    joints = "neutral template" if model is None else f"body model {pathlib.Path(model).name}"
-    name = src.resolve().name
+    joints = "neutral template" if model is None else f"body model {shown(pathlib.Path(model).name)}"
+    name = shown(src.resolve().name)
     return import_files(recordings, read, dst, options, name=name, source=f"SMPL-X files: {name}, {joints}")
 
 

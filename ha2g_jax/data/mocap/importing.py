@@ -21,6 +21,7 @@ from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.window_filters import MOCAP
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, positions_to_directions
 
 UNUSABLE = "unusable recording"
@@ -110,7 +111,9 @@ def import_files(
         if not total.kept:
             place = os.path.commonpath([recording.path for recording in recordings])
             reasons = ", ".join(f"{reason} {number}" for reason, number in (total.filtered + total.rejected).items())
-            raise UserError(f"{place} has no usable window (left out: {reasons}); give longer or livelier recordings")
+            raise UserError(
+                f"{shown(place)} has no usable window (left out: {reasons}); give longer or livelier recordings"
+            )
         report = {options.split: total}
         writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": import_report.as_json(report)}
     return report

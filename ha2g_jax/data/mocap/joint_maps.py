@@ -17,15 +17,18 @@ import yaml
 from ha2g_jax.data.mocap.axes import UPS
 from ha2g_jax.data.mocap.face import FACE
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
+from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
 from ha2g_jax.skeleton import Skeleton
 
 MAPS = ("zeroeggs", "beat", "mixamo", "ha2g")  # the most demanding first, because "auto" takes the first that fits
 AUTO = "auto"
 HEAD = "head"
 
-_MAX_BYTES = 1 << 18
-_MAX_LISTED = 100
-_NAMESPACE = re.compile(r".*[:|]|mixamorig\d*_?", re.IGNORECASE)
+_EXPECTED = "a joint map in YAML"
+_MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
+_MAX_LISTED, _MAX_LISTED_LETTERS = 8, 400
+_PREFIX = re.compile(r"mixamorig\d*_?", re.IGNORECASE)
 
 
 class JointMap(NamedTuple):
@@ -66,7 +69,7 @@ def choose_map(
     found = [(candidate, _find(candidate, joints, wanted, file)) for candidate in candidates]
     best, places = max(found, key=lambda item: len(item[1]))
     if missing := [joint for joint in wanted if joint not in places]:
-        raise _lacks(file, joints, best, missing)
+        raise _lacks(file, joints, best, places, missing)
     owners: dict[int, str] = {}
     for joint, place in places.items():
         if place in owners:
@@ -89,47 +92,68 @@ def load_map(name: str) -> JointMap:
     if name in MAPS:
         path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.yaml"
         return _parse(path.read_bytes(), name)
-    path = pathlib.Path(name)
-    if not path.is_file():
-        raise UserError(f"no joint map {name}; give {AUTO}, {', '.join(MAPS)} or the path of a YAML file")
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise UserError(f"{path} has more than {_MAX_BYTES} bytes; expected a joint map of some 40 lines")
-        return _parse(path.read_bytes(), name)
-    except OSError as error:
-        raise UserError(f"{path} cannot be read ({error.strerror}); give a joint map in YAML") from error
+    with reading(name, _EXPECTED):
+        path = pathlib.Path(name)
+        if not path.exists():
+            raise UserError(f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a YAML file")
+    check_regular(path, _EXPECTED)
+    return _parse(read_bytes(path, f"{_EXPECTED} of some 40 lines", MAX_JOINT_MAP_BYTES), shown(name))
 
 
 def _parse(text: bytes, name: str) -> JointMap:
     try:
+        _check_structure(text)
         lines = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise UserError(f"{name} is not YAML ({reason}); expected lines such as `spine: Spine3`") from error
+    except (yaml.YAMLError, ValueError, ArithmeticError, RecursionError) as error:
+        raise UserError(f"{name} is not YAML ({reason(error)}); expected lines such as `spine: Spine3`") from error
     if not isinstance(lines, dict) or not all(isinstance(key, str) for key in lines):
         raise UserError(f"{name} is not a joint map; expected lines such as `spine: Spine3`")
     unit, up = lines.pop("unit", None), lines.pop("up", None)
     if unit is not None:
         unit = _positive(unit, name)
     if up not in (None, *UPS):
-        raise UserError(f"{name} has `up: {str(up)[:40]}`; expected one of {', '.join(UPS)}")
+        raise UserError(f"{name} has `up: {_text(up)}`; expected one of {', '.join(UPS)}")
     return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
+
+
+def _check_structure(text: bytes) -> None:
+    """Refuse aliases, by which a short file may become an endless one, and nesting, before anything is built."""
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("it has an alias")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            raise ValueError("nested too deep")
 
 
 def _positive(value: Any, name: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = 0.0
     if not 0 < number < float("inf"):
-        raise UserError(f"{name} has `unit: {str(value)[:40]}`; expected metres, such as 0.01 for centimetres")
+        raise UserError(f"{name} has `unit: {_text(value)}`; expected metres, such as 0.01 for centimetres")
     return number
+
+
+def _text(value: Any, max_letters: int = 40) -> str:
+    """Return a value of YAML as the beginning of its text; Python writes no number of thousands of digits."""
+    if isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME:
+        return "9" * max_letters
+    return str(value)[:max_letters]
 
 
 def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
     names = value if isinstance(value, list) else [value]
     if not names or not all(isinstance(item, str | int) and not isinstance(item, bool) for item in names):
-        raise UserError(f"{name} has no name for {key[:40]}; expected the name of a joint, in quotes if it is unusual")
+        raise UserError(
+            f"{name} has no name for {_text(key)}; expected the name of a joint, in quotes if it is unusual"
+        )
+    if any(
+        (isinstance(item, int) and abs(item) >= 10**MAX_JOINT_NAME) or len(str(item)) > MAX_JOINT_NAME for item in names
+    ):
+        raise UserError(f"{name} has a name of more than {MAX_JOINT_NAME} letters for {_text(key)}; correct it")
     return tuple(str(item) for item in names)
 
 
@@ -147,7 +171,9 @@ def _find(
             alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
             if len(alike) > 1:
                 both = " and ".join(joints[index] for index in alike[:2])
-                raise UserError(f"{file} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)")
+                raise UserError(
+                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)"
+                )
             if alike:
                 places[ours] = alike[0]
                 break
@@ -155,16 +181,25 @@ def _find(
 
 
 def _plain(name: str) -> str:
-    return _NAMESPACE.sub("", name, count=1).casefold()
+    """Return a name without its namespace and without differences of letter case."""
+    start = max(name.rfind(":"), name.rfind("|")) + 1
+    return (name[start:] if start else _PREFIX.sub("", name, count=1)).casefold()
 
 
-def _lacks(file: str | pathlib.Path, joints: Sequence[str], joint_map: JointMap, missing: list[str]) -> UserError:
-    names = {joint: " or ".join(joint_map.names.get(joint, ())) or "not in the map" for joint in missing}
-    lacking = ", ".join(f"{joint} ({name})" for joint, name in names.items())
-    listed = ", ".join(joints[:_MAX_LISTED]) + (", ..." if len(joints) > _MAX_LISTED else "")
+def _lacks(
+    file: str | pathlib.Path, joints: Sequence[str], joint_map: JointMap, places: Mapping[str, int], missing: list[str]
+) -> UserError:
+    names = {joint: " or ".join(joint_map.names.get(joint, ()))[:80] or "not in the map" for joint in missing}
+    lacking = ", ".join(f"{joint} ({name})" for joint, name in list(names.items())[:_MAX_LISTED])
+    if len(missing) > _MAX_LISTED:
+        lacking += f" and {len(missing) - _MAX_LISTED} more"
+    used = set(places.values())
+    others = ", ".join(joint for index, joint in enumerate(joints) if index not in used)
+    if len(others) > _MAX_LISTED_LETTERS:
+        others = f"{others[:_MAX_LISTED_LETTERS]}..."
     no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
     advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
     return UserError(
-        f"{file} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a YAML map with a line "
-        f"`{missing[0]}: NAME` for each joint and give it with --joint-map; joints of the file: {listed}"
+        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a YAML map with "
+        f"a line `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: {others}"
     )

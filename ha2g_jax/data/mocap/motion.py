@@ -12,6 +12,7 @@ from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.joint_maps import AUTO, HEAD, choose_map
 from ha2g_jax.data.mocap.kinematics import world_motion
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SOUND_SECONDS
 from ha2g_jax.skeleton import Skeleton
 
@@ -65,22 +66,25 @@ def read_motion(
     path = pathlib.Path(path)
     bvh = read_bvh(path)
     if (minutes := bvh.seconds / 60) > MAX_MINUTES:
-        raise UserError(f"{path} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}: cut the file")
+        raise UserError(
+            f"{shown(path)} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}: cut the file"
+        )
     names, places = choose_map(bvh.joints, skeleton, joint_map, path)
-    world, rotations = world_motion(bvh, fps)
+    own = [joint for joint in places if joint != HEAD]
+    try:
+        world, rotations = world_motion(bvh, fps, [*(places[joint] for joint in own), places[HEAD]])
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}") from error
     positions = np.zeros((len(world), skeleton.num_joints, 3))
-    for joint, place in places.items():
-        if joint != HEAD:
-            positions[:, skeleton.joint(joint)] = world[:, place]
+    positions[:, [skeleton.joint(joint) for joint in own]] = world[:, :-1]
     unit = _find_unit(positions, skeleton, unit or names.unit, path)
     positions *= unit
     up = names.up or find_up(positions, skeleton)
-    head = places[HEAD]
     try:
-        positions = add_face(positions, world[:, head] * unit, rotations[:, head], skeleton, up=up)
+        positions = add_face(positions, world[:, -1] * unit, rotations[-1], skeleton, up=up)
         positions = to_skeleton_axes(positions, skeleton, up=up)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{shown(path)}: {error}") from error
     return Motion(positions.astype(np.float32), bvh.seconds, names.name, unit, up)
 
 
@@ -92,7 +96,8 @@ def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None, pa
     metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
     if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
         raise UserError(
-            f"{path} has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
+            f"{shown(path)} has arms {length:.4g} units long from shoulder to wrist, "
+            f"{length * metres:.4g} m for a unit of "
             f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"
         )
     return metres

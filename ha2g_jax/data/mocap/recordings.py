@@ -10,7 +10,7 @@ from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reading, shown
 
 # In order of preference, if several files lie beside a motion file.
 AUDIO_SUFFIXES = (
@@ -56,24 +56,25 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
     Raises:
         UserError: there is no such file, or audio or words are given for several files.
     """
-    if not src.exists():
-        raise UserError(f"nothing at {shown(src)}; give a {suffix} file or a folder of them")
-    if src.is_file():
-        paths, root = [src], src.parent
-    else:
-        found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
-        paths, root = sorted(path for path in found if not path.name.startswith(".")), src
+    with reading(src, f"a {suffix} file or a folder of them"):
+        if not src.exists():
+            raise UserError(f"nothing at {shown(src)}; give a {suffix} file or a folder of them")
+        if src.is_file():
+            paths, root = [src], src.parent
+        else:
+            found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
+            paths, root = sorted(path for path in found if not path.name.startswith(".")), src
     if not paths:
-        raise UserError(f"no {suffix} file in {src} or below it; give a {suffix} file or a folder of them")
+        raise UserError(f"no {suffix} file in {shown(src)} or below it; give a {suffix} file or a folder of them")
     audio, words = (None if given is None else pathlib.Path(given) for given in (options.audio, options.words))
     if len(paths) > 1 and (audio or words):
-        raise UserError(f"{src} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
+        raise UserError(f"{shown(src)} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
     names = [shown(path.stem) for path in paths]
     if len(set(names)) < len(names):
         names = [shown("_".join(path.relative_to(root).with_suffix("").parts)) for path in paths]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise UserError(f"{src} holds two recordings that would both be called {twice}; rename one")
+        raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
     speakers = [options.speaker or shown(path.parent.name if in_folders else path.stem) for path in paths]

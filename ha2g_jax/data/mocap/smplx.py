@@ -10,23 +10,23 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.data.mocap.axes import find_up, to_skeleton_axes
 from ha2g_jax.data.mocap.face import add_face
+from ha2g_jax.data.mocap.kinematics import check_size
 from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.limits import MAX_SOUND_SECONDS
+from ha2g_jax.files.reading import check_regular, shown
+from ha2g_jax.limits import MAX_FILE_FPS, MAX_SMPLX_FRAMES, MAX_SOUND_SECONDS, MIN_FILE_FPS
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"
 
 _MAX_BYTES = 1 << 28
-_MAX_FRAMES = 400_000  # more than an hour at 100 frames per second
 _MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 _POSES, _BETAS, _TRANS = "poses", "betas", "trans"
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate")
 _POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")
 # Joints only; with points of the face and tips of toes and fingers; with landmarks of the face.
 _NUM_POSITIONS = (55, 76, 127, 144)
-_MIN_FPS, _MAX_FPS = 1.0, 2000.0
 _MAX_VALUE = 1e4  # radians or metres
 _ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist
 
@@ -77,6 +77,7 @@ def read_smplx(
         UserError: the file has no such arrays, wrong shapes, invalid values, or no frame rate.
     """
     path = pathlib.Path(path)
+    check_regular(path, "a .npz of SMPL-X motion")
     if path.suffix.lower() == ".npy":
         arrays: dict[str, np.ndarray] = dict(zip(_POSITIONS, read_npz(path, max_bytes=_MAX_BYTES).values()))
     else:
@@ -84,7 +85,7 @@ def read_smplx(
     try:
         return _to_motion(arrays, skeleton, body, fps, source_fps, up)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def _to_motion(
@@ -100,6 +101,7 @@ def _to_motion(
             f"{minutes:.0f} minutes at {rate:g} frames per second; expected at most {_MAX_MINUTES:.0f}: cut the file"
         )
     moments = _moments(len(frames), rate, fps)
+    check_size(frames.shape[1], len(moments))
     if name == _POSES:
         kind, points = _POSES, _pose(frames, body.shaped(_shape(arrays)), moments)
         points += _between(_translation(arrays, len(frames)), moments)[:, None]
@@ -123,8 +125,8 @@ def _check_frames(array: np.ndarray, name: str) -> np.ndarray:
         expected = f"(frames, {' or '.join(map(str, _NUM_POSITIONS))}, 3)"
     if not is_good or not len(array):
         raise UserError(f"{name} has shape {array.shape}; expected {expected}")
-    if len(array) > _MAX_FRAMES:
-        raise UserError(f"{name} has {len(array)} frames; expected at most {_MAX_FRAMES}: cut the file")
+    if len(array) > MAX_SMPLX_FRAMES:
+        raise UserError(f"{name} has {len(array)} frames; expected at most {MAX_SMPLX_FRAMES}: cut the file")
     return _check_values(array, name).reshape(len(array), -1, 3)
 
 
@@ -147,7 +149,7 @@ def _frame_rate(arrays: Mapping[str, np.ndarray]) -> float:
         raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
     value = arrays[name]
     rate = float(value.reshape(-1)[0]) if value.size == 1 and value.dtype.kind in "fiu" else 0.0
-    if not _MIN_FPS <= rate <= _MAX_FPS:
+    if not MIN_FILE_FPS <= rate <= MAX_FILE_FPS:
         raise UserError(f"{name} is {str(value)[:40]!r}; expected frames per second (--source-fps)")
     return rate
 

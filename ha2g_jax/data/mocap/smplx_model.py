@@ -8,6 +8,7 @@ import numpy as np
 from ha2g_jax.data.mocap.smplx_template import FACE, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.reading import check_regular, shown
 
 _NUM_VERTICES = 10475
 _FACE_VERTICES = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}
@@ -29,18 +30,23 @@ def read_body_model(path: str | os.PathLike) -> Body:
     """
     path = pathlib.Path(path)
     if path.suffix.lower() in (".pkl", ".pickle"):
-        raise UserError(f"{path} is a pickle, which may run code when it is read; give the .npz of the same download")
+        raise UserError(
+            f"{shown(path)} is a pickle, which may run code when it is read; give the .npz of the same download"
+        )
+    check_regular(path, "a body model such as SMPLX_NEUTRAL.npz")
     arrays = read_npz(path, max_bytes=_MAX_BYTES, names=_ARRAYS)
     if missing := [name for name in _ARRAYS if name not in arrays]:
-        raise UserError(f"{path} has no {', '.join(missing)}; expected a body model such as SMPLX_NEUTRAL.npz")
+        raise UserError(f"{shown(path)} has no {', '.join(missing)}; expected a body model such as SMPLX_NEUTRAL.npz")
     vertices, shapes, regressor, tree = (arrays[name] for name in _ARRAYS)
     found = (vertices.shape, shapes.shape[:2], shapes.ndim, regressor.shape, tree.shape)
     expected = ((_NUM_VERTICES, 3), (_NUM_VERTICES, 3), 3, (len(JOINTS), _NUM_VERTICES), (2, len(JOINTS)))
     # The parent of the root is -1 in an integer type that varies, so it is not compared.
     if found != expected or tree[0, 1:].tolist() != list(PARENTS[1:]):
-        raise UserError(f"{path} is not a model of SMPL-X; expected one such as SMPLX_NEUTRAL.npz, with 55 joints")
+        raise UserError(
+            f"{shown(path)} is not a model of SMPL-X; expected one such as SMPLX_NEUTRAL.npz, with 55 joints"
+        )
     if any(array.dtype.kind != "f" or not np.isfinite(array).all() for array in (vertices, shapes, regressor)):
-        raise UserError(f"{path} has values that are not finite numbers; download the model again")
+        raise UserError(f"{shown(path)} has values that are not finite numbers; download the model again")
     count = _ALL_SHAPES if shapes.shape[-1] >= _ALL_DIRECTIONS else _FEW_SHAPES
     # The crown is the highest vertex of the T-pose.
     corners = [_FACE_VERTICES.get(name, int(vertices[:, 1].argmax())) for name in FACE]

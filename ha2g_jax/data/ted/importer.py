@@ -15,6 +15,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.ted import arrow_values, clips, lmdb_videos
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 _SPLITS = (TRAIN, "val", "test")
@@ -31,7 +32,7 @@ class _Database(NamedTuple):
 
     @property
     def path(self) -> str:
-        return str(self.folder / lmdb_videos.FILE)
+        return shown(self.folder / lmdb_videos.FILE)
 
 
 def import_ted(
@@ -70,32 +71,36 @@ def import_ted(
             "source": f"{_NAMES[skeleton]}, ha2g data import-ted",
             "licence": _LICENCE,
             "files": {
-                split: {"bytes": pathlib.Path(database.path).stat().st_size, "videos": len(database.keys)}
+                split: {"bytes": (database.folder / lmdb_videos.FILE).stat().st_size, "videos": len(database.keys)}
                 for split, database in databases.items()
             },
         }
         with CorpusWriter(dst, splits=list(databases), skeleton=skeleton, fps=clips.FPS, metadata=metadata) as writer:
             report = _write(writer, databases, skeleton, executor, count)
             if not any(counts.kept for counts in report.values()):
-                raise UserError(f"{src} has no usable window ({_losses(report)}); give more data")
+                raise UserError(f"{shown(src)} has no usable window ({_losses(report)}); give more data")
             writer.metadata["import"] = import_report.as_json(report)
     return report
 
 
 def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
     """Return the folder of the database of each split."""
-    if (src / lmdb_videos.FILE).exists():
-        return {split: src}
+    with reading(src, "a folder of TED-Expressive or TED-Gesture"):
+        if (src / lmdb_videos.FILE).exists():
+            return {split: src}
     folders: dict[str, pathlib.Path] = {}
     for name in _SPLITS:
         found = [folder for folder in (src / name, src / f"lmdb_{name}") if folder.is_dir()]
         if len(found) > 1:
-            raise UserError(f"{src} has both {found[0].name} and {found[1].name}; name the folder of one of them")
+            raise UserError(
+                f"{shown(src)} has both {found[0].name} and {found[1].name}; name the folder of one of them"
+            )
         if found:
             folders[name] = found[0]
     if not folders:
         raise UserError(
-            f"{src} has neither {lmdb_videos.FILE} nor folders train, val, test or lmdb_train, lmdb_val, lmdb_test; "
+            f"{shown(src)} has neither {lmdb_videos.FILE} nor folders train, val, test or lmdb_train, "
+            "lmdb_val, lmdb_test; "
             "name the folder of TED-Expressive or TED-Gesture"
         )
     return folders
@@ -121,7 +126,7 @@ def _find_skeleton(databases: list[_Database]) -> str:
 
 def _died(path: str | os.PathLike) -> str:
     return (
-        f"a process that read {path} died: the file is damaged (copy or download it again), "
+        f"a process that read {shown(path)} died: the file is damaged (copy or download it again), "
         "or memory ran out (use fewer workers)"
     )
 
@@ -166,5 +171,5 @@ def _read_clips(folder: pathlib.Path, key: bytes, skeleton: str) -> clips.VideoC
 
 
 def _video(folder: pathlib.Path, key: bytes) -> tuple[object, str]:
-    name = f"{folder / lmdb_videos.FILE}, record {key.decode('ascii', 'backslashreplace')[:40]}"
+    name = f"{shown(folder / lmdb_videos.FILE)}, record {key.decode('ascii', 'backslashreplace')[:40]}"
     return arrow_values.deserialize(lmdb_videos.read_value(folder, key), name), name

@@ -1,6 +1,7 @@
 """Reader of LMDB databases, to be used in worker processes, because the C library may crash on a damaged file."""
 
 import contextlib
+import os
 import pathlib
 import struct
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import lmdb
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 FILE = "data.mdb"
 
@@ -41,7 +43,7 @@ def check(folder: pathlib.Path) -> int:
     path = folder / FILE
     try:
         if not path.is_file():
-            raise UserError(f"{folder} has no {FILE}; name a folder of an LMDB database")
+            raise UserError(f"{shown(folder)} has no {FILE}; name a folder of an LMDB database")
         size = path.stat().st_size
         with path.open("rb") as file:
             first = _read_meta(file.read(_PAGE_HEADER.size + _META.size))
@@ -49,13 +51,13 @@ def check(folder: pathlib.Path) -> int:
                 file.seek(first.page_size)
             second = _read_meta(file.read(_PAGE_HEADER.size + _META.size))
     except OSError as error:
-        raise UserError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+        raise UserError(f"{shown(path)} cannot be read ({error.strerror}); check its permissions") from error
     if first is None or second is None:
-        raise UserError(f"{path} ({size} bytes) is not an LMDB database or damaged; copy or download it again")
+        raise UserError(f"{shown(path)} ({size} bytes) is not an LMDB database or damaged; copy or download it again")
     newest = max(first, second, key=lambda meta: meta.transaction)
     expected = (newest.last_page + 1) * newest.page_size
     if size < expected:
-        raise UserError(f"{path} has {size} bytes instead of {expected}; copy or download it again")
+        raise UserError(f"{shown(path)} has {size} bytes instead of {expected}; copy or download it again")
     return newest.num_entries
 
 
@@ -87,10 +89,12 @@ def read_keys(folder: pathlib.Path) -> list[bytes]:
         for key in transaction.cursor().iternext(keys=True, values=False):
             # Keys that do not ascend reveal damaged pages that refer to each other and would never end.
             if keys and bytes(key) <= keys[-1]:
-                raise UserError(f"{folder / FILE} is damaged (keys out of order); copy or download it again")
+                raise UserError(f"{shown(folder / FILE)} is damaged (keys out of order); copy or download it again")
             keys.append(bytes(key))
     if len(keys) != (expected := check(folder)):
-        raise UserError(f"{folder / FILE} is damaged ({len(keys)} of {expected} records); copy or download it again")
+        raise UserError(
+            f"{shown(folder / FILE)} is damaged ({len(keys)} of {expected} records); copy or download it again"
+        )
     return keys
 
 
@@ -107,7 +111,7 @@ def read_value(folder: pathlib.Path, key: bytes) -> bytes:
     with _transaction(folder) as transaction:
         value = transaction.get(key)
         if value is None or len(value) > (folder / FILE).stat().st_size:
-            raise UserError(f"{folder / FILE} is damaged (record {key!r}); copy or download it again")
+            raise UserError(f"{shown(folder / FILE)} is damaged (record {key!r}); copy or download it again")
         return bytes(value)
 
 
@@ -118,9 +122,9 @@ def _transaction(folder: pathlib.Path) -> Iterator[lmdb.Transaction]:
         size = (folder / FILE).stat().st_size
         with (
             # With read-ahead of the system, because values are large and sequential: 30 times as fast from a disk.
-            lmdb.open(str(folder), map_size=size, readonly=True, lock=False, create=False) as database,
+            lmdb.open(os.fsencode(folder), map_size=size, readonly=True, lock=False, create=False) as database,
             database.begin(buffers=True) as transaction,
         ):
             yield transaction
     except lmdb.Error as error:
-        raise UserError(f"{folder / FILE} is damaged ({error}); copy or download it again") from error
+        raise UserError(f"{shown(folder / FILE)} is damaged ({error}); copy or download it again") from error

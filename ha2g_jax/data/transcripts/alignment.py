@@ -24,6 +24,7 @@ from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
+from ha2g_jax.limits import MAX_WORDS
 
 if TYPE_CHECKING:
     from pocketsphinx import Decoder
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 MAX_PIECE_SECONDS = 30.0
 
 _MIN_ANCHOR = 3
+_MAX_LETTERS = 100  # in a word, far more than the longest of English
 # Time of the neighbours that may belong to a word that was not recognised.
 _SLACK_SECONDS = 0.3
 # Minimum fraction of recognised words; below it the text is probably not that of the recording.
@@ -59,11 +61,16 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
         The words in order of time, without those that do not fit anywhere.
 
     Raises:
-        UserError: pocketsphinx is not installed, or the text has no words.
+        UserError: pocketsphinx is not installed, or the text has no words or too many.
     """
     texts = split_words(text)
     if not texts:
         raise UserError("the transcript has no words; expected the text of the recording")
+    if len(texts) > MAX_WORDS or max(map(len, texts)) > _MAX_LETTERS:
+        raise UserError(
+            f"the transcript has {len(texts)} words, the longest of {max(map(len, texts))} letters; expected at most "
+            f"{MAX_WORDS} words of {_MAX_LETTERS} letters: give the text of this recording alone"
+        )
     decoder = _load(texts)
     placed = _place(audio, texts, _recognise(decoder, audio, texts))
     words: list[Word] = []

@@ -3,14 +3,13 @@
 import json
 import math
 import pathlib
-import re
 from typing import Any
 
 from ha2g_jax.data.transcripts.timing import Stretch, fill_gaps
+from ha2g_jax.data.transcripts.unspoken import without_brackets
 from ha2g_jax.errors import UserError
-
-# Sounds that are not words, as Whisper and captions write them.
-_NO_SPEECH = re.compile(r"\[[^\]]{0,200}\]|\([^)]{0,200}\)|♪")
+from ha2g_jax.files import reading
+from ha2g_jax.files.reading import shown
 
 
 def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
@@ -27,7 +26,7 @@ def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
         UserError: the text is not JSON, or not the output of one of these tools.
     """
     try:
-        content = json.loads(text)
+        content = reading.parse_json(text)
         segments, words = content.get("segments"), content.get("words", content.get("word_segments"))
         # OpenAI's service returns segments without words, and a separate list of words.
         if segments and (not words or any(segment.get("words") for segment in segments)):
@@ -36,14 +35,16 @@ def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
             return fill_gaps([_gentle_word(word) for word in words], 0.0, None)
         if words:
             return fill_gaps([_word(word) for word in words], 0.0, None, slack=math.inf)
-    except RecursionError as error:
-        raise UserError(f"{path} is nested too deeply for a transcript; expected Gentle or Whisper JSON") from error
     except json.JSONDecodeError as error:
-        raise UserError(f"{path} is damaged JSON ({error}); export the transcript again, whole") from error
+        raise UserError(f"{shown(path)} is damaged JSON ({error}); export the transcript again, whole") from error
     except (ValueError, TypeError, AttributeError, KeyError, OverflowError) as error:
-        reason = f"{type(error).__name__}: {str(error)[:80]}"
-        raise UserError(f"{path} is not JSON of Gentle, Whisper or whisperX ({reason}); export it again") from error
-    raise UserError(f"{path} is JSON without `segments` or `words`; expected the output of Gentle, Whisper or whisperX")
+        found = f"{type(error).__name__}: {reading.reason(error)[:80]}"
+        raise UserError(
+            f"{shown(path)} is not JSON of Gentle, Whisper or whisperX ({found}); export it again"
+        ) from error
+    raise UserError(
+        f"{shown(path)} is JSON without `segments` or `words`; expected the output of Gentle, Whisper or whisperX"
+    )
 
 
 def _segment(segment: dict[str, Any]) -> list[Stretch]:
@@ -56,13 +57,13 @@ def _segment(segment: dict[str, Any]) -> list[Stretch]:
     words = [_word(word) for word in segment.get("words") or []]
     if any(word.start is not None for word in words):
         return fill_gaps(words, start, end, slack=math.inf)
-    return [Stretch(_NO_SPEECH.sub(" ", str(segment["text"])), start, end)]
+    return [Stretch(_spoken(segment["text"]), start, end)]
 
 
 def _word(word: dict[str, Any]) -> Stretch:
     # openai-whisper, faster-whisper and whisperX have "word", older whisperX and some exports "text".
     text = word["word"] if "word" in word else word["text"]
-    return Stretch(_NO_SPEECH.sub(" ", str(text)), _seconds(word.get("start")), _seconds(word.get("end")))
+    return Stretch(_spoken(text), _seconds(word.get("start")), _seconds(word.get("end")))
 
 
 def _gentle_word(word: dict[str, Any]) -> Stretch:
@@ -72,13 +73,25 @@ def _gentle_word(word: dict[str, Any]) -> Stretch:
     if it is superfluous in the transcript, it does not. `fill_gaps` distinguishes the two cases.
     """
     if word.get("case", "success") == "not-found-in-audio":
-        return Stretch(str(word["word"]), None, None)
-    return Stretch(str(word["word"]), _seconds(word.get("start")), _seconds(word.get("end")))
+        return Stretch(_text(word["word"]), None, None)
+    return Stretch(_text(word["word"]), _seconds(word.get("start")), _seconds(word.get("end")))
+
+
+def _spoken(text: object) -> str:
+    """Return a text without the sounds that are not words, as Whisper and captions write them."""
+    return without_brackets(_text(text).replace("\n", " "), "[(", " ").replace("♪", " ")
+
+
+def _text(value: object) -> str:
+    """Return a text of JSON; a number is a word, too, and half a pair of surrogates is no letter."""
+    if not isinstance(value, str | int | float) or isinstance(value, bool):
+        raise TypeError(f"a {type(value).__name__} instead of a text")
+    return str(value).encode("utf-8", "replace").decode("utf-8")
 
 
 def _seconds(value: object) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"the time {value!r} is not a number")
+        raise TypeError(f"the time {str(value)[:40]!r} is not a number")
     return float(value)

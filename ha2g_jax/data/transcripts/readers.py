@@ -5,6 +5,7 @@ import pathlib
 from ha2g_jax.data.transcripts import contents, json_words, subtitles, table, textgrid, timing
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import shown
 
 FORMATS = {
     ".textgrid": textgrid.parse_textgrid,
@@ -34,11 +35,12 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
     suffix = path.suffix.lower()
     if suffix == ".txt":
         raise UserError(
-            f"{path} is a text without times; expected a transcript with times, or a text together with its audio"
+            f"{shown(path)} is a text without times; expected a transcript with times, or a text "
+            "together with its audio"
         )
     if suffix not in FORMATS:
         raise UserError(
-            f"{path} is not a transcript of a known format; expected one of .TextGrid .json .tsv .csv .vtt .srt"
+            f"{shown(path)} is not a transcript of a known format; expected one of .TextGrid .json .tsv .csv .vtt .srt"
         )
     text = contents.read_text(path)
     parse = FORMATS[suffix]
@@ -46,5 +48,5 @@ def read_words(path: pathlib.Path) -> tuple[Word, ...]:
         parse = subtitles.parse_vtt if text.lstrip().startswith("WEBVTT") else subtitles.parse_srt
     words = timing.to_words(parse(text, path), path)
     if not words:
-        raise UserError(f"{path} has no words with times; expected a transcript of the recording")
+        raise UserError(f"{shown(path)} has no words with times; expected a transcript of the recording")
     return words

@@ -8,6 +8,7 @@ _THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
 _NOT_OF_WORDS = re.compile(r"[^a-z0-9']")
 # Characters that join letters of Persian and Indian scripts within a word.
 _JOINERS = "\u200c\u200d"
+_MANY = 100  # marks on one letter
 
 
 def split_words(text: str) -> list[str]:
@@ -22,6 +23,8 @@ def split_words(text: str) -> list[str]:
     Returns:
         The words, none empty.
     """
+    if len(text) > _MANY and not text.isascii():
+        text = _with_few_marks(text)
     text = _THOUSANDS.sub("", unicodedata.normalize("NFC", text).lower().translate(_APOSTROPHES))
     if text.isascii():
         text = _NOT_OF_WORDS.sub(" ", text)
@@ -29,6 +32,12 @@ def split_words(text: str) -> list[str]:
         text = "".join(character if _belongs(character) else " " for character in text)
     words = (word.strip("'" + _JOINERS) for word in text.split())
     return [word for word in words if any(character.isalnum() for character in word)]
+
+
+def _with_few_marks(text: str) -> str:
+    """Cut runs of marks that belong to one letter; sorting a run takes time in the square of its length."""
+    marks = "".join(character for character in set(text) if unicodedata.combining(character))
+    return re.sub(f"([{marks}]{{{_MANY}}})[{marks}]+", r"\1", text) if marks else text
 
 
 def _belongs(character: str) -> bool:

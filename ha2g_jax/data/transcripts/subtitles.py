@@ -1,6 +1,7 @@
 """Parser of subtitles: SubRip and WebVTT, including those of YouTube and Whisper with a time for every word."""
 
 import html
+import itertools
 import logging
 import pathlib
 import re
@@ -13,11 +14,12 @@ from webvtt.errors import MalformedCaptionError, MalformedFileError
 
 from ha2g_jax.data.transcripts.spelling import num_letters, split_words
 from ha2g_jax.data.transcripts.timing import Stretch
+from ha2g_jax.data.transcripts.unspoken import without_brackets
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_CUE_LINES, MAX_SUBTITLE_LETTERS
 
-# Text that is shown but not spoken: {\an8}, [music], (laughs), notes.
-_UNSPOKEN = re.compile(r"\{[^}\n]{0,200}\}|\[[^\]\n]{0,200}\]|\([^)\n]{0,200}\)|[♪♫]")
-_TAG = re.compile(r"<[^>\n]{0,200}>")
+_NOTES = re.compile("[♪♫]")
 _INLINE_TIME = re.compile(r"<((?:[0-9]{1,4}:)?[0-9]{1,2}:[0-9]{1,2}\.[0-9]{1,3})>")
 _UNDERLINED = re.compile(r"<u>([^<\n]{0,200})</u>")
 # "JOHN:", ">> DR. WHO:", "Speaker 1:", "- ".
@@ -54,14 +56,15 @@ def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
         UserError: the text is not SubRip.
     """
     if _LONG_NUMBER.search(text):
-        raise UserError(f"{path} has a number of more than 30 digits; expected subtitles")
+        raise UserError(f"{shown(path)} has a number of more than 30 digits; expected subtitles")
     # The library takes quadratic time for runs of blanks.
     lines = [_BLANKS.sub(" ", line).strip() for line in text.strip().split("\n")]
     kept = [line for line, before in zip(lines, ["", *lines[:-1]], strict=True) if line or before]
+    _check_cues(kept, "-->", path)
     try:
         cues = list(srt.parse("\n".join(kept) + "\n"))
     except (srt.SRTParseError, srt.TimestampParseError, ValueError, OverflowError) as error:
-        raise UserError(f"{path} is not valid SubRip ({_short(error)}); export the subtitles again") from error
+        raise UserError(f"{shown(path)} is not valid SubRip ({_short(error)}); export the subtitles again") from error
     return _stretches([_Cue(cue.content, cue.start.total_seconds(), cue.end.total_seconds()) for cue in cues])
 
 
@@ -78,19 +81,46 @@ def parse_vtt(text: str, path: pathlib.Path) -> list[Stretch]:
     Raises:
         UserError: the text is not WebVTT.
     """
+    _check_cues(text.split("\n"), "", path)
     try:
         captions = webvtt.from_string(text.lstrip()).captions
     except (MalformedFileError, MalformedCaptionError, ValueError) as error:
-        raise UserError(f"{path} is not WebVTT ({_short(error)}); export the subtitles again") from error
+        raise UserError(f"{shown(path)} is not WebVTT ({_short(error)}); export the subtitles again") from error
     num_arrows = sum("-->" in line for line in text.split("\n"))
     if num_arrows > len(captions):
-        _logger.warning("%s: %d of %d cues cannot be read; left out", path, num_arrows - len(captions), num_arrows)
+        _logger.warning(
+            "%s: %d of %d cues cannot be read; left out", shown(path), num_arrows - len(captions), num_arrows
+        )
     return _stretches(
         [
             _Cue(one.raw_text, one.start_time.in_milliseconds() / 1000, one.end_time.in_milliseconds() / 1000)
             for one in captions
         ]
     )
+
+
+def _check_cues(lines: Sequence[str], border: str, path: pathlib.Path) -> None:
+    """Check the numbers of letters and of lines in a cue, for which the libraries take quadratic time.
+
+    Args:
+        lines: lines of the file.
+        border: text in the line that begins a cue (SRT, whose cues may have empty lines), "" for an empty line (VTT).
+        path: path of the file, to name it in an error message.
+
+    Raises:
+        UserError: there are too many.
+    """
+    num_letters = sum(map(len, lines)) + len(lines)
+    if num_letters > MAX_SUBTITLE_LETTERS:
+        raise UserError(
+            f"{shown(path)} has {num_letters} letters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file"
+        )
+    places = [-1, *(i for i, line in enumerate(lines) if (border in line if border else not line)), len(lines)]
+    longest = max(after - before for before, after in itertools.pairwise(places)) - 1
+    if longest > MAX_CUE_LINES:
+        raise UserError(
+            f"{shown(path)} has a subtitle of {longest} lines; expected at most {MAX_CUE_LINES}: export it again"
+        )
 
 
 def _short(error: Exception) -> str:
@@ -113,8 +143,9 @@ def _stretches(cues: Sequence[_Cue]) -> list[Stretch]:
 
 def _spoken(raw: str) -> str:
     """Remove tags, sounds in brackets and labels of speakers from a cue."""
-    text = html.unescape(_TAG.sub("", raw))
-    return _SPEAKER.sub("", _UNSPOKEN.sub(" ", text))
+    text = html.unescape(without_brackets(raw, "<", ""))
+    # Text that is shown but not spoken: {\\an8}, [music], (laughs), notes.
+    return _SPEAKER.sub("", _NOTES.sub(" ", without_brackets(text, "{[(", " ")))
 
 
 def _timed_words(cues: Sequence[_Cue]) -> list[Stretch]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 _NAMES = {
     "start": ("start", "begin", "onset", "start_time", "start time", "xmin", "tmin"),
@@ -32,7 +33,7 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
     Raises:
         UserError: a row lacks a column, or a time is not a number.
     """
-    rows = _rows(text, path)
+    rows, name = _rows(text, path), shown(path)
     number, header = next(rows)
     names = [field.strip().lower() for field in header]
     columns = {key: next((names.index(name) for name in known if name in names), -1) for key, known in _NAMES.items()}
@@ -41,11 +42,11 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
     if -1 in columns.values():
         columns, may_be_milliseconds = {"start": 0, "end": 1, "text": 2}, False
         if len(names) != 3 or not _is_number(names[0]):
-            raise UserError(f"{path} has the columns {', '.join(names)[:80]}; expected start, end and word")
-        stretches.append(_stretch(header, columns, f"{path}, line {number},"))
+            raise UserError(f"{shown(path)} has the columns {', '.join(names)[:80]}; expected start, end and word")
+        stretches.append(_stretch(header, columns, f"{name}, line {number},"))
     for number, row in rows:
         may_be_milliseconds &= all(row[columns[key]].isdecimal() for key in ("start", "end") if columns[key] < len(row))
-        stretches.append(_stretch(row, columns, f"{path}, line {number},"))
+        stretches.append(_stretch(row, columns, f"{name}, line {number},"))
     if may_be_milliseconds:
         return [Stretch(text, start / 1000, end / 1000) for text, start, end in stretches]
     return stretches
@@ -55,7 +56,9 @@ def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of each row."""
     lines = text.lstrip("\n").split("\n")
     if max(map(len, lines)) > _MAX_LINE:
-        raise UserError(f"{path} has a line of more than {_MAX_LINE} characters; expected start, end and word in each")
+        raise UserError(
+            f"{shown(path)} has a line of more than {_MAX_LINE} characters; expected start, end and word in each"
+        )
     # Tools that write tabs do not quote, and a transcript may have a single quotation mark.
     style = {"delimiter": "\t", "quoting": csv.QUOTE_NONE} if "\t" in lines[0] else {"delimiter": ",", "strict": True}
     reader = csv.reader(lines, **style)
@@ -64,7 +67,9 @@ def _rows(text: str, path: pathlib.Path) -> Iterator[tuple[int, list[str]]]:
             if any(field.strip() for field in row):
                 yield reader.line_num, row
     except csv.Error as error:
-        raise UserError(f"{path}, line {reader.line_num}, is damaged ({error}); export the table again") from error
+        raise UserError(
+            f"{shown(path)}, line {reader.line_num}, is damaged ({error}); export the table again"
+        ) from error
 
 
 def _is_number(field: str) -> bool:

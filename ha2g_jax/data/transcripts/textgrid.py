@@ -7,6 +7,7 @@ from praatio.utilities import errors, textgrid_io
 
 from ha2g_jax.data.transcripts.timing import Stretch
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 
 _WORD_NAMES = ("words", "word", "ort", "ort-mau", "orthography", "transcript", "transcription", "text")
 # Words within a tier's name, such as "S1 - words" of the Montreal aligner.
@@ -20,7 +21,8 @@ _ENTRY = re.compile(r"(?:item|intervals|points) ?\[")
 _MAX_ENTRY = 1 << 16
 _NUM_TIERS = re.compile(r"<exists>\s{1,9}(?:size ?= ?)?([0-9]{1,20})\b")
 _NUM_INTERVALS = re.compile(
-    r'^\s*intervals ?: ?size ?= ?([0-9]{1,20})\s*$|^"IntervalTier"\n"[^"\n]*"\n[^\n]*\n[^\n]*\n([0-9]{1,20})\s*$',
+    r"^[ \t]*intervals ?: ?size ?= ?([0-9]{1,20})[ \t]*$|"
+    r'^"IntervalTier"\n"[^"\n]*"\n[^\n]*\n[^\n]*\n([0-9]{1,20})[ \t]*$',
     re.MULTILINE,
 )
 
@@ -43,9 +45,9 @@ def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
         UserError: the text is not a complete TextGrid, or has no tier of words.
     """
     if not text.lstrip().startswith("File type"):
-        raise UserError(f"{path} is not a TextGrid in text form; open it in Praat and save it as text file")
+        raise UserError(f"{shown(path)} is not a TextGrid in text form; open it in Praat and save it as text file")
     if "item [" in text and max(map(len, _ENTRY.split(text))) > _MAX_ENTRY:
-        raise UserError(f"{path} has a label of more than {_MAX_ENTRY} characters; expected a TextGrid of words")
+        raise UserError(f"{shown(path)} has a label of more than {_MAX_ENTRY} characters; expected a TextGrid of words")
     try:
         tiers = textgrid_io.parseTextgridStr(text.strip() + "\n", includeEmptyIntervals=True)["tiers"]
         stretches = [
@@ -54,7 +56,7 @@ def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
             if tier["class"] == "IntervalTier"
         ]
     except (errors.PraatioException, ValueError, IndexError, KeyError, TypeError) as error:
-        raise UserError(f"{path} is a damaged TextGrid ({_reason(error)}); save it again from Praat") from error
+        raise UserError(f"{shown(path)} is a damaged TextGrid ({_reason(error)}); save it again from Praat") from error
     _check_counts(text, len(tiers), [len(entries) for _, entries in stretches], path)
     return _word_tier([(name, list(filter(_is_speech, entries))) for name, entries in stretches], path)
 
@@ -69,10 +71,12 @@ def _check_counts(text: str, num_tiers: int, num_intervals: list[int], path: pat
     declared = [int(match[1] or match[2]) for match in _NUM_INTERVALS.finditer(text)]
     missing = [(count, found) for count, found in zip(declared, num_intervals) if found < count]
     if missing:
-        raise UserError(f"{path} declares {missing[0][0]} intervals but has {missing[0][1]}; export it again, whole")
+        raise UserError(
+            f"{shown(path)} declares {missing[0][0]} intervals but has {missing[0][1]}; export it again, whole"
+        )
     if declared_tiers != [num_tiers] or len(declared) != len(num_intervals):
         count = declared_tiers[0] if declared_tiers else "no"
-        raise UserError(f"{path} declares {count} tiers but has {num_tiers} whole ones; export it again")
+        raise UserError(f"{shown(path)} declares {count} tiers but has {num_tiers} whole ones; export it again")
 
 
 def _is_speech(stretch: Stretch) -> bool:
@@ -88,5 +92,5 @@ def _word_tier(tiers: list[tuple[str, list[Stretch]]], path: pathlib.Path) -> li
     others = [entries for name, entries in by_name.items() if not _IS_PHONES.search(name)]
     if not (alike or others):
         names = ", ".join(repr(name[:40]) for name, _ in tiers[:8]) or "none"
-        raise UserError(f"{path} has no interval tier with words (tiers: {names}); name the tier `words`")
+        raise UserError(f"{shown(path)} has no interval tier with words (tiers: {names}); name the tier `words`")
     return max(alike or others, key=len)

@@ -8,6 +8,8 @@ from typing import NamedTuple
 from ha2g_jax.data.transcripts.spelling import num_letters, split_words
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_WORDS
 
 MAX_SECONDS = 360_000.0  # a hundred hours
 
@@ -96,7 +98,8 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
         Words with 0 <= start < end in seconds, each at least 1 ms long.
 
     Raises:
-        UserError: a time is not finite or beyond 100 hours, or a stretch ends before it starts.
+        UserError: a time is not finite or beyond 100 hours, a stretch ends before it starts, or there are too many
+            words.
     """
     words: list[Word] = []
     for text, start, end in stretches:
@@ -105,10 +108,13 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
         # Written so that NaN fails.
         if not (-MAX_SECONDS <= start <= end <= MAX_SECONDS):
             raise UserError(
-                f"{path} gives {text[:40]!r} the times {start:g} to {end:g} s; expected seconds, start before end "
+                f"{shown(path)} gives {text[:40]!r} the times {start:g} to {end:g} s; expected seconds, "
+                "start before end "
                 "and below 100 hours: correct the file"
             )
         words += spread(split_words(text), start, end)
+        if len(words) > MAX_WORDS:
+            raise UserError(f"{shown(path)} has more than {MAX_WORDS} words; expected a transcript of one recording")
     return without_overlap(words)
 
 

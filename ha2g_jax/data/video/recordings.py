@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import check_regular, reading, shown
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v")
 
@@ -44,8 +44,12 @@ def find_recordings(
     """
     # Links are not followed, so that a video is named by the path where it was found.
     given = [pathlib.Path(os.path.abspath(path)) for path in videos]  # noqa: PTH100
-    if missing := [path for path in given if not path.exists()]:
-        raise UserError(f"no file or folder at {shown(missing[0])}; give videos, or folders of videos")
+    for path in given:
+        with reading(path, "a video or a folder of videos"):
+            if not path.exists():
+                raise UserError(f"no file or folder at {shown(path)}; give videos, or folders of videos")
+        if not path.is_dir():
+            check_regular(path, "a video")
     found = {file for path in given for file in (_inside(path, without) if path.is_dir() else [path])}
     if not found:
         raise UserError(f"no video in {', '.join(map(shown, given))}; expected files ending in {', '.join(SUFFIXES)}")

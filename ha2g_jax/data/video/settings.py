@@ -1,7 +1,6 @@
 """All thresholds and choices of the import of videos (HA2G, Appendix A), as one value."""
 
 import dataclasses
-import json
 import math
 import pathlib
 import types
@@ -12,8 +11,11 @@ from typing import Any
 from ha2g_jax.data.recording import MAX_SECONDS
 from ha2g_jax.data.window_filters import MOCAP, WindowFilters
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import check_regular, read_json, shown
+from ha2g_jax.limits import MAX_SETTINGS_BYTES
 
 _FILTERS = "filters"
+_EXPECTED = 'settings in JSON, such as {"min_seconds": 3}'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +68,10 @@ class VideoSettings:
         for name, (low, high) in _RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise UserError(f"setting {name} is {getattr(self, name):g}; expected {low:g} to {high:g}")
-        if min(self.filters.num_frames, self.filters.stride) < 1:
-            raise UserError("settings filters.num_frames and filters.stride must be at least 1")
+        if not all(1 <= number <= _MAX_WINDOW for number in (self.filters.num_frames, self.filters.stride)):
+            raise UserError(
+                f"settings filters.num_frames and filters.stride must be at least 1 and at most {_MAX_WINDOW}"
+            )
 
     def as_json(self) -> dict[str, Any]:
         """Return the values by name, ready for JSON; `filters` is a nested mapping."""
@@ -82,6 +86,8 @@ class VideoSettings:
         """
         return _with(cls(), values)
 
+
+_MAX_WINDOW = 10_000  # frames of a window
 
 # Inclusive bounds, wide enough for any recording and narrow enough to catch a wrong unit.
 _RANGES = {
@@ -108,19 +114,14 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
     Raises:
         UserError: the file is missing, is not JSON, or has an unknown name or a wrong value.
     """
-    path = pathlib.Path(path)
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f'{path} cannot be read as settings ({error}); expected JSON such as {{"min_seconds": 3}}'
-        ) from error
+    check_regular(path, _EXPECTED)
+    values = read_json(path, _EXPECTED, MAX_SETTINGS_BYTES)
     if not isinstance(values, dict):
-        raise UserError(f'{path} has a {type(values).__name__}; expected JSON such as {{"min_seconds": 3}}')
+        raise UserError(f"{shown(path)} has a {type(values).__name__}; expected {_EXPECTED}")
     try:
         return VideoSettings.from_json(values)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
@@ -137,7 +138,7 @@ def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> Video
     for pair in pairs:
         name, equals, text = (part.strip() for part in pair.partition("="))
         if not equals:
-            raise UserError(f"setting {pair!r} has no value; write NAME=VALUE, such as min_seconds=3")
+            raise UserError(f"setting {_short(pair)} has no value; write NAME=VALUE, such as min_seconds=3")
         group, dot, inner = name.partition(".")
         if group == _FILTERS and dot:
             values.setdefault(_FILTERS, {})[inner] = _parsed(name, text, _types(WindowFilters).get(inner))
@@ -149,13 +150,14 @@ def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> Video
 def _with(base: VideoSettings, values: Mapping[str, Any]) -> VideoSettings:
     names = _types(VideoSettings)
     if unknown := sorted(set(values) - set(names)):
-        raise UserError(f"unknown setting {unknown[0]!r}; expected one of {', '.join(names)}")
+        raise UserError(f"unknown setting {_short(unknown[0])}; expected one of {', '.join(names)}")
     changes, filters = dict(values), values.get(_FILTERS, {})
     if not isinstance(filters, Mapping):
-        raise UserError(f'setting {_FILTERS} is {filters!r}; expected names and values, such as {{"min_words": 2}}')
+        found = _short(filters)
+        raise UserError(f'setting {_FILTERS} is {found}; expected names and values, such as {{"min_words": 2}}')
     if unknown := sorted(set(filters) - set(WindowFilters._fields)):
         known = ", ".join(WindowFilters._fields)
-        raise UserError(f"unknown setting '{_FILTERS}.{unknown[0]}'; expected one of {known}")
+        raise UserError(f"unknown setting {_short(f'{_FILTERS}.{unknown[0]}')}; expected one of {known}")
     return dataclasses.replace(base, **{**changes, _FILTERS: base.filters._replace(**filters)})
 
 
@@ -169,10 +171,13 @@ def _types(of: type) -> dict[str, tuple[type, ...]]:
 
 def _checked(name: str, value: Any, allowed: tuple[type, ...]) -> Any:
     if float in allowed and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            value = math.inf
     is_finite = not isinstance(value, float) or math.isfinite(value)
     if isinstance(value, bool) or not isinstance(value, allowed) or not is_finite:
-        raise UserError(f"setting {name} is {value!r}; expected {_expected(allowed)}")
+        raise UserError(f"setting {name} is {_short(value)}; expected {_expected(allowed)}")
     return value
 
 
@@ -187,8 +192,14 @@ def _parsed(name: str, text: str, allowed: tuple[type, ...] | None) -> Any:
             try:
                 return kind(text)
             except ValueError:
-                raise UserError(f"setting {name} is {text!r}; expected {_expected(allowed)}") from None
+                raise UserError(f"setting {name} is {_short(text)}; expected {_expected(allowed)}") from None
     return text
+
+
+def _short(value: Any) -> str:
+    """Return a value as text of at most 60 letters, as a settings file or the command line would have it."""
+    text = repr(value) if not isinstance(value, int) or abs(value) < 10**60 else "a number of more than 60 digits"
+    return text if len(text) <= 60 else f"{text[:60]}..."
 
 
 def _expected(allowed: tuple[type, ...]) -> str:

@@ -6,16 +6,18 @@ import pathlib
 
 import msgpack
 
-from ha2g_jax.data import transcripts
+from ha2g_jax.data import records, transcripts
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.video import extraction
 from ha2g_jax.data.video.extraction import Extraction
 from ha2g_jax.data.video.recordings import VideoRecording
 from ha2g_jax.data.video.settings import VideoSettings
-from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.files.whole_file import whole_file
 
 _SUFFIX = ".clips"
+_EXPECTED = "a file of clips, which can be removed to make it again"
+_MAX_COUNT = 1 << 62
 
 
 def key_of(recording: VideoRecording, settings: VideoSettings) -> str:
@@ -35,7 +37,7 @@ def key_of(recording: VideoRecording, settings: VideoSettings) -> str:
         "speaker": recording.speaker,
         "settings": settings.as_json(),
         "video": _digest(recording.video),
-        "transcript": [transcript.name, _digest(transcript)] if transcript else None,
+        "transcript": [shown(transcript.name), _digest(transcript)] if transcript else None,
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
@@ -72,16 +74,31 @@ def load(folder: pathlib.Path, key: str) -> Extraction:
         UserError: the file is missing or damaged.
     """
     path = folder / f"{key}{_SUFFIX}"
-    try:
+    check_regular(path, _EXPECTED)
+    with reading(path, _EXPECTED, TypeError, KeyError, AttributeError, msgpack.UnpackException):
         content = msgpack.unpackb(path.read_bytes())
-        return Extraction(**{**content, "report": SplitReport.from_json(content["report"])})
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, msgpack.UnpackException) as error:
-        raise UserError(f"{path} cannot be read ({error}); remove it and run again") from error
+        extracted = Extraction(**{**content, "report": SplitReport.from_json(content["report"])})
+        _check(extracted)
+        return extracted
+
+
+def _check(extracted: Extraction) -> None:
+    report = extracted.report
+    counts = [extracted.frames, extracted.frames_with_both_hands, extracted.shots]
+    counts += [report.videos, report.clips, report.windows, report.kept]
+    counts += [*report.filtered.values(), *report.rejected.values()]
+    if not all(type(count) is int and 0 <= count < _MAX_COUNT for count in counts):
+        raise ValueError("a count that is not a whole number from 0 on")
+    if not all(isinstance(reason, str) for reason in [*report.filtered, *report.rejected]):
+        raise ValueError("a reason that is not a text")
+    if not isinstance(extracted.seconds, float) or not 0 <= extracted.seconds < _MAX_COUNT:
+        raise ValueError("a length that is not a number of seconds")
+    if not isinstance(extracted.records, list) or not all(isinstance(record, bytes) for record in extracted.records):
+        raise ValueError("clips that are not bytes")
+    for record in extracted.records:
+        records.decode_clip(record)
 
 
 def _digest(path: pathlib.Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise UserError(f"{path} cannot be read ({(error.strerror or str(error)).lower()})") from error
+    with reading(path, "a video with its transcript"), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -40,6 +40,8 @@ class Controls:
 
 NEUTRAL = Controls()
 
+_MAX_SECONDS = 1e6  # of a span, which may end after the motion
+
 
 def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
     """Apply controls to a motion: mirror, then scale, then hold the poses of pins and mutes.
@@ -99,8 +101,10 @@ def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) ->
 
 def _check_spans(name: str, spans: Sequence[Pin | Span], duration: float) -> None:
     for span in spans:
-        if not (math.isfinite(span.end) and 0 <= span.start <= span.end):
-            raise UserError(f"a {name} from {span.start:g} to {span.end:g} s; expected 0 <= start <= end")
+        if not 0 <= span.start <= span.end <= _MAX_SECONDS:
+            raise UserError(
+                f"a {name} from {span.start:g} to {span.end:g} s; expected 0 <= start <= end <= {_MAX_SECONDS:g}"
+            )
         if span.start > duration:
             raise UserError(
                 f"a {name} at {span.start:g} s, after the end of the motion at {duration:g} s; give a time in it"

@@ -5,10 +5,12 @@ import pathlib
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.motion.control.spans import Pin, Span
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import sample
+
+_EXPECTED = "a motion of `ha2g generate`"
 
 
 def read_pin(text: str) -> Pin:
@@ -29,16 +31,19 @@ def read_pin(text: str) -> Pin:
     if pose == "rest":
         return Pin(*moments)
     path, moment = pathlib.Path(pose), 0.0
-    with reading(path, "a motion for a pin"):
+    with reading(pose, _EXPECTED):
         if not path.is_file() and "@" in pose:
             name, _, at = pose.rpartition("@")
             path, moment = pathlib.Path(name), _seconds(at, text)
+        exists = path.exists()
+    if exists:
+        check_regular(path, _EXPECTED)
     motion = Motion.load(path)
     last = (motion.num_frames - 1) / motion.fps
     if not 0 <= moment <= last:
         raise UserError(f"{shown(path)} has no pose at {moment:g} s; expected 0 to {last:.3f}")
     (posed,) = sample(motion.directions, np.array([moment * motion.fps]))
-    return Pin(*moments, posed, f"{path.name}@{moment:g}", motion.meta["skeleton"])
+    return Pin(*moments, posed, f"{shown(path.name)}@{moment:g}", motion.meta["skeleton"])
 
 
 def read_mute(text: str) -> Span:
@@ -60,7 +65,7 @@ def read_mute(text: str) -> Span:
 def _split(text: str, count: int, expected: str) -> list[str]:
     parts = text.split(":", count - 1)
     if len(parts) != count or not all(parts):
-        raise UserError(f"{text!r} has another form; expected {expected}")
+        raise UserError(f"{shown(text)!r} has another form; expected {expected}")
     return parts
 
 
@@ -68,4 +73,4 @@ def _seconds(text: str, whole: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise UserError(f"{text!r} in {whole!r} is not a time; give seconds") from error
+        raise UserError(f"{shown(text)!r} in {shown(whole)!r} is not a time; give seconds") from error

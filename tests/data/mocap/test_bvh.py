@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.data.mocap import bvh as module
+from ha2g_jax.data.mocap import bvh_values as module
+from ha2g_jax.data.mocap import kinematics
 from ha2g_jax.data.mocap.bvh import read_bvh
-from ha2g_jax.data.mocap.kinematics import world_motion
 from ha2g_jax.errors import UserError
 
 CHAIN = """HIERARCHY
@@ -54,13 +54,18 @@ def written(tmp_path):
     return write
 
 
+def world_motion(bvh, fps):
+    """All joints of the file."""
+    return kinematics.world_motion(bvh, fps, range(len(bvh.joints)))
+
+
 def test_positions_worked_out_by_hand(written):
     positions, rotations = world_motion(read_bvh(written(CHAIN)), 10)
     np.testing.assert_allclose(positions[0], [[0, 0, 0], [0, 1, 0], [2, 1, 0]], atol=1e-12)
     np.testing.assert_allclose(positions[1], [[5, 0, 0], [4, 0, 0], [4, 2, 0]], atol=1e-12)
     # The arm rotates about z, then about the x it has left: its y points along the world's z.
     np.testing.assert_allclose(positions[2], [[0, 0, 0], [0, 1, 0], [0, 3, 0]], atol=1e-12)
-    np.testing.assert_allclose(rotations[2, 1] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(rotations[1][2] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
 
 
 def about(axis: str, degrees: float) -> np.ndarray:
@@ -171,6 +176,7 @@ def test_numbers_across_blocks(written, monkeypatch):
 
 
 MANY = "ROOT a {\nOFFSET 0 0 0\n" + "".join(f"JOINT j{i} {{\nOFFSET 0 1 0\nCHANNELS 1 Xrotation\n" for i in range(2000))
+WIDE = "".join(f"JOINT w{i} {{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n}}\n" for i in range(100))
 HOSTILE = {
     "empty": ("", "is an empty file"),
     "text": ("hello", "does not begin with HIERARCHY"),
@@ -195,8 +201,18 @@ HOSTILE = {
     "nothing moves": (re.sub("CHANNELS.*", "CHANNELS 0", CHAIN), "it has no motion"),
     "frames below zero": (CHAIN.replace("Frames: 3", "Frames: -1"), "Frames: '-1'"),
     "no frames": (CHAIN.replace("Frames: 3", "Frames: 0"), "Frames: '0'"),
-    "a million million frames": (CHAIN.replace("Frames: 3", f"Frames: {10**12}"), "holds 3 whole frames of 12 values"),
-    "frames beyond counting": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 30}"), "is cut off"),
+    "a million million frames": (CHAIN.replace("Frames: 3", f"Frames: {10**12}"), "Frames: '1000000000000', expected"),
+    "a million frames": (CHAIN.replace("Frames: 3", "Frames: 1000000"), "holds 3 whole frames of 12 values"),
+    "values beyond memory": (
+        CHAIN.replace("JOINT hand", WIDE + "JOINT hand").replace("Frames: 3", "Frames: 2000000"),
+        "2000000 frames of 312 channels, expected at most 30,000,000 numbers",
+    ),
+    "a name of many letters": (CHAIN.replace("ROOT base", "ROOT " + "b" * 64_000), "a name of 64000 letters"),
+    "a header without end": (CHAIN.replace("OFFSET 0 0 0", "\n" * (9 << 20)), "letters before the motion"),
+    "a number without end": (CHAIN.replace("OFFSET 0 0 0", "OFFSET 0 0 " + "1" * 10**6), "line of 65536 characters"),
+    "UTF-16": (CHAIN.encode("utf-16"), "does not begin with HIERARCHY"),
+    "NUL bytes": (CHAIN.replace("5 0 0 90", "5 0 0\x00 90"), "is '0\\x00'"),
+    "frames beyond counting": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 30}"), "expected a whole number"),
     "frames of many digits": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 5000}"), "expected a whole number"),
     "frame time nought": (CHAIN.replace("Time: 0.1", "Time: 0"), "Frame Time: '0'"),
     "frame time that is no number": (CHAIN.replace("Time: 0.1", "Time: nan"), "Frame Time: 'nan'"),

@@ -200,7 +200,7 @@ def test_nothing_is_left_of_a_failure(recording, tmp_path):
     for stem in ("a", "b"):
         path = recording(tmp_path / "in", stem)
         path.write_text(re.sub("Frames: .*", "Frames: 1000000000000", path.read_text()))
-    with pytest.raises(UserError, match=r"all 2 files failed; the first: .*a\.bvh is cut off") as caught:
+    with pytest.raises(UserError, match=r"all 2 files failed; the first: .*a\.bvh, line 247: Frames") as caught:
         import_bvh(tmp_path / "in", tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["in"]

@@ -119,8 +119,8 @@ def test_nothing_is_written_where_no_file_is_good(tmp_path):
     ("options", "message"),
     [
         ({"up": "x"}, "expected auto or one of y, -y, z, -z"),
-        ({"source_fps": 0.0}, "expected 1 to 2000"),
-        ({"source_fps": float("nan")}, "expected 1 to 2000"),
+        ({"source_fps": 0.0}, "expected 0.1 to 1000"),
+        ({"source_fps": float("nan")}, "expected 0.1 to 1000"),
         ({"model": "SMPLX_NEUTRAL.pkl"}, "is a pickle"),
         ({"model": "missing.npz"}, "no file at missing.npz"),
     ],

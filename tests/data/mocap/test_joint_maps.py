@@ -116,7 +116,7 @@ FAULTS = {
     "up that is a list": ("up: [y]", "has `up"),
     "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
     "nested too deep": ("spine: " + "[" * 20000, "is not YAML"),
-    "too long": ("# " + "x" * (1 << 18), "more than 262144 bytes"),
+    "too long": ("# " + "x" * (1 << 18), "more than 65536 bytes"),
 }
 
 

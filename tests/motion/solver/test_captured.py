@@ -29,13 +29,15 @@ def recording(private_data):
     positions = read_motion(path, skeleton, fps=FPS).positions.astype(np.float64)
     motion = Motion.from_directions(skeleton, positions_to_directions(skeleton, positions), FPS)
     bvh = read_bvh(path)
-    places, turned = world_motion(bvh, FPS)
+    places, turned = world_motion(bvh, FPS, range(len(bvh.joints)))
     joints = np.zeros_like(positions)
     for joint, index in choose_map(bvh.joints, skeleton, "auto", path)[1].items():
         if joint in skeleton.joints:
             joints[:, skeleton.joint(joint)] = places[:, index]
     axes = mean_heading(joints, skeleton) @ np.diag(export_axes(skeleton))
-    captured = dict(zip(bvh.joints, np.moveaxis(rotations.from_matrix(axes.T @ turned), 1, 0), strict=True))
+    captured = dict(
+        zip(bvh.joints, np.moveaxis(rotations.from_matrix(axes.T @ np.stack(turned, axis=1)), 1, 0), strict=True)
+    )
     return solver.animate(motion, limits=False), captured, motion
 
 

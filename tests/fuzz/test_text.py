@@ -1,0 +1,224 @@
+"""Transcripts, settings, stored work, values of the TED data and requests of any content are read or refused."""
+
+import importlib.util
+import json
+import os
+import pathlib
+
+import msgpack
+import numpy as np
+import pytest
+from fuzz.conftest import within_limits
+from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ha2g_jax.data.ted import arrow_values
+from ha2g_jax.data.transcripts import read_words
+from ha2g_jax.data.transcripts.unspoken import without_brackets
+from ha2g_jax.data.video import pose, settings, work_folder
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion import control
+
+GRID = """File type = "ooTextFile"
+Object class = "TextGrid"
+
+xmin = 0
+xmax = 1
+tiers? <exists>
+size = 1
+item []:
+    item [1]:
+        class = "IntervalTier"
+        name = "words"
+        xmin = 0
+        xmax = 1
+        intervals: size = 2
+        intervals [1]:
+            xmin = 0
+            xmax = 0.5
+            text = "old"
+        intervals [2]:
+            xmin = 0.5
+            xmax = 1
+            text = "ladies"
+"""
+SHORT_GRID = """File type = "ooTextFile"
+Object class = "TextGrid"
+
+0
+1
+<exists>
+1
+"IntervalTier"
+"words"
+0
+1
+1
+0
+1
+"old"
+"""
+SRT = "1\n00:00:00,500 --> 00:00:00,900\nOld <b>ladies</b>\n\n2\n00:00:01,000 --> 00:00:02,000\nit's (laughs) 80\n"
+VTT = (
+    "WEBVTT\n\nNOTE a\n\n00:00.500 --> 00:00.900 align:start\nold<00:00:00.700> ladies\n\n"
+    "00:01.000 --> 00:02.000\n{x} [y] 80\n"
+)
+TSV = "start\tend\tword\n0.5\t0.9\tOld\n0.9\t1.5\tladies\n"
+TEXTS = {"a.TextGrid": GRID, "b.TextGrid": SHORT_GRID, "a.srt": SRT, "a.vtt": VTT, "a.tsv": TSV}
+TEXTS["a.csv"] = TSV.replace("\t", ",")
+GENTLE = {"words": [{"case": "success", "word": "Old", "start": 0.5, "end": 0.9}, {"case": "not-found-in-audio"}]}
+GENTLE["words"][1]["word"] = "dear"
+WHISPER = {"segments": [{"start": 0.0, "end": 2.0, "text": " Old (x) 80", "words": []}, {"start": 2, "end": 3.5}]}
+WHISPER["segments"][1] |= {"text": "a b", "words": [{"word": "a", "start": 2, "end": 2.5}, {"word": "b"}]}
+
+
+@FUZZ
+@given(data=st.data())
+def test_transcripts(data, answered):
+    name = data.draw(st.sampled_from(list(TEXTS)))
+    content = data.draw(st.one_of(damaged_text(TEXTS[name]), damaged_bytes(TEXTS[name].encode())))
+    answered(read_words, content, name)
+
+
+@FUZZ
+@given(data=st.data())
+def test_transcripts_in_json(data, answered):
+    tree = data.draw(damaged_tree(data.draw(st.sampled_from([GENTLE, WHISPER]))))
+    answered(read_words, json.dumps(tree).encode(), "a.json")
+
+
+CUE = "00:00:01,000 --> 00:00:02,000\n"
+LARGE = {
+    "lines.vtt": ("WEBVTT\n\n" + 2 * (CUE.replace(",", ".") + "a\n" * 300_000 + "\n"), "a subtitle of 300001 lines"),
+    "lines.srt": ("1\n" + CUE + "a\n" * 4_000_000, "more than 1000000 lines"),
+    "gaps.srt": ("1\n" + CUE + "a\n\n" * 1_000, "a subtitle of"),
+    "letters.srt": ("1\n" + CUE + "a" * (4 << 20), "expected at most 3145728"),
+    "blanks.TextGrid": (GRID.replace("item []", "\n" * 900_000 + "item []"), "TextGrid"),
+    "words.tsv": ("start\tend\tword\n" + "0\t1\ta\n" * 110_000, "more than 100000 words"),
+    "deep.json": ('{"words":' + "[" * 90 + "]" * 90 + "}", "nested too deep"),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_a_transcript_that_is_too_large(name, tmp_path):
+    content, found = LARGE[name]
+    (tmp_path / name).write_text(content)
+    with within_limits(), pytest.raises(UserError, match=found):
+        read_words(tmp_path / name)
+
+
+def test_marks_without_end_are_read(answered):
+    """Marks on one letter are sorted in the square of their number, a minute for these."""
+    answered(read_words, ("1\n" + CUE + "a" + "\u0301\u0327" * 100_000).encode(), "a.srt")
+
+
+def test_brackets_are_found_as_the_first_that_closes():
+    assert without_brackets("a (b [c) d] e", "[(", "-") == "a - d] e"
+    assert without_brackets("(" + "x" * 200 + ")y(" + "x" * 201 + ")", "(", "") == "y(" + "x" * 201 + ")"
+    assert without_brackets("<a\n> <b>", "<", "") == "<a\n> "
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.srt")
+    (tmp_path / "b.srt").symlink_to(tmp_path / "none")
+    (tmp_path / "c.srt").mkdir()
+    for name, found in (("a", "a pipe or a device"), ("b", "no file at"), ("c", "a folder at")):
+        with pytest.raises(UserError, match=found):
+            read_words(tmp_path / f"{name}.srt")
+
+
+SETTINGS = {**settings.VideoSettings().as_json(), "recognise": "tiny.en"}
+
+
+@FUZZ
+@given(data=st.data())
+def test_settings(data, answered):
+    content = json.dumps(data.draw(damaged_tree(SETTINGS))).encode()
+    answered(settings.read_settings, data.draw(st.sampled_from([content, b'{"filters":' + b"[" * 10**5])), "a.json")
+
+
+@FUZZ
+@given(data=st.data())
+def test_pairs(data):
+    name = data.draw(st.sampled_from([*SETTINGS, "filters.min_words", "filters.stride", "x"]))
+    value = data.draw(st.sampled_from(["1e999", "nan", "9" * 5000, "-1", "", "none", "\udcff", "[" * 999, "1"]))
+    try:
+        settings.from_pairs([f"{name}={value}"])
+    except UserError as error:
+        assert "\n" not in str(error) and len(str(error)) < 1_000
+
+
+REPORT = {"videos": 1, "clips": 1, "windows": 3, "kept": 2, "filtered": {"too still": 1}, "rejected": {"short": 1}}
+WORK = {"records": [], "report": REPORT, "frames": 9, "frames_with_both_hands": 3, "seconds": 1.5, "shots": 1}
+
+
+@FUZZ
+@given(data=st.data())
+def test_stored_work(data, tmp_path, answered):
+    tree = data.draw(damaged_tree(WORK))
+    try:
+        content = msgpack.packb(tree)
+    except (OverflowError, UnicodeEncodeError):  # values that msgpack has not
+        content = b""
+    answered(lambda _: work_folder.load(tmp_path, "0a"), data.draw(damaged_bytes(content)), "0a.clips")
+    answered(lambda _: work_folder.load(tmp_path, "0a"), content, "0a.clips")
+
+
+@FUZZ
+@given(data=st.data())
+def test_poses_of_an_estimator(data, tmp_path, answered):
+    count = data.draw(st.sampled_from([0, 1, 3]))
+    arrays = {
+        "positions": np.zeros((count, 43, 3), np.float32),
+        "confidence": np.ones((count, 43), np.float32),
+        "image_points": np.zeros((count, 43, 2), np.float32),
+        "fps": np.array(data.draw(st.sampled_from([25.0, 0.0, np.nan, np.inf, 1e-300, -1.0]))),
+    }
+    name = data.draw(st.sampled_from(list(arrays)))
+    arrays[name] = data.draw(
+        st.sampled_from([np.full_like(arrays[name], np.nan), np.zeros(0), np.array("x"), arrays[name][..., None]])
+    )
+    np.savez(tmp_path / "p.npz", **arrays)
+    answered(lambda path: pose._read_poses(path, "the file"), (tmp_path / "p.npz").read_bytes(), "p.npz")
+
+
+_ted = importlib.util.spec_from_file_location("ted_files", pathlib.Path(__file__).parents[1] / "data/ted/conftest.py")
+ted_files = importlib.util.module_from_spec(_ted)
+_ted.loader.exec_module(ted_files)
+VIDEO = {
+    "vid": "a",
+    "clips": [{"words": [["a", 1.0, 2.0]], "poses": np.zeros((2, 3)), "none": None, "end": 3, "b": b"c"}],
+}
+VALUE = ted_files._serialize(VIDEO)
+
+
+@FUZZ
+@given(content=damaged_bytes(VALUE))
+def test_values_of_ted(content):
+    try:
+        arrow_values.deserialize(content, "record 1")
+    except UserError as error:
+        assert "\n" not in str(error) and len(str(error)) < 1_000
+
+
+@FUZZ
+@given(
+    parts=st.lists(
+        st.sampled_from(
+            ["0", "1", "-1", "nan", "inf", "1e300", "", "rest", "x.npz@1", "/dev/zero", "x" * 300, "\udcff"]
+        ),
+        max_size=4,
+    )
+)
+def test_requests(parts):
+    from ha2g_jax.motion.control.controls import Controls, apply
+    from ha2g_jax.skeleton import load_skeleton
+
+    skeleton, text = load_skeleton("ted_expressive"), ":".join(parts)
+    directions = np.tile(skeleton.mean_directions, (20, 1, 1)).astype(np.float32)
+    for read, name in ((control.read_pin, "pins"), (control.read_mute, "mutes")):
+        try:
+            apply(skeleton, directions, 15, Controls(**{name: (read(text),)}))
+        except UserError as error:
+            assert "\n" not in str(error) and len(str(error)) < 1_000
