@@ -1,9 +1,9 @@
 """Motion capture and joint maps of any content, and files of any name, are read or refused."""
 
-import importlib.util
 import json
 import os
 import pathlib
+import runpy
 
 import numpy as np
 import pytest
@@ -23,11 +23,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import load_skeleton
 
-_mocap = importlib.util.spec_from_file_location(
-    "bvh_files", pathlib.Path(__file__).parents[1] / "data/mocap/conftest.py"
-)
-bvh_files = importlib.util.module_from_spec(_mocap)
-_mocap.loader.exec_module(bvh_files)
+bvh_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "data" / "mocap" / "conftest.py"))
 
 GESTURE = load_skeleton("ted_gesture")
 ODD = "t\udcff\udce9 lk"
@@ -39,7 +35,7 @@ def ha2g_names(joint: str) -> str:
 
 
 def bvh(seconds: float = 1.0, **how) -> str:
-    return bvh_files.bvh(bvh_files.swing(seconds, 30, with_fingers=False), name=ha2g_names, **how)
+    return bvh_files["bvh"](bvh_files["swing"](seconds, 30, with_fingers=False), name=ha2g_names, **how)
 
 
 BVH = bvh(0.2)

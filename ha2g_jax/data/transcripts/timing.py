@@ -112,9 +112,10 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
                 "start before end "
                 "and below 100 hours: correct the file"
             )
-        words += spread(split_words(text), start, end)
-        if len(words) > MAX_WORDS:
+        texts = split_words(text)
+        if len(words) + len(texts) > MAX_WORDS:
             raise UserError(f"{shown(path)} has more than {MAX_WORDS} words; expected a transcript of one recording")
+        words += spread(texts, start, end)
     return without_overlap(words)
 
 
