@@ -1,9 +1,9 @@
 """Transcripts, settings, stored work, values of the TED data and requests of any content are read or refused."""
 
-import importlib.util
 import json
 import os
 import pathlib
+import runpy
 
 import msgpack
 import numpy as np
@@ -19,6 +19,8 @@ from ha2g_jax.data.transcripts.unspoken import without_brackets
 from ha2g_jax.data.video import pose, settings, work_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
+from ha2g_jax.motion.control.controls import Controls, apply
+from ha2g_jax.skeleton import load_skeleton
 
 GRID = """File type = "ooTextFile"
 Object class = "TextGrid"
@@ -158,7 +160,7 @@ WORK = {"records": [], "report": REPORT, "frames": 9, "frames_with_both_hands": 
 def test_stored_work(data, tmp_path, answered):
     tree = data.draw(damaged_tree(WORK))
     try:
-        content = msgpack.packb(tree)
+        content = msgpack.packb(tree) or b""
     except (OverflowError, UnicodeEncodeError):  # values that msgpack has not
         content = b""
     answered(lambda _: work_folder.load(tmp_path, "0a"), data.draw(damaged_bytes(content)), "0a.clips")
@@ -183,14 +185,12 @@ def test_poses_of_an_estimator(data, tmp_path, answered):
     answered(lambda path: pose._read_poses(path, "the file"), (tmp_path / "p.npz").read_bytes(), "p.npz")
 
 
-_ted = importlib.util.spec_from_file_location("ted_files", pathlib.Path(__file__).parents[1] / "data/ted/conftest.py")
-ted_files = importlib.util.module_from_spec(_ted)
-_ted.loader.exec_module(ted_files)
+ted_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "data" / "ted" / "conftest.py"))
 VIDEO = {
     "vid": "a",
     "clips": [{"words": [["a", 1.0, 2.0]], "poses": np.zeros((2, 3)), "none": None, "end": 3, "b": b"c"}],
 }
-VALUE = ted_files._serialize(VIDEO)
+VALUE = ted_files["_serialize"](VIDEO)
 
 
 @FUZZ
@@ -212,13 +212,13 @@ def test_values_of_ted(content):
     )
 )
 def test_requests(parts):
-    from ha2g_jax.motion.control.controls import Controls, apply
-    from ha2g_jax.skeleton import load_skeleton
-
     skeleton, text = load_skeleton("ted_expressive"), ":".join(parts)
     directions = np.tile(skeleton.mean_directions, (20, 1, 1)).astype(np.float32)
-    for read, name in ((control.read_pin, "pins"), (control.read_mute, "mutes")):
+    for make in (
+        lambda: Controls(pins=(control.read_pin(text),)),
+        lambda: Controls(mutes=(control.read_mute(text),)),
+    ):
         try:
-            apply(skeleton, directions, 15, Controls(**{name: (read(text),)}))
+            apply(skeleton, directions, 15, make())
         except UserError as error:
             assert "\n" not in str(error) and len(str(error)) < 1_000
