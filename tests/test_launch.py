@@ -51,7 +51,7 @@ def test_a_file_with_the_name_of_a_preset_is_executed_only_as_a_path(tmp_path, m
     monkeypatch.chdir(tmp_path)
     pathlib.Path("talk").write_text("raise SystemExit('executed')")
     assert launch.load_config("talk:debug").train.steps == 2
-    with pytest.raises(SystemExit, match="executed"):
+    with pytest.raises(UserError, match="executed"):
         launch.load_config("./talk")
 
 
