@@ -1,5 +1,6 @@
 """Windows of any whole frame rate and length give features on their frames; other sizes are refused by name."""
 
+import functools
 from typing import Any
 
 import jax
@@ -64,10 +65,10 @@ def test_a_sound_moves_the_features_of_its_frame(fps, num_frames):
     encoder = AudioEncoder((1, 1, 1, 1), (8, 8, 16, 32), (4, 1), 4, num_frames, fps)
     columns = int(num_frames / fps * 31.25)
     silence = jnp.full((1, 128, columns), -80.0)
-    variables = encoder.init(jax.random.key(0), silence, train=False)
+    variables = jax.jit(functools.partial(encoder.init, train=False))(jax.random.key(0), silence)
     loud = [int(frame / fps * 31.25) for frame in (num_frames // 4, 3 * num_frames // 4)]
     mels = jnp.concatenate([silence, *(silence.at[:, :, column].set(0.0) for column in loud)])
-    features: Any = encoder.apply(variables, mels, train=False)
+    features: Any = jax.jit(functools.partial(encoder.apply, train=False))(variables, mels)
     low = np.asarray(features.low)
     for row, column in enumerate(loud, 1):
         moved = np.abs(low[row] - low[0]).sum(axis=-1)

@@ -15,7 +15,7 @@ from ha2g_jax.train import hosts
 from ha2g_jax.train.writers import read_metrics
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
-CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "trimodal.py"
+CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "seq2seq.py"
 SLURM = {
     "SLURM_JOB_ID": "1234",
     "SLURM_STEP_NODELIST": "node[07-08]",

@@ -29,7 +29,8 @@ def config_for(tiny_talk):
 
     def config_for(**settings):
         overrides = [f"--config.train.{name}={value}" for name, value in settings.items()]
-        return launch.load_config(f"{CONFIG}:debug", [f"--config.data.path={tiny_talk}", *overrides])
+        speakers = "--config.model.identity.kind=speakers"  # tests/soak_resume.py trains with images
+        return launch.load_config(f"{CONFIG}:debug", [f"--config.data.path={tiny_talk}", speakers, *overrides])
 
     return config_for
 

@@ -21,6 +21,7 @@ SIZE = 16
 def objectives(config, build):
     """The same objective with the batch as a whole and in 2 parts, under gradient descent and without dropout."""
     config.model.text.dropout = config.model.inferer.dropout = 0.0
+    config.model.inferer.layers = 1
     config.train.batch_size = SIZE
 
     def make(count):
@@ -58,9 +59,9 @@ def num_bytes(leaves):
     return sum(leaf.size * leaf.dtype.itemsize for leaf in leaves)
 
 
-def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(objectives, make_batch):
+def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(objectives, make_batch, draw_state):
     batch, ends = make_batch(objectives[0], SIZE), []
-    start = jax.tree.map(np.asarray, init_state(objectives[0], jax.random.key(0)))
+    start = jax.tree.map(np.asarray, draw_state(objectives[0]))
     for objective, devices in zip(objectives, (jax.devices()[:1], jax.devices()), strict=True):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))
@@ -93,7 +94,7 @@ def test_parts_keep_less_for_the_gradient(config, build, make_batch, kind):
 
 
 def test_compiled_parts_take_less_memory(config, build, make_batch):
-    config.model.inferer.hidden_dim = 64
+    config.model.inferer.update({"hidden_dim": 64, "layers": 1})
     config.train.batch_size = SIZE
     sizes = []
     for config.train.accumulate in (1, 4):
