@@ -219,9 +219,3 @@ MAX_SMPLX_FRAMES = 400_000
 
 MAX_POSED_JOINTS = 6_000_000
 """Joints of an imported motion times its frames at the new rate; 50 joints have 5,400,000 in an hour at 30 a second."""
-
-MIN_FILE_FPS = 0.1
-"""Least frames per second of an imported motion file."""
-
-MAX_FILE_FPS = 1_000
-"""Most frames per second of an imported motion file."""

@@ -16,10 +16,10 @@ from ha2g_jax.limits import (
     MAX_BVH_JOINTS,
     MAX_BVH_LINES,
     MAX_BVH_VALUES,
-    MAX_FILE_FPS,
     MAX_JOINT_CHANNELS,
     MAX_JOINT_NAME,
-    MIN_FILE_FPS,
+    MAX_MOTION_FPS,
+    MIN_MOTION_FPS,
 )
 
 _EXPECTED = "a motion capture in BVH"
@@ -173,10 +173,10 @@ class _Reader:
             raise self._error(f"Frames: {short(count)}, expected a whole number from 1 to {MAX_BVH_FRAMES:,}")
         text = self._value_of("FRAME", "TIME")
         frame_time = to_number(text)
-        if frame_time is None or not 1 / MAX_FILE_FPS <= frame_time <= 1 / MIN_FILE_FPS:
+        if frame_time is None or not 1 / MAX_MOTION_FPS <= frame_time <= 1 / MIN_MOTION_FPS:
             raise self._error(
                 f"Frame Time: {short(text)}, expected seconds, such as 0.0333333 for 30 frames a second, from "
-                f"{1 / MAX_FILE_FPS:g} to {1 / MIN_FILE_FPS:g}"
+                f"{1 / MAX_MOTION_FPS:g} to {1 / MIN_MOTION_FPS:g}"
             )
         return int(count), _frame_rate(text, frame_time)
 

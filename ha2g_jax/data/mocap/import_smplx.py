@@ -16,7 +16,7 @@ from ha2g_jax.data.mocap.smplx_model import read_body_model
 from ha2g_jax.data.mocap.smplx_template import Body, template
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_FILE_FPS, MIN_FILE_FPS
+from ha2g_jax.limits import MAX_MOTION_FPS, MIN_MOTION_FPS
 from ha2g_jax.skeleton import load_skeleton
 
 _SUFFIX = ".npz"
@@ -59,8 +59,8 @@ def import_smplx(
     src = pathlib.Path(src)
     if up not in (AUTO, *UPS):
         raise UserError(f"up {up!r}; expected {AUTO} or one of {', '.join(UPS)}")
-    if source_fps is not None and not MIN_FILE_FPS <= source_fps <= MAX_FILE_FPS:
-        raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_FILE_FPS} to {MAX_FILE_FPS}")
+    if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
+        raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
     recordings = find_recordings(src, _SUFFIX, options)
     if src.is_dir():
         recordings = _with_folders_of_beat(recordings, src)

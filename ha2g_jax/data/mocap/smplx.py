@@ -15,7 +15,7 @@ from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, shown
-from ha2g_jax.limits import MAX_FILE_FPS, MAX_SMPLX_FRAMES, MAX_SOUND_SECONDS, MIN_FILE_FPS
+from ha2g_jax.limits import MAX_MOTION_FPS, MAX_SMPLX_FRAMES, MAX_SOUND_SECONDS, MIN_MOTION_FPS
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"
@@ -149,7 +149,7 @@ def _frame_rate(arrays: Mapping[str, np.ndarray]) -> float:
         raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
     value = arrays[name]
     rate = float(value.reshape(-1)[0]) if value.size == 1 and value.dtype.kind in "fiu" else 0.0
-    if not MIN_FILE_FPS <= rate <= MAX_FILE_FPS:
+    if not MIN_MOTION_FPS <= rate <= MAX_MOTION_FPS:
         raise UserError(f"{name} is {str(value)[:40]!r}; expected frames per second (--source-fps)")
     return rate
 
