@@ -89,7 +89,7 @@ def test_a_seed_out_of_range_is_refused(command, seed, refused):
         ("--speakers", "9" * 4000),
         ("--workers", "0"),
         ("--fps", "0"),
-        ("--fps", "1000"),
+        ("--fps", "1001"),
     ],
 )
 def test_a_talk_corpus_of_no_possible_size_is_refused(option, value, refused, tmp_path):

@@ -20,6 +20,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 from ha2g_jax.progress import progress_bar
 
@@ -134,7 +135,7 @@ def talk_path(spec: str) -> pathlib.Path:
         with one_maker(path):
             if not os.path.lexists(path):  # otherwise another process has made the same corpus in the meantime
                 tqdm.tqdm.write(
-                    f"the Talk corpus is made once, and kept in {path} (the variable HA2G_CACHE names another folder)",
+                    f"the Talk corpus is made once, and kept in {shown(path)} (HA2G_CACHE names another folder)",
                     file=sys.stderr,
                 )
                 make_talk(path)
@@ -161,7 +162,7 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int) -> None:
     }
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:  # NaN is not
-            raise UserError(f"--{name} is {value:.15g}, expected {least} to {most:,}")
+            raise UserError(f"--{name} is {shown(str(value))}, expected {least} to {most:,}")
 
 
 def _say_how_long(minutes: float, workers: int) -> None:
