@@ -18,7 +18,8 @@ def only_run(workdir: pathlib.Path) -> Iterator[None]:
     """Hold the lock of a workdir, which is made if it does not exist; only the first host of a run calls this.
 
     The system takes the lock from a process that ends in any way, so that a run that was killed continues at once. The
-    file stays: without it a third process could lock a new file while a second one still holds the old one.
+    file stays, because without it a third process could lock a new file while a second one still holds the old one;
+    only a new workdir that nothing else was written to is removed.
 
     Other hosts respect the lock if the workdir is on NFS with its usual settings: Linux passes such locks on to the
     server. With the mount options "nolock" or "local_lock=all", and on some other file systems of clusters, each
@@ -31,6 +32,7 @@ def only_run(workdir: pathlib.Path) -> Iterator[None]:
         UserError: another process trains in the workdir, or it cannot be written.
     """
     with run_record.writing(workdir):
+        is_new = not workdir.exists()
         workdir.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(workdir / LOCK)
         try:
@@ -42,4 +44,8 @@ def only_run(workdir: pathlib.Path) -> Iterator[None]:
     try:
         yield
     finally:
+        if is_new and [path.name for path in workdir.iterdir()] == [LOCK]:  # the run was refused before it wrote
+            with contextlib.suppress(OSError):
+                (workdir / LOCK).unlink()
+                workdir.rmdir()
         lock.release()

@@ -59,9 +59,9 @@ def num_bytes(leaves):
     return sum(leaf.size * leaf.dtype.itemsize for leaf in leaves)
 
 
-def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(objectives, make_batch, draw_state):
+def test_parts_on_eight_devices_give_the_update_of_the_whole_on_one(objectives, make_batch):
     batch, ends = make_batch(objectives[0], SIZE), []
-    start = jax.tree.map(np.asarray, draw_state(objectives[0]))
+    start = jax.tree.map(np.asarray, init_state(objectives[0], jax.random.key(0)))
     for objective, devices in zip(objectives, (jax.devices()[:1], jax.devices()), strict=True):
         mesh = sharding.data_mesh(devices)
         step = jax.jit(functools.partial(train_step, objective))
