@@ -35,10 +35,9 @@ _TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without 
 
 
 def sgd_objective() -> Objective:
-    """TED-Gesture at debug size, two levels, with dropout and the GAN term, under plain gradient descent."""
+    """TED-Gesture at debug size with dropout and the GAN term, under plain gradient descent."""
     config = configs.debug(configs.paper("ted_gesture"))
     config.model.identity.kind = "speakers"
-    config.model.inferer.levels = (1, 3)
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.3
     config.train.warmup_epochs = 1
