@@ -11,16 +11,20 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 
-MAX_SECONDS = 10.0
+MAX_SECONDS, MAX_WAIT = 10.0, 60.0
 MAX_BYTES = 2 << 30
 
 
 @contextlib.contextmanager
 def within_limits() -> Iterator[None]:
-    """Fail if the context takes more than 10 s or 2 GiB more than the most that the process has used before."""
-    start, before = time.monotonic(), _peak_bytes()
+    """Fail if the context takes more than 10 s or 2 GiB more than the most that the process has used before.
+
+    The seconds are those of the processor, as other programs may be at work, unless it takes a minute in all.
+    """
+    start, clock, before = time.process_time(), time.monotonic(), _peak_bytes()
     yield
-    seconds, num_bytes = time.monotonic() - start, _peak_bytes() - before
+    seconds, waited, num_bytes = time.process_time() - start, time.monotonic() - clock, _peak_bytes() - before
+    assert waited < MAX_WAIT, f"{waited:.0f} s"
     assert seconds < MAX_SECONDS, f"{seconds:.1f} s"
     assert num_bytes < MAX_BYTES, f"{num_bytes / 2**30:.1f} GiB"
 
