@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import pathlib
 import re
 
 import pytest
@@ -76,3 +77,11 @@ def test_speakers_of_another_model_have_names_only(debug_model, tmp_path, capsys
     assert json.loads(capsys.readouterr().out) == [{"name": "ada"}, {"name": "ben"}]
     assert cli.main(["speakers", "--checkpoint", str(folder)]) == 0
     assert "nothing about how they move" in capsys.readouterr().out
+
+
+def test_the_demo_can_be_exported(tmp_path, capsys):
+    assert cli.main(["export-model", "demo", str(tmp_path / "folder")]) == 0
+    weights = pathlib.Path(cli.__file__).parent.parent / "assets" / "demo" / "model.safetensors"
+    assert (tmp_path / "folder" / "model.safetensors").read_bytes() == weights.read_bytes()
+    assert cli.main(["export-model", str(tmp_path / "nothing"), str(tmp_path / "other")]) == 2
+    assert "no model in" in capsys.readouterr().err

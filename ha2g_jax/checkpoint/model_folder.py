@@ -136,7 +136,7 @@ def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path
     """Write the model of a workdir as a model folder.
 
     Args:
-        workdir: workdir of a run, or a checkpoint in it.
+        workdir: workdir of a run, a checkpoint in it, a model folder, or "demo".
         out: folder to write, which does not exist or is empty.
 
     Returns:

@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_command(commands)
 
     model = commands.add_parser("export-model", help="write the model of a workdir as a folder of safetensors and JSON")
-    model.add_argument("workdir", type=pathlib.Path, help="workdir of ha2g train, or a checkpoint in it")
+    model.add_argument("workdir", help="workdir of ha2g train, a checkpoint in it, a model folder, or 'demo'")
     model.add_argument("out", type=pathlib.Path, help="folder to write")
     model.set_defaults(run=_export_model)
 
