@@ -68,7 +68,7 @@ def paper(skeleton: str) -> Config:
     config.model.text.dropout = 0.3
     config.model.identity = ml_collections.ConfigDict()
     config.model.identity.kind = "images"  # "images" (ResNet-18), "speakers" (a table) or, in baselines, "none"
-    config.model.identity.images = ml_collections.ConfigDict({"width": 64})  # channels of the first stage
+    config.model.identity.images = ml_collections.ConfigDict({"blocks": (2, 2, 2, 2), "width": 64})
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
     config.model.inferer.levels = ()  # numbers of the levels of the motion, from 1; () for all
@@ -206,6 +206,8 @@ def debug(config: Config) -> Config:
     config.model.audio.resnet_se.channels = (8, 8, 16, 32)
     config.model.text.embedding_dim = 8
     config.model.text.channels = 8
+    config.model.text.layers = 1
+    config.model.identity.images.blocks = (1, 1, 1, 1)
     config.model.identity.images.width = 4
     config.model.inferer.hidden_dim = 8
     config.model.inferer.layers = 1

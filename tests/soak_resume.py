@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 ROOT = pathlib.Path(__file__).parent.parent
+CONFIG = f"{ROOT}/tests/one_stage.py:debug"
 
 STARTING, STEPPING, SAVING = "while starting", "between steps", "while saving"
 
@@ -42,6 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, help="length of the run (default: 10 and 12 for each kill)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments of the kills")
     parser.add_argument("--workers", type=int, default=0, help="processes that read the data")
+    parser.add_argument("--config", default=CONFIG, help="config of the runs (default: %(default)s)")
     parser.add_argument("--data", type=pathlib.Path, help="a Talk corpus (default: a tiny one is made)")
     parser.add_argument("--keep-workdir", type=pathlib.Path, metavar="DIR", help="a new folder for both runs, kept")
     arguments = parser.parse_args(argv)
@@ -56,17 +58,25 @@ def main(argv: list[str] | None = None) -> int:
             steps=arguments.steps,
             seed=arguments.seed,
             workers=arguments.workers,
+            config=arguments.config,
         )
     return bool(problems)
 
 
 def soak(
-    data: pathlib.Path, folder: pathlib.Path, *, kills: int, steps: int | None = None, seed: int = 0, workers: int = 0
+    data: pathlib.Path,
+    folder: pathlib.Path,
+    *,
+    kills: int,
+    steps: int | None = None,
+    seed: int = 0,
+    workers: int = 0,
+    config: str = CONFIG,
 ) -> list[str]:
     """Trains twice into `folder`, killing the second run `kills` times; returns what differs, one line each."""
     steps = steps or 10 + 12 * kills
     whole, broken, log = folder / "whole", folder / "broken", folder / "broken.log"
-    pace = leave_alone(command(data, whole, steps, workers), whole, folder / "whole.log")
+    pace = leave_alone(command(data, whole, steps, workers, config), whole, folder / "whole.log")
     _say(f"left alone: {steps} steps of {pace.step:.2f} s after {pace.start:.0f} s to start")
 
     rng, problems = random.Random(seed), []
@@ -75,7 +85,7 @@ def soak(
     for number, moment in enumerate(moments):
         first, last = (max(1, round(steps * part / (kills + 1))) for part in (number, number + 1))
         target, before = rng.randint(first, min(last, steps - CHECKPOINT_EVERY)), _newest(broken)
-        with training(command(data, broken, steps, workers), log) as process:
+        with training(command(data, broken, steps, workers, config), log) as process:
             wait_for(moment, target, broken, process, pace, rng)
             process.kill()
             if process.wait() not in (0, -signal.SIGKILL):
@@ -86,7 +96,7 @@ def soak(
             f"kill {number + 1} of {kills}: {moment if process.returncode else 'too late'}, last line of step "
             f"{_last_step(broken)}; the run had gone on from step {before}, the next one does from {_newest(broken)}"
         )
-    leave_alone(command(data, broken, steps, workers), broken, log)
+    leave_alone(command(data, broken, steps, workers, config), broken, log)
     problems += differences(whole, broken)
     for problem in problems:
         _say(problem)
@@ -136,8 +146,10 @@ def make_data(path: pathlib.Path) -> pathlib.Path:
     return path
 
 
-def command(data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int = 0) -> list[str]:
-    """The command that trains the debug size on `data`; the first and all later starts have the same."""
+def command(
+    data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int = 0, config: str = CONFIG
+) -> list[str]:
+    """Return the command that trains on `data`; the first and all later starts have the same."""
     settings = {
         "data.path": data,
         "data.workers": workers,
@@ -147,7 +159,7 @@ def command(data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int 
         "train.validate_every": VALIDATE_EVERY,
     }
     return [
-        *(sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={ROOT}/tests/one_stage.py:debug"),
+        *(sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={config}"),
         f"--workdir={workdir}",
         *(f"--config.{name}={value}" for name, value in settings.items()),
     ]

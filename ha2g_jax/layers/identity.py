@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.resnet import ResNet18
+from ha2g_jax.layers.resnet import ResNet
 
 
 class ImageIdentity(nn.Module):
@@ -14,11 +14,13 @@ class ImageIdentity(nn.Module):
     Decision D6: one ResNet-18 encodes all M images; the feature maps are averaged, flattened and mapped linearly.
 
     Attributes:
+        blocks: number of residual blocks of each stage of the ResNet; those of ResNet-18 in the paper.
         width: channels of the first stage of the ResNet.
         feature_dim: number of values of f_id.
         is_recomputed: see `recompute.run`.
     """
 
+    blocks: tuple[int, int, int, int] = (2, 2, 2, 2)
     width: int = 64
     feature_dim: int = 18
     is_recomputed: bool = False
@@ -28,7 +30,7 @@ class ImageIdentity(nn.Module):
         """Map RGB images (B, M, S, S, 3) of values 0 to 255 to mean and log-variance, each (B, feature_dim)."""
         batch, count = images.shape[:2]
         flat = images.reshape(batch * count, *images.shape[2:]) / 127.5 - 1  # float32 for images of uint8
-        x = ResNet18(self.width, self.is_recomputed, name="resnet")(flat, train=train)
+        x = ResNet(self.blocks, self.width, self.is_recomputed, name="resnet")(flat, train=train)
         x = jnp.mean(x.reshape(batch, count, *x.shape[1:]), axis=1)
         # Channels first, as PyTorch flattens (C, H, W).
         return _heads(x.transpose(0, 3, 1, 2).reshape(batch, -1), self.feature_dim)

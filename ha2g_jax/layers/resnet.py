@@ -1,4 +1,4 @@
-"""ResNet-18 (He et al. 2016) without the global average pool and the classifier. Channels last."""
+"""ResNet of basic blocks (He et al. 2016) without the global average pool and the classifier. Channels last."""
 
 import functools
 
@@ -8,17 +8,17 @@ from flax import linen as nn
 from ha2g_jax.layers import initializers, recompute
 from ha2g_jax.layers.norm import BatchNorm
 
-_STAGES = (2, 2, 2, 2)
 
-
-class ResNet18(nn.Module):
-    """Encoder of images to feature maps at 1/32 of their size.
+class ResNet(nn.Module):
+    """Encoder of images to feature maps at 1/32 of their size, by default ResNet-18.
 
     Attributes:
+        blocks: number of residual blocks of each stage.
         width: channels of the first stage, doubled at each following stage; 64 in the paper.
         is_recomputed: see `recompute.run`.
     """
 
+    blocks: tuple[int, int, int, int] = (2, 2, 2, 2)
     width: int = 64
     is_recomputed: bool = False
 
@@ -27,7 +27,7 @@ class ResNet18(nn.Module):
         """Map images (B, S, S, 3) to features (B, S / 32, S / 32, 8 * width), sizes rounded up."""
         run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
         x = run(self, images, method="_stem")
-        for stage, blocks in enumerate(_STAGES):
+        for stage, blocks in enumerate(self.blocks):
             for block in range(blocks):
                 stride = 2 if stage and not block else 1
                 name = f"stage_{stage + 1}_block_{block}"

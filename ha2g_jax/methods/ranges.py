@@ -105,6 +105,7 @@ _RANGES: dict[str, Range] = {
     "model.text.dropout": _FRACTION,
     "model.identity.kind": _TEXT,
     "model.identity.feature_dim": _SIZE,
+    "model.identity.images.blocks": _several(_LAYERS, 4),
     "model.identity.images.width": _SIZE,
     "model.inferer.levels": _several(_ANY_WHOLE),
     "model.inferer.coordinator": _TEXT,

@@ -10,7 +10,7 @@ from flax import traverse_util
 
 from ha2g_jax.config import Config
 from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.layers.resnet import ResNet18
+from ha2g_jax.layers.resnet import ResNet
 from ha2g_jax.layers.resnet_se import Head, Stage, Stem
 from ha2g_jax.methods.autoencoder import LATENT_DIMS, PoseAutoencoder
 from ha2g_jax.methods.build import build, method_of
@@ -21,7 +21,7 @@ Row = dict[str, Any]
 
 _DEPTH = 2
 # Modules whose shapes the tables of the paper print with the channels first; sequences are frames x values.
-_CHANNELS_FIRST = (Stem, Stage, Head, ResNet18, BatchNorm, nn.Conv, nn.ConvTranspose)
+_CHANNELS_FIRST = (Stem, Stage, Head, ResNet, BatchNorm, nn.Conv, nn.ConvTranspose)
 
 
 def describe(config: Config) -> list[Row]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet import ResNet18
+from ha2g_jax.layers.resnet import ResNet
 
 LAST = (0, 2, 3, 1)  # channels first to channels last
 
@@ -101,7 +101,7 @@ def test_resnet18_equals_pytorch_in_values_and_gradients(train, oracles):
 
     def run(params):
         images = jnp.asarray(oracles.value(x).transpose(LAST))
-        return ResNet18(width=4).apply(variables | {"params": params}, images, train=train, mutable=["batch_stats"])
+        return ResNet(width=4).apply(variables | {"params": params}, images, train=train, mutable=["batch_stats"])
 
     y, pull_back, updates = jax.vjp(jax.jit(run), variables["params"], has_aux=True)
     oracles.assert_close(y, oracles.value(out).transpose(LAST))

@@ -28,16 +28,17 @@ from ha2g_jax.train.objective import Objective, build_objective, init_state
 
 STOP_AT = 2  # the step at which the last process asks to end
 
-# As users compile: without optimisation sums are less exact than the tolerance of the tests.
-_OPTIMISED = {"xla_backend_optimization_level": 3, "xla_cpu_use_fusion_emitters": True}
+# Without optimisation sums are less exact than the tolerance of the tests.
+_OPTIMISED = {"xla_backend_optimization_level": 1}
 
 _TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without a cache
 
 
 def sgd_objective() -> Objective:
-    """TED-Gesture at debug size with dropout and the GAN term, under plain gradient descent."""
+    """TED-Gesture at debug size, the last level alone, with dropout and the GAN term, under plain gradient descent."""
     config = configs.debug(configs.paper("ted_gesture"))
     config.model.identity.kind = "speakers"
+    config.model.inferer.levels = (3,)
     config.model.inferer.layers = 2
     config.model.inferer.dropout = 0.3
     config.train.warmup_epochs = 1

@@ -145,7 +145,12 @@ def _identity_encoder(config: Config, num_speakers: int) -> ImageIdentity | Spea
     kind = choice("model.identity.kind", identity.kind, ("images", "speakers"))
     if kind == "speakers":
         return speaker_table(config, num_speakers)
-    return ImageIdentity(**identity.images, feature_dim=identity.feature_dim, is_recomputed=config.model.recompute)
+    return ImageIdentity(
+        blocks=tuple(identity.images.blocks),
+        width=identity.images.width,
+        feature_dim=identity.feature_dim,
+        is_recomputed=config.model.recompute,
+    )
 
 
 def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[int, ...], ...]:
