@@ -53,7 +53,7 @@ class SpeakerIdentity(nn.Module):
     def __call__(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Map speaker indices (B,) to mean and log-variance, each (B, feature_dim)."""
         del train  # the argument exists because `ImageIdentity` has it
-        normal = nn.initializers.normal(1.0)
+        normal = initializers.normal(1.0)
         # The gradients of the rows are summed over the batch in float32.
         table = nn.Embed(
             self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=normal, name="embedding"

@@ -66,7 +66,7 @@ class ResidualBlock(nn.Module):
             y = WeightNormConv(self.channels, self.dilation, self.padding, name=f"conv_{index}")(y)
             y = nn.Dropout(self.dropout)(nn.relu(y), deterministic=not train)
         if x.shape[-1] != self.channels:
-            x = nn.Dense(self.channels, kernel_init=nn.initializers.normal(0.01), name="shortcut")(x)
+            x = nn.Dense(self.channels, kernel_init=initializers.normal(0.01), name="shortcut")(x)
         return nn.relu(x + y)
 
 
@@ -108,7 +108,7 @@ class TextEncoder(nn.Module):
         if self.receptive_field not in RECEPTIVE_FIELDS:
             raise ValueError(f"receptive field {self.receptive_field!r}: expected one of {RECEPTIVE_FIELDS}")
         centred = self.receptive_field == "centred"
-        spread = nn.initializers.normal(self.embedding_dim**-0.5)
+        spread = initializers.normal(self.embedding_dim**-0.5)
         # The gradients of the rows are summed over all frames in float32: that of the padding has thousands of terms.
         table = nn.Embed(
             self.vocabulary_size, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding"
@@ -125,4 +125,4 @@ class TextEncoder(nn.Module):
                 dropout=self.dropout,
                 name=f"block_{index}",
             )(x, train=train)
-        return nn.Dense(self.feature_dim, kernel_init=nn.initializers.normal(0.01), name="linear")(x)
+        return nn.Dense(self.feature_dim, kernel_init=initializers.normal(0.01), name="linear")(x)

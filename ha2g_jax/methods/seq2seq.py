@@ -22,7 +22,7 @@ from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_ar
 from ha2g_jax.skeleton import Skeleton
 
 # W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
-_HALF_LINEAR = nn.initializers.variance_scaling(1 / 6, "fan_in", "uniform")
+_HALF_LINEAR = initializers.linear(0.5**0.5)
 
 
 class Sentence(NamedTuple):
@@ -61,7 +61,7 @@ class SentenceEncoder(nn.Module):
         be the natural choice; this is kept for parity with the published comparisons.
         """
         is_real = words != 0
-        spread = nn.initializers.normal(self.embedding_dim**-0.5)
+        spread = initializers.normal(self.embedding_dim**-0.5)
         # As in `TextEncoder`: the rows' gradients are summed in float32.
         table = nn.Embed(self.num_words, self.embedding_dim, dtype=jnp.float32, embedding_init=spread, name="embedding")
         x = table(words).astype(table.embedding.dtype)
@@ -112,7 +112,7 @@ class PoseDecoder(nn.Module):
         """
         attend = nn.Dense(self.hidden_dim, kernel_init=_HALF_LINEAR, name="attention_state")
         query = attend(states[-1].astype(pose.dtype))
-        vector = self.param("attention_vector", nn.initializers.normal(self.hidden_dim**-0.5), (self.hidden_dim,))
+        vector = self.param("attention_vector", initializers.normal(self.hidden_dim**-0.5), (self.hidden_dim,))
         scores = jnp.tanh(query[:, None] + keys) @ vector
         weights = nn.softmax(scores.astype(jnp.float32), axis=-1).astype(words.dtype)
         context = jnp.einsum("bt,bth->bh", weights, words)
