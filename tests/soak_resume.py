@@ -146,9 +146,7 @@ def make_data(path: pathlib.Path) -> pathlib.Path:
     return path
 
 
-def command(
-    data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int = 0, config: str = CONFIG
-) -> list[str]:
+def command(data: pathlib.Path, workdir: pathlib.Path, steps: int, workers: int = 0, config: str = CONFIG) -> list[str]:
     """Return the command that trains on `data`; the first and all later starts have the same."""
     settings = {
         "data.path": data,

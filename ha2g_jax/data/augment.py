@@ -135,7 +135,7 @@ def sound_power(power: np.ndarray) -> float:
     Args:
         power: (128, columns) mel powers.
     """
-    edges = librosa().mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
+    edges = librosa("core.convert").mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
     widths = edges[2:] - edges[:-2]
     return float(widths @ power.mean(axis=1) / widths.sum())
 

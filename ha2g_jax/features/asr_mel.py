@@ -29,7 +29,7 @@ def _scale(decades):
 
 @functools.cache
 def _mel_filters(num_mels: int) -> np.ndarray:
-    return librosa().filters.mel(sr=_SAMPLE_RATE, n_fft=_FFT_SIZE, n_mels=num_mels)
+    return librosa("filters").mel(sr=_SAMPLE_RATE, n_fft=_FFT_SIZE, n_mels=num_mels)
 
 
 def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
@@ -46,7 +46,7 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
         (num_mels, 1 + samples // 160) float32.
     """
     padded = np.pad(np.asarray(audio, np.float32), _FFT_SIZE // 2, mode="reflect")
-    spectrum = librosa().stft(padded, n_fft=_FFT_SIZE, hop_length=_HOP_LENGTH, center=False)
+    spectrum = librosa("core.spectrum").stft(padded, n_fft=_FFT_SIZE, hop_length=_HOP_LENGTH, center=False)
     decades = np.log10(np.maximum(_mel_filters(num_mels) @ np.square(np.abs(spectrum)), np.float32(_LEAST_POWER)))
     return _scale(np.maximum(decades, np.max(decades) - np.float32(_DECADES)))
 

@@ -146,7 +146,7 @@ def _report(num_bad: int, num_samples: int, name: str) -> None:
 
 @functools.cache
 def _mel_filters() -> np.ndarray:
-    return librosa().filters.mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS)
+    return librosa("filters").mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS)
 
 
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
@@ -164,7 +164,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
         (128, 1 + samples // 512) float32 in [-80, 0].
     """
     padded = np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect")
-    spectrum = librosa().stft(padded, n_fft=FFT_SIZE, hop_length=HOP_LENGTH, center=False)
+    spectrum = librosa("core.spectrum").stft(padded, n_fft=FFT_SIZE, hop_length=HOP_LENGTH, center=False)
     power = _mel_filters() @ np.square(np.abs(spectrum))
     if reference is None:
         reference = float(np.max(power))

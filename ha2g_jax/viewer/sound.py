@@ -26,7 +26,7 @@ def encode(audio: np.ndarray, sample_rate: int) -> bytes:
         Content of the file.
     """
     if sample_rate not in _RATES:
-        audio = librosa().resample(audio, orig_sr=sample_rate, target_sr=_RATES[0], res_type="soxr_hq")
+        audio = librosa("core.audio").resample(audio, orig_sr=sample_rate, target_sr=_RATES[0], res_type="soxr_hq")
         sample_rate = _RATES[0]
     file = io.BytesIO()
     with av.open(file, "w", format="mp3", options={"fflags": "+bitexact", "id3v2_version": "0"}) as container:

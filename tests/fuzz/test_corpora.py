@@ -55,7 +55,7 @@ METADATA = {"name": "tiny", "source": "test", "licence": "free", "import": REPOR
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """A corpus of one clip of training and two of validation."""
-    librosa()  # its import takes seconds, which are not those of a reader
+    librosa("onset")  # its import takes seconds, which are not those of a reader
     path = tmp_path_factory.mktemp("whole") / "corpus"
     with CorpusWriter(path, splits=("train", "val"), skeleton=SKELETON.name, fps=15, metadata=METADATA) as writer:
         writer.add("train", RECORD)

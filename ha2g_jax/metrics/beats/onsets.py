@@ -15,7 +15,7 @@ _MIN_SAMPLES = 2048  # that the spectrogram of the onset detector needs
 
 def detect_onsets(audio: np.ndarray) -> np.ndarray:
     """Return the times (n,), in seconds, of the onsets of samples at 16 kHz, by librosa's detector with defaults."""
-    return librosa().onset.onset_detect(y=audio, sr=ONSET_RATE, units="time")
+    return librosa("onset").onset_detect(y=audio, sr=ONSET_RATE, units="time")
 
 
 def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
