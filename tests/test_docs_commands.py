@@ -1,24 +1,33 @@
-"""The commands of the pages: each is parsed by the program, and each that is quick is run.
+"""The commands of the pages: each is parsed by the program, and all but `PARSED_ONLY` are run.
 
-They are run with the debug model and a second of sound, in a folder that has the files that the pages speak of. What is
-only parsed, and why, is `PARSED_ONLY`.
+They are run at debug size by the rules of `DEBUG`, in a folder that has the files that the pages speak of, of a few
+seconds each. There a step of training changes no network; tests/train and test_baselines.py test the steps.
 """
 
+import functools
 import pathlib
 import re
 import runpy
 import shlex
 import shutil
 
+import jax
 import numpy as np
 import pytest
 import soundfile
 
-from ha2g_jax import cli, launch
+from ha2g_jax import cli, launch, presets
 from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.data.mocap.smplx_template import template
+from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.study.evaluation import inputs
+from ha2g_jax.study.evaluation.evaluate import evaluate
+from ha2g_jax.train import loop, sharding
+from ha2g_jax.train.objective import build_objective
 
 ROOT = pathlib.Path(__file__).parent.parent
 PAGES = [
@@ -31,15 +40,8 @@ PAGES = [
 BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 PARSED_ONLY = {
-    "train": "compiles for minutes; tests/train runs it",
-    "doctor": "compiles and times a step; tests/train/test_doctor.py runs it",
-    "evaluate": "takes minutes; tests/test_cli_evaluate.py runs it",
-    "data import-": "needs data of others; tests/data runs it",
-    "data build-video": "needs videos; tests/data/video runs it",
+    "data build-video": "needs the environment of data install-pose; tests/data/video runs it",
     "data install-pose": "needs the network and 400 MB",
-    "data make-talk": "makes hours of speech; tests/data/talk runs it",
-    "data merge": "needs two corpora with different recordings; tests/data/test_merge.py runs it",
-    "data inspect": "draws many figures; tests/test_cli_data.py runs it",
 }
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}
@@ -57,16 +59,52 @@ def name_of(page):
 
 
 COMMANDS = {name_of(page): lines_of(page, "ha2g") for page in PAGES}
-QUICK = {
-    page: [command for command in commands if not " ".join(command).startswith(tuple(PARSED_ONLY))]
-    for page, commands in COMMANDS.items()
-    if pathlib.Path(page).name not in OF_THE_READER
-}
+# What makes a command one of debug size: patterns of its text, which are replaced in this order.
+DEBUG = (
+    (r"^train \.\.\. ", "train --config talk --workdir runs/talk "),
+    (r":DATA\b", ":talk"),
+    (r"\bCORPUS\b", "talk"),
+    (r"^((train|doctor) --config \S*talk)\S*", r"\1:debug"),
+    (r" --config\.train\.(steps|devices|batch_size)=\d+", ""),  # the debug size has its own
+    (r"^(train .*--workdir) \S+", r"\1 trained"),
+    (r"^data make-talk .*", r"\g<0> --speakers 2 --minutes 1.2"),  # of two equal flags the last holds
+    (r" /shared/", " shared/"),
+    (r"^data inspect .*", r"\g<0> --samples 1"),
+    (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
+    (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
+    (r"^video .*", r"\g<0> --size 64x64"),
+)
+
+
+def debug_size(command):
+    """Return a command by the rules of `DEBUG`."""
+    text = shlex.join(command)
+    for pattern, replacement in DEBUG:
+        text = re.sub(pattern, replacement, text)
+    return shlex.split(text)
+
+
+def commands_to_run():
+    """Return the commands of each page at debug size, without those that an earlier page has as well."""
+    found, seen = {}, []
+    for page, commands in COMMANDS.items():
+        found[page] = []
+        for command in commands:
+            made = debug_size(command)
+            if pathlib.Path(page).name in OF_THE_READER or shlex.join(command).startswith(tuple(PARSED_ONLY)):
+                continue
+            if made not in seen:
+                seen.append(made)
+                found[page].append(made)
+    return found
+
+
+RUN = commands_to_run()
 
 
 def test_commands_are_found():
     """The pages have many commands, and each reason for parsing alone is that of a command."""
-    assert sum(map(len, COMMANDS.values())) > 60 and sum(map(len, QUICK.values())) > 25
+    assert sum(map(len, COMMANDS.values())) > 60 and sum(map(len, RUN.values())) > 50
     every = [" ".join(command) for commands in COMMANDS.values() for command in commands]
     assert all(any(command.startswith(start) for command in every) for start in PARSED_ONLY)
 
@@ -109,36 +147,135 @@ def test_scripts_and_targets_of_a_page_exist(page):
     assert {target for target, *_ in lines_of(page, "make")} <= set(targets)
 
 
+SECONDS = 4  # of motion and sound; an import leaves out what is shorter than 2.8
+NAMES = ("one", "two")
+MOTIONS = (
+    *("out/demo.npz", "out/mine.npz", "mine.npz", "speech_gestures.npz", "generated.npz"),
+    *(f"{folder}/{name}.npz" for folder in ("my_system", "MINE", "THEIRS", "TRUE") for name in NAMES),
+)
+CAPTURED = ("captured.bvh", "SPEAKER.bvh", "take.bvh", *(f"recordings/{name}.bvh" for name in NAMES))
+SOUNDS = {"my.wav": 12} | dict.fromkeys(  # a recording is scored from 10 seconds on
+    (
+        *("examples/hello.wav", "speech.wav", "my_speech.wav", "take_mic.wav"),
+        *(f"{folder}/{name}.wav" for folder in ("recordings", "TRUE") for name in NAMES),
+    ),
+    SECONDS,
+)
+
+
+@pytest.fixture(scope="module")
+def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
+    """A folder with the files that the pages speak of."""
+    folder = tmp_path_factory.mktemp("files")
+    for path in (*MOTIONS, *CAPTURED, *SOUNDS, "runs/talk", "corpora/video", "ted_dataset/train"):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+    for seed, name in enumerate(MOTIONS):
+        swaying(seed).save(folder / name)
+    for seed, name in enumerate(CAPTURED):
+        formats.export(swaying(seed), folder / name)
+    for name, seconds in SOUNDS.items():
+        write_speech(folder / name, seconds)
+    shutil.copy(folder / "speech.srt", folder / "take.srt")
+    shutil.copy(ROOT / "ha2g_jax" / "assets" / "joint_maps" / "ha2g.yaml", folder / "my_joints.yaml")
+    write_smplx(folder)
+    write_ted(folder / "ted_dataset")
+    write_corpora(folder, tiny_talk)
+    model_folder.save(folder / "runs" / "talk", debug_model.config, debug_model.assets, debug_model.variables)
+    shutil.copytree(folder / "runs" / "talk", folder / "runs" / "demo" / "latest")
+    write_autoencoder(folder / "runs" / "autoencoder", draw_state)
+    return folder
+
+
+def swaying(seed):
+    """Return a motion of waves about the mean pose, without a pause."""
+    skeleton, random = load_skeleton("ted_expressive"), np.random.default_rng(seed)
+    frames = np.arange(15 * SECONDS)[:, None, None]
+    waves = np.sin(frames * random.uniform(0.2, 0.6, (1, skeleton.num_bones, 3))).astype(np.float32)
+    return Motion.from_directions(skeleton, skeleton.mean_directions + 0.2 * waves, 15)
+
+
+def write_speech(path, seconds):
+    """Write noise as sound and, beside it, two words each second."""
+    soundfile.write(path, np.random.default_rng(0).normal(0, 0.1, 16000 * seconds), 16000)
+    cues = [f"{number}\n00:00:{number:02},000 --> 00:00:{number:02},800\nboth hands\n" for number in range(seconds)]
+    path.with_suffix(".srt").write_text("\n".join(cues))
+
+
+def functions_of(test):
+    """Return the functions of a test of data, which write files in formats of others."""
+    return runpy.run_path(str(ROOT / "tests" / "data" / test))
+
+
+def write_smplx(folder):
+    """Write poses as in BEAT2, poses with a body model, and positions as ExPose gives them."""
+    write, beat = functions_of("mocap/test_import_smplx.py"), folder / "beat2"
+    write["_motion"](beat / "smplxflame_30" / "2_scott_0_1_1.npz")
+    write["_speech"](beat / "wave16k" / "2_scott_0_1_1.wav", beat / "textgrid" / "2_scott_0_1_1.TextGrid")
+    write["_motion"](folder / "poses.npz")
+    write["_speech"](folder / "poses.wav", folder / "poses.TextGrid")
+    model = functions_of("mocap/test_smplx_model.py")["_model"]()
+    np.savez(folder / "SMPLX_NEUTRAL.npz", allow_pickle=True, **model)
+    joints = template().points[:55]
+    waves = np.sin(np.arange(25 * SECONDS) / 5)[:, None, None] * np.random.default_rng(0).normal(0, 0.1, joints.shape)
+    np.save(folder / "expose_joints.npy", joints + waves)
+
+
+def write_ted(folder):
+    """Write a video in each split of TED-Expressive."""
+    write = functions_of("ted/conftest.py")
+    for split in ("train", "val", "test"):
+        (folder / split).mkdir()
+        write["_write_database"](folder / split, [write["_make_video"](f"video of {split}", joints=43)])
+
+
+def write_corpora(folder, tiny_talk):
+    """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
+    for name in ("DST", "corpora/video", "talk-v1"):
+        (folder / name).symlink_to(tiny_talk)
+    write = functions_of("test_merge.py")
+    for name in ("ONE", "TWO"):
+        write["write"](folder / name, {"train": [write["make_clip"](f"clip of {name}", "ada", "hello")]})
+
+
+def write_autoencoder(folder, draw_state):
+    """Write a pose auto-encoder with random weights."""
+    skeleton, config = load_skeleton("ted_expressive"), presets.parse("talk:debug", "autoencoder")
+    variables = jax.device_get(draw_state(build_objective(config, skeleton, 0, 0)).model)
+    starts = skeleton.mean_directions[None, None].repeat(config.data.num_seed_frames, axis=1)
+    model_folder.save(folder, config, Assets(skeleton, Vocabulary(()), {}, starts), variables)
+
+
+def step_that_rests(objective, mesh):
+    """Return a step in place of `sharding.compile_step` that changes no network; a real one compiles for 25 s."""
+    return lambda state, batch, key, stop=False: (state.replace(step=state.step + 1), terms(objective) | {"stop": stop})
+
+
+def validation_that_rests(objective, mesh):
+    """Return a step in place of `sharding.compile_validation_step`."""
+    return lambda state, batch, key: terms(objective)
+
+
+def terms(objective):
+    """Return the names of the terms of an objective with a number."""
+    return {f"loss/{name}": np.float32(1) for name in (*dict(objective.weights), "total")}
+
+
 @pytest.fixture
-def clone(debug_model, tiny_talk, tmp_path, monkeypatch):
-    """A folder with the files that the pages speak of, of a second each."""
-    skeleton, random = load_skeleton("ted_expressive"), np.random.default_rng(0)
-    directions = skeleton.mean_directions + random.normal(0, 0.02, (30, skeleton.num_bones, 3)).astype(np.float32)
-    motion = Motion.from_directions(skeleton, directions, 15)
-    for name in ("out/demo.npz", "out/mine.npz", "mine.npz", "speech_gestures.npz", "generated.npz"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        motion.save(tmp_path / name)
-    formats.export(motion, tmp_path / "captured.bvh")
-    for name in ("examples/hello.wav", "speech.wav", "my_speech.wav", "my.wav"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        soundfile.write(tmp_path / name, random.normal(0, 0.1, 16000), 16000)
-    (tmp_path / "speech.srt").write_text("1\n00:00:00,200 --> 00:00:00,900\nhello there\n")
-    (tmp_path / "runs").mkdir()
-    model_folder.save(tmp_path / "runs" / "talk", debug_model.config, debug_model.assets, debug_model.variables)
-    shutil.copytree(tmp_path / "runs" / "talk", tmp_path / "runs" / "demo" / "latest")
-    shutil.copytree(tiny_talk, tmp_path / "DST")
+def clone(files, draw_state, tmp_path, monkeypatch):
+    """A copy of `files` as the working folder, where little is compiled and `talk` is the tiny corpus."""
+    shutil.copytree(files, tmp_path, symlinks=True, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-# At debug size: the model of the package takes half a minute to compile, and a picture of 1080 lines a second to draw.
-DEBUG = {"generate": ["--checkpoint", "runs/talk", "--size", "64"], "video": ["--size", "64x64"]}
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    monkeypatch.setattr("os.cpu_count", lambda: 1)  # processes start slowly
+    monkeypatch.setattr(sharding, "compile_step", step_that_rests)
+    monkeypatch.setattr(sharding, "compile_validation_step", validation_that_rests)
+    monkeypatch.setattr(loop, "init_state", lambda objective, key, pretrained: draw_state(objective))
+    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))  # 1000 take up to half a minute
 
 
 @pytest.mark.usefixtures("clone")
-@pytest.mark.parametrize("page", [page for page, commands in QUICK.items() if commands])
-def test_quick_commands_of_a_page_run(page, capsys):
-    for command in QUICK[page]:
-        flags = DEBUG.get(command[0], [])
-        flags = flags if "--checkpoint" not in command else flags[2:]
-        assert cli.main([*command, *flags]) == 0, f"{' '.join(command)}: {capsys.readouterr().err}"
+@pytest.mark.parametrize("page", [page for page, commands in RUN.items() if commands])
+def test_commands_of_a_page_run(page, capsys):
+    for command in RUN[page]:
+        assert cli.main(command) == 0, f"{shlex.join(command)}: {capsys.readouterr().err}"
+        shutil.rmtree("trained", ignore_errors=True)  # a workdir is of one config

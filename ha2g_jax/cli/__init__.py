@@ -13,6 +13,7 @@ from ha2g_jax import __version__
 from ha2g_jax.cli import data, evaluate, export, generate, view
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.compile_cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
 
 
@@ -29,6 +30,7 @@ def main(argv: list[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     _print_any_path()
     try:
+        keep_programs()
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
             from ha2g_jax import launch
 

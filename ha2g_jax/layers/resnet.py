@@ -5,7 +5,8 @@ import functools
 import jax
 from flax import linen as nn
 
-from ha2g_jax.layers import initializers, recompute
+from ha2g_jax.layers import recompute
+from ha2g_jax.layers.conv import Conv
 from ha2g_jax.layers.norm import BatchNorm
 
 
@@ -35,7 +36,7 @@ class ResNet(nn.Module):
         return x
 
     def _stem(self, images: jax.Array, *, train: bool) -> jax.Array:
-        x = _conv(self.width, 7, 2, name="conv")(images)
+        x = Conv(self.width, (7, 7), (2, 2), 3, use_bias=False, name="conv")(images)
         x = nn.relu(BatchNorm(name="norm")(x, train=train))
         # Flax declares the padding as a string but also accepts pairs.
         return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
@@ -50,24 +51,12 @@ class ResidualBlock(nn.Module):
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
-        y = _conv(self.channels, 3, self.stride, name="conv_1")(x)
+        strides = (self.stride, self.stride)
+        y = Conv(self.channels, (3, 3), strides, 1, use_bias=False, name="conv_1")(x)
         y = nn.relu(BatchNorm(name="norm_1")(y, train=train))
-        y = _conv(self.channels, 3, 1, name="conv_2")(y)
+        y = Conv(self.channels, (3, 3), padding=1, use_bias=False, name="conv_2")(y)
         y = BatchNorm(name="norm_2")(y, train=train)
         if self.stride != 1 or x.shape[-1] != self.channels:
-            x = _conv(self.channels, 1, self.stride, name="shortcut_conv")(x)
+            x = Conv(self.channels, (1, 1), strides, use_bias=False, name="shortcut_conv")(x)
             x = BatchNorm(name="shortcut_norm")(x, train=train)
         return nn.relu(x + y)
-
-
-def _conv(channels: int, kernel: int, stride: int, *, name: str) -> nn.Conv:
-    padding = (kernel // 2, kernel // 2)
-    return nn.Conv(
-        channels,
-        (kernel, kernel),
-        strides=stride,
-        padding=(padding, padding),
-        use_bias=False,
-        kernel_init=initializers.RESNET,
-        name=name,
-    )

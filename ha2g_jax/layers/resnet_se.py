@@ -9,6 +9,7 @@ from flax import linen as nn
 
 from ha2g_jax.features.audio import HOP_LENGTH, SAMPLE_RATE, window_columns
 from ha2g_jax.layers import initializers, recompute
+from ha2g_jax.layers.conv import Conv
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 
@@ -66,13 +67,14 @@ class BasicBlock(nn.Module):
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
-        y = _conv(self.channels, (3, 3), self.stride, 1, use_bias=False, name="conv_1")(x)
+        strides = (self.stride, self.stride)
+        y = Conv(self.channels, (3, 3), strides, 1, use_bias=False, name="conv_1")(x)
         y = BatchNorm(name="norm_1")(nn.relu(y), train=train)
-        y = _conv(self.channels, (3, 3), 1, 1, use_bias=False, name="conv_2")(y)
+        y = Conv(self.channels, (3, 3), padding=1, use_bias=False, name="conv_2")(y)
         y = BatchNorm(name="norm_2")(y, train=train)
         y = SqueezeExcite(name="se")(y)
         if self.stride != 1 or x.shape[-1] != self.channels:
-            x = _conv(self.channels, (1, 1), self.stride, 0, use_bias=False, name="shortcut_conv")(x)
+            x = Conv(self.channels, (1, 1), strides, use_bias=False, name="shortcut_conv")(x)
             x = BatchNorm(name="shortcut_norm")(x, train=train)
         return nn.relu(x + y)
 
@@ -104,7 +106,7 @@ class Stem(nn.Module):
     @nn.compact
     def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
         """Map (B, H, W, 1) to (B, H / stride, W / stride, channels), rounded up."""
-        x = _conv(self.channels, (3, 3), self.stride, 1, use_bias=True, name="conv")(x)
+        x = Conv(self.channels, (3, 3), self.stride, 1, name="conv")(x)
         return BatchNorm(name="norm")(nn.relu(x), train=train)
 
 
@@ -132,7 +134,7 @@ class Head(nn.Module):
             num_frames, fps = self.grid
             times = frame_centres(num_frames + self.kernel - 1, fps, margin=(self.kernel - 1) / 2)
             x = interpolate(x, times * _COLUMNS_PER_SECOND, axis=2)
-        x = _conv(x.shape[-1], (self.kernel, self.kernel), 1, 0, use_bias=True, name="conv")(x)
+        x = Conv(x.shape[-1], (self.kernel, self.kernel), name="conv")(x)
         x = BatchNorm(name="norm")(nn.relu(x), train=train)
         # Channel-major, as a reshape of PyTorch's (C, mel, N) merges them.
         x = x.transpose(0, 2, 3, 1).reshape(x.shape[0], x.shape[2], -1)
@@ -192,17 +194,3 @@ class AudioEncoder(nn.Module):
             for level, (name, (factor, kernel)) in zip(maps[1:], _HEADS.items())
         }
         return Features(**heads)
-
-
-def _conv(
-    channels: int, kernel: tuple[int, int], stride: int | tuple[int, int], padding: int, *, use_bias: bool, name: str
-) -> nn.Conv:
-    return nn.Conv(
-        channels,
-        kernel,
-        strides=stride,
-        padding=((padding, padding), (padding, padding)),
-        use_bias=use_bias,
-        kernel_init=initializers.RESNET,
-        name=name,
-    )

@@ -9,6 +9,7 @@ from flax import linen as nn
 from flax import traverse_util
 
 from ha2g_jax.config import Config
+from ha2g_jax.layers.conv import Conv
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.resnet import ResNet
 from ha2g_jax.layers.resnet_se import Head, Stage, Stem
@@ -21,7 +22,7 @@ Row = dict[str, Any]
 
 _DEPTH = 2
 # Modules whose shapes the tables of the paper print with the channels first; sequences are frames x values.
-_CHANNELS_FIRST = (Stem, Stage, Head, ResNet, BatchNorm, nn.Conv, nn.ConvTranspose)
+_CHANNELS_FIRST = (Stem, Stage, Head, ResNet, BatchNorm, Conv, nn.Conv, nn.ConvTranspose)
 
 
 def describe(config: Config) -> list[Row]:

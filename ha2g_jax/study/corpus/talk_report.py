@@ -172,7 +172,8 @@ def _histograms(pyplot: Any, people: dict[str, Kinematics]) -> str:
         values = [getattr(who, field) for who in people.values()]
         top = max(np.percentile(value, 97) if len(value) else 1.0 for value in values)
         for name, value in zip(people, values, strict=True):
-            axis.hist(value, bins=np.linspace(0, top, 40), density=True, histtype="step", label=name, linewidth=1.5)
+            density = len(value) > 0  # a recording without pauses has an empty histogram
+            axis.hist(value, bins=np.linspace(0, top, 40), density=density, histtype="step", label=name, linewidth=1.5)
         axis.set(title=field, xlabel=unit, yscale="log")
     axes[0].legend()
     return _save(pyplot, chart)

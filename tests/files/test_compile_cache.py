@@ -1,0 +1,40 @@
+"""Commands keep compiled programs in the cache folder, unless they shall not or cannot."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+from ha2g_jax.files.compile_cache import keep_programs
+keep_programs()
+import jax
+print(jax.config.jax_compilation_cache_dir, jax.config.jax_compilation_cache_max_size)
+"""
+
+
+def cache_of(**variables):
+    """Return the folder and the size that JAX has in a new process."""
+    environment = {name: value for name, value in os.environ.items() if "COMPILATION_CACHE" not in name} | variables
+    done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("variables", "folder"),
+    [
+        ({}, "cache/programs"),
+        ({"HA2G_COMPILE_CACHE": "0"}, None),
+        ({"JAX_COMPILATION_CACHE_DIR": "/mine"}, "/mine"),
+    ],
+)
+def test_programs_are_kept_where_the_user_wants_them(variables, folder, tmp_path):
+    found, size = cache_of(HA2G_CACHE=str(tmp_path / "cache"), **variables)
+    assert found == ("None" if folder is None else str(tmp_path / folder))
+    assert (int(size) > 0) == (not variables)
+
+
+def test_a_cache_folder_that_cannot_be_made_does_not_matter(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert cache_of(HA2G_CACHE=str(tmp_path / "file"))[0] == "None"

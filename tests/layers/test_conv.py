@@ -1,0 +1,122 @@
+"""The gradient of a kernel by matrix products is XLA's, whatever the shape, and can be differentiated and split."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import linen as nn
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jax.sharding import NamedSharding, PartitionSpec
+
+from ha2g_jax.layers import conv as convolution
+from ha2g_jax.layers.conv import Conv, conv, kernel_gradient
+from ha2g_jax.train import sharding
+
+# Height, width and inputs of the map, channels, kernel, stride and padding of the convolutions of the networks.
+SHAPES = [
+    (128, 70, 1, 32, (3, 3), (1, 1), 1),  # stem of E_a
+    (128, 70, 1, 16, (3, 3), (4, 1), 1),  # the same at small size
+    (128, 70, 32, 32, (3, 3), (1, 1), 1),
+    (128, 70, 32, 64, (3, 3), (2, 2), 1),
+    (128, 70, 32, 64, (1, 1), (2, 2), 0),
+    (64, 36, 16, 16, (3, 3), (1, 1), 0),  # head
+    (64, 35, 64, 64, (2, 2), (1, 1), 0),  # head
+    (16, 9, 256, 256, (3, 3), (1, 1), 1),
+    (56, 56, 3, 16, (7, 7), (2, 2), 3),  # stem of E_ID
+]
+
+
+def arrays(height, width, inputs, channels, kernel, stride, padding, batch=2):
+    """Return an input and the gradient of an output."""
+    random = np.random.default_rng(0)
+    x = random.normal(size=(batch, height, width, inputs)).astype(np.float32)
+    size = [(edge + 2 * padding - k) // s + 1 for edge, k, s in zip((height, width), kernel, stride, strict=True)]
+    return x, random.normal(size=(batch, *size, channels)).astype(np.float32)
+
+
+def expected(x, cotangent, kernel, stride, padding):
+    """Return XLA's gradient of a kernel."""
+    zeros = jnp.zeros((*kernel, x.shape[-1], cotangent.shape[-1]))
+    return jax.vjp(lambda kernel: convolution._conv(x, kernel, stride, padding), zeros)[1](cotangent)[0]
+
+
+def assert_equal(found, true):
+    assert found.shape == true.shape
+    np.testing.assert_allclose(found, true, rtol=0, atol=1e-5 * np.abs(true).max())
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_gradient_of_each_shape_of_the_networks(shape):
+    x, cotangent = arrays(*shape)
+    *_, kernel, stride, padding = shape
+    assert_equal(
+        kernel_gradient(x, cotangent, size=kernel, stride=stride, padding=padding), expected(x, cotangent, *shape[4:])
+    )
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    batch=st.integers(1, 9),
+    edges=st.tuples(st.integers(4, 12), st.integers(4, 12)),
+    values=st.tuples(st.integers(1, 5), st.integers(1, 5)),
+    kernel=st.tuples(st.integers(1, 4), st.integers(1, 4)),
+    stride=st.tuples(st.integers(1, 3), st.integers(1, 3)),
+    padding=st.integers(0, 3),
+)
+def test_gradient_of_any_shape(batch, edges, values, kernel, stride, padding):
+    x, cotangent = arrays(*edges, *values, kernel, stride, padding, batch)
+    assert_equal(
+        kernel_gradient(x, cotangent, size=kernel, stride=stride, padding=padding),
+        expected(x, cotangent, kernel, stride, padding),
+    )
+
+
+@pytest.fixture
+def by_products(monkeypatch):
+    """Let `conv` use the products for small arrays too."""
+    monkeypatch.setattr(convolution, "_MIN_POSITIONS", 0)
+
+
+def loss(function, x, kernel):
+    return jnp.sum(jnp.tanh(function(jnp.sin(x), kernel)))
+
+
+@pytest.mark.usefixtures("by_products")
+def test_first_and_second_derivatives_are_those_of_xla():
+    random = np.random.default_rng(0)
+    x, kernel = (random.normal(size=size).astype(np.float32) for size in ((3, 6, 5, 2), (3, 3, 2, 4)))
+
+    def derivatives(function):
+        first = jax.grad(functools.partial(loss, function), argnums=(0, 1))
+        second = jax.grad(lambda *args: sum(jnp.sum(jnp.square(leaf)) for leaf in first(*args)), argnums=(0, 1))
+        return jax.jit(first)(x, kernel), jax.jit(second)(x, kernel)
+
+    ours = derivatives(lambda x, kernel: conv(x, kernel, (2, 1), 1))
+    xla = derivatives(lambda x, kernel: convolution._conv(x, kernel, (2, 1), 1))
+    jax.tree.map(assert_equal, ours, xla)
+
+
+@pytest.mark.usefixtures("by_products")
+def test_a_batch_over_eight_devices_gives_the_gradient_of_one_and_is_not_gathered():
+    x, cotangent = arrays(8, 6, 3, 4, (3, 3), (1, 1), 1, batch=16)
+    split = NamedSharding(sharding.data_mesh(), PartitionSpec(sharding.AXIS))
+    whole = NamedSharding(sharding.data_mesh(), PartitionSpec())
+    gradient = jax.jit(
+        functools.partial(kernel_gradient, size=(3, 3), stride=(1, 1), padding=1),
+        in_shardings=(split, split),
+        out_shardings=whole,
+    )
+    assert_equal(gradient(x, cotangent), expected(x, cotangent, (3, 3), (1, 1), 1))
+    assert "all-gather" not in gradient.lower(x, cotangent).compile().as_text()
+
+
+def test_parameters_and_results_are_those_of_flax():
+    x = np.random.default_rng(0).normal(size=(2, 9, 7, 3)).astype(np.float32)
+    ours = Conv(4, (3, 2), (2, 1), 1)
+    theirs = nn.Conv(4, (3, 2), (2, 1), ((1, 1), (1, 1)))
+    variables = ours.init(jax.random.key(0), x)
+    assert jax.tree.map(jnp.shape, variables) == jax.tree.map(jnp.shape, theirs.init(jax.random.key(0), x))
+    np.testing.assert_array_equal(ours.apply(variables, x), theirs.apply(variables, x))
