@@ -45,7 +45,6 @@ class Conv(nn.Module):
         return y
 
 
-@functools.partial(jax.custom_vjp, nondiff_argnums=(2, 3))
 def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
     """Convolve images with a kernel.
 
@@ -61,7 +60,7 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
     Returns:
         (B, (H + 2 padding - height) // stride + 1, ..., channels).
     """
-    return _conv(x, kernel, stride, padding)
+    return _conv_with_products(x, kernel, stride, padding)
 
 
 def _conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
@@ -83,7 +82,8 @@ def _backward(stride, padding, residuals, cotangent):
     return x_gradient, jax.lax.platform_dependent(x, cotangent, cpu=products, default=native)
 
 
-conv.defvjp(_forward, _backward)
+_conv_with_products = jax.custom_vjp(_conv, nondiff_argnums=(2, 3))
+_conv_with_products.defvjp(_forward, _backward)
 
 
 def _kernel_gradient(
