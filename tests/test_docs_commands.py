@@ -245,12 +245,12 @@ def write_autoencoder(folder, draw_state):
     model_folder.save(folder, config, Assets(skeleton, Vocabulary(()), {}, starts), variables)
 
 
-def step_that_rests(objective, mesh):
+def unchanged_step(objective, mesh):
     """Return a step in place of `sharding.compile_step` that changes no network; a real one compiles for 25 s."""
     return lambda state, batch, key, stop=False: (state.replace(step=state.step + 1), terms(objective) | {"stop": stop})
 
 
-def validation_that_rests(objective, mesh):
+def constant_validation(objective, mesh):
     """Return a step in place of `sharding.compile_validation_step`."""
     return lambda state, batch, key: terms(objective)
 
@@ -267,8 +267,8 @@ def clone(files, draw_state, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # processes start slowly
-    monkeypatch.setattr(sharding, "compile_step", step_that_rests)
-    monkeypatch.setattr(sharding, "compile_validation_step", validation_that_rests)
+    monkeypatch.setattr(sharding, "compile_step", unchanged_step)
+    monkeypatch.setattr(sharding, "compile_validation_step", constant_validation)
     monkeypatch.setattr(loop, "init_state", lambda objective, key, pretrained: draw_state(objective))
     monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))  # 1000 take up to half a minute
 

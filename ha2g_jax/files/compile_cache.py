@@ -3,6 +3,7 @@
 import contextlib
 import os
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder
 
 MAX_BYTES = 2 << 30
@@ -14,11 +15,11 @@ def keep_programs() -> None:
 
     The programs that were not used for the longest time are deleted when all together take more than `MAX_BYTES`.
     Processes may use the folder at the same time. Nothing is kept if HA2G_COMPILE_CACHE is 0 or the folder cannot be
-    written, and JAX's own variable JAX_COMPILATION_CACHE_DIR takes precedence.
+    written; JAX's own variable JAX_COMPILATION_CACHE_DIR takes precedence.
     """
     if os.environ.get("HA2G_COMPILE_CACHE") == "0" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    with contextlib.suppress(OSError):  # a read-only home
+    with contextlib.suppress(OSError, UserError):  # a read-only home, or none
         folder = cache_folder() / "programs"
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):

@@ -1,7 +1,7 @@
 """Two-dimensional convolutions whose kernel gradient is a matrix product on CPUs.
 
-XLA computes the gradient of a kernel with few channels on one core of a CPU, which takes more time than all else in a
-training step at the size of the paper (docs/performance.md). Accelerators keep XLA's own convolution.
+XLA computes the gradient of a kernel with few channels on one core of a CPU. At the size of the paper this takes about
+a third of a training step (docs/performance.md). Accelerators keep XLA's own gradient.
 """
 
 import functools
@@ -15,7 +15,7 @@ from ha2g_jax.layers import initializers
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _CHUNK = 8  # images in one product: few enough for the caches; a batch that is split over devices stays split
-_MIN_POSITIONS = 1 << 14  # of the output in all images; below this XLA's gradient takes no time and compiles faster
+_MIN_POSITIONS = 1 << 14  # of the output in all images; below this XLA's gradient is fast and compiles sooner
 
 
 class Conv(nn.Module):

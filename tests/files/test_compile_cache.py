@@ -1,10 +1,13 @@
 """Commands keep compiled programs in the cache folder, unless they shall not or cannot."""
 
 import os
+import pathlib
 import subprocess
 import sys
 
 import pytest
+
+from ha2g_jax.files.compile_cache import keep_programs
 
 PROGRAM = """
 from ha2g_jax.files.compile_cache import keep_programs
@@ -38,3 +41,14 @@ def test_programs_are_kept_where_the_user_wants_them(variables, folder, tmp_path
 def test_a_cache_folder_that_cannot_be_made_does_not_matter(tmp_path):
     (tmp_path / "file").write_text("")
     assert cache_of(HA2G_CACHE=str(tmp_path / "file"))[0] == "None"
+
+
+def test_a_user_without_a_home_can_run_commands(monkeypatch):
+    def no_home():
+        raise RuntimeError
+
+    for name in ("JAX_COMPILATION_CACHE_DIR", "HA2G_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pathlib.Path, "home", no_home)
+    keep_programs()
+    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ

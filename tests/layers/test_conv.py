@@ -99,7 +99,6 @@ def test_first_and_second_derivatives_are_those_of_xla():
     jax.tree.map(assert_equal, ours, xla)
 
 
-@pytest.mark.usefixtures("by_products")
 def test_a_batch_over_eight_devices_gives_the_gradient_of_one_and_is_not_gathered():
     x, cotangent = arrays(8, 6, 3, 4, (3, 3), (1, 1), 1, batch=16)
     split = NamedSharding(sharding.data_mesh(), PartitionSpec(sharding.AXIS))
