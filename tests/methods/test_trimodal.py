@@ -12,7 +12,7 @@ from ha2g_jax.methods import trimodal
 from ha2g_jax.methods.trimodal import kld, style
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
-STEPS = 300
+STEPS = 100
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_mirrored_windows_double_the_table_of_speakers(make_objective):
 
 def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
     """With all terms, including the GAN term."""
-    batch = make_motion_batch(objective, 4)
+    batch = make_motion_batch(objective, 2)
     step = jax.jit(functools.partial(train_step, objective))
     assert objective.warmup_steps == 0
     history = []

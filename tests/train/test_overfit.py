@@ -12,12 +12,12 @@ from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.step import train_step
 
 
-def test_one_batch_is_learnt_by_heart_in_300_steps(tiny_talk):
+def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk):
     config = configs.debug(configs.paper("ted_expressive"))
     config.model.identity.kind = "speakers"
     config.model.inferer.levels = (6,)
     config.data.path = str(tiny_talk)
-    config.train.update({"steps": 300, "learning_rate": 5e-3, "schedule": "cosine"})
+    config.train.update({"steps": 100, "learning_rate": 1e-2, "schedule": "cosine"})
     config.loss.ha2g.weights.physical = 0.0  # it holds joints at their mean angles, and the Huber term at 2 %
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), corpus.speakers_of(TRAIN)
