@@ -13,6 +13,7 @@ from array_record.python import array_record_data_source
 
 from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
+from ha2g_jax.data.shard_sizes import check_sizes
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import check_utf8, parse_json, read_bytes, reason, shown
@@ -113,6 +114,7 @@ class Clips(Sequence[Clip]):
 def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
     if not os.access(shard, os.R_OK):
         raise UserError(f"{shown(shard)} cannot be read by this user; change its permissions (chmod a+r)")
+    check_sizes(shard)
     try:
         return array_record_data_source.ArrayRecordDataSource([str(shard)])
     except (ValueError, RuntimeError) as error:
