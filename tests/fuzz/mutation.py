@@ -32,6 +32,8 @@ _ODD_VALUES = (
     "", "x" * 10_000, "\x00", "\ud800", "../..", [], [[]], {}, {"": None}, [0] * 10_000, {"a": [1, "b"]},
 )  # fmt: skip
 
+_MAX_LINE = 300_000  # letters to which the repetition of a line may let it grow
+
 
 @st.composite
 def damaged_bytes(draw: st.DrawFn, content: bytes) -> bytes:
@@ -86,7 +88,7 @@ def damaged_text(draw: st.DrawFn, text: str) -> bytes:
             case 4:
                 lines[index] = draw(st.text(max_size=20)) + lines[index]
             case 5:
-                lines[index] = lines[index] * draw(st.sampled_from((2, 300)))
+                lines[index] = (lines[index] * draw(st.sampled_from((2, 300))))[:_MAX_LINE]
     encoding = draw(st.sampled_from(("utf-8", "utf-8", "utf-8", "utf-16", "latin-1")))
     return "".join(lines).encode(encoding, errors="replace")
 

@@ -29,7 +29,7 @@ class _File:
         self._blob = memoryview(data)[20 + length + 8 :]
 
     def array(self, index: int) -> np.ndarray:
-        """Return an accessor, (n, width) or (n,) for scalars."""
+        """Return an accessor, (n, width) or (n,) for scalars; raise ValueError where a number is not finite."""
         accessor = self.tree["accessors"][index]
         view = self.tree["bufferViews"][accessor["bufferView"]]
         width = _WIDTHS[accessor["type"]]
@@ -38,6 +38,8 @@ class _File:
         if view.get("byteStride", width * dtype.itemsize) != width * dtype.itemsize:
             raise ValueError("interleaved arrays")
         values = np.frombuffer(self._blob, dtype, accessor["count"] * width, start)
+        if not np.isfinite(values).all():
+            raise ValueError("values that are not numbers")
         return values.reshape(-1, width) if width > 1 else values
 
 
@@ -96,7 +98,7 @@ def _times(file: _File, clip: dict[str, Any]) -> np.ndarray:
     if sum(len(values) for values in inputs) > 2 * checks.MAX_FRAMES:
         raise ValueError("too many times")
     time = np.unique(np.concatenate(inputs)).astype(float)
-    if time.ndim != 1 or not np.isfinite(time).all():
+    if time.ndim != 1:
         raise ValueError("times that are not numbers")
     return time
 
