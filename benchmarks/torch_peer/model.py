@@ -3,12 +3,12 @@
 import torch
 from torch import nn
 from torch.nn import functional as F
-from torch_peer.audio import AudioEncoder
-from torch_peer.encoders import ImageIdentity, SpeakerIdentity, TextEncoder
 
 from ha2g_jax.layers import discriminator, identity
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.methods.method import Spec
+from torch_peer.audio import AudioEncoder
+from torch_peer.encoders import ImageIdentity, SpeakerIdentity, TextEncoder
 
 _SLOPE = 0.2
 
@@ -96,10 +96,8 @@ class Generator(nn.Module):
         poses: list[torch.Tensor] = []
         for level in range(len(self.level_channels)):
             known = seed[..., self.level_channels[max(level - 1, 0)]]
-            if level:
-                free = poses[-1][:, self.num_seed_frames :]
-            else:
-                free = seed.new_zeros(batch, free_frames, known.shape[-1])
+            zeros = seed.new_zeros(batch, free_frames, known.shape[-1])
+            free = poses[-1][:, self.num_seed_frames :] if level else zeros
             stage = self.get_submodule(f"pose_{level + 1}")
             poses.append(stage(torch.cat([known, free], 1), blended[level], is_seed))
         return poses

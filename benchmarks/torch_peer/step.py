@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch_peer import losses
-from torch_peer.model import Discriminator, Generator
 
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.objective import Objective
+from torch_peer import losses
+from torch_peer.model import Discriminator, Generator
 
 PASSES = (1, 3)
 

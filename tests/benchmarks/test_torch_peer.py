@@ -112,10 +112,8 @@ def test_a_step_has_our_losses_and_gradients(torch_peer, config, draw_state, mak
 
     objective = _objective(config)
     state, batch = draw_state(objective), make_batch(objective, 2)  # of two clips each has the identity of the other
-    heads = state.generator.params["identity"]
-    heads["log_variance"] = jax.tree.map(
-        lambda x: np.full(x.shape, -40.0 if x.ndim == 1 else 0, x.dtype), heads["mean"]
-    )
+    heads = state.generator.params["identity"]  # identities of no variance, so that none is drawn
+    heads["log_variance"] = {"kernel": np.zeros((18, 18), np.float32), "bias": np.full(18, -40, np.float32)}
     step = torch_peer.TorchStep(config, objective)
     _copy(torch, step.generator, state.generator.variables)
     _copy(torch, step.discriminator, state.discriminator.variables)
