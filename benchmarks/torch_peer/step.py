@@ -9,10 +9,11 @@ The encoders of audio, text and identity run once in any case. The cascade of po
       encoder once and the cascade three times, each in training mode with dropout of its own.
 
 Both need the second identities: with `passes = 1` they are the only other run of the cascade. What needs no gradient,
-the discriminator's own pass and the second identities, runs under `no_grad`, which only makes the step faster.
+the discriminator's own pass and the second identities, runs under `no_grad`, which only makes the step faster. So do
+the fused Adam and the memory of images with the channels last.
 
 Other than in ours, the GAN term of the generator moves the running statistics of the discriminator too, the state is
-not checked for numbers that are not finite, and the first learning rate holds. Adam is the fused one.
+not checked for numbers that are not finite, and the first learning rate holds.
 """
 
 import time
@@ -63,7 +64,7 @@ class TorchStep:
         self.spec, self.passes = objective.spec, passes
         self._weights, self._settings, self._gan = dict(objective.weights), objective.settings, objective.gan
         self._clip_norm = config.train.clip_norm
-        self.generator = Generator(self.spec)
+        self.generator = Generator(self.spec).to(memory_format=torch.channels_last)
         self.discriminator = Discriminator(self.spec.discriminator, self.spec)
         self._physical = losses.Physical(self.spec.skeleton)
         self._mean = torch.tensor(self.spec.skeleton.mean_directions).flatten()
@@ -89,7 +90,7 @@ class TorchStep:
     def run(self, batch: Mapping[str, torch.Tensor]) -> float:
         """Run one step and return its seconds."""
         started = time.perf_counter()
-        self.step(batch)
+        self.step(batch)  # on the CPU it returns when everything is computed
         return time.perf_counter() - started
 
     def step(self, batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -19,8 +19,12 @@ pytestmark = pytest.mark.torch
 
 
 @pytest.fixture(scope="module")
-def torch_peer():
-    pytest.importorskip("torch")
+def torch():
+    return pytest.importorskip("torch")
+
+
+@pytest.fixture(scope="module")
+def torch_peer(torch):
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(pathlib.Path(__file__).parents[2] / "benchmarks"))
         yield importlib.import_module("torch_peer")
@@ -82,9 +86,7 @@ def test_has_as_many_parameters_as_ours(torch_peer, config, changes):
 
 
 @pytest.mark.parametrize("kind", ["speakers", "images"])
-def test_outputs_in_evaluation_mode_are_ours(torch_peer, config, draw_state, make_batch, kind):
-    import torch
-
+def test_outputs_in_evaluation_mode_are_ours(torch, torch_peer, config, draw_state, make_batch, kind):
     config.model.identity.kind = kind
     objective = _objective(config)
     spec, state, batch = objective.spec, draw_state(objective), make_batch(objective, 2)
@@ -107,9 +109,7 @@ def test_outputs_in_evaluation_mode_are_ours(torch_peer, config, draw_state, mak
         np.testing.assert_allclose(a, b.numpy(), rtol=1e-4, atol=1e-4)
 
 
-def test_a_step_has_our_losses_and_gradients(torch_peer, config, draw_state, make_batch):
-    import torch
-
+def test_a_step_has_our_losses_and_gradients(torch, torch_peer, config, draw_state, make_batch):
     objective = _objective(config)
     state, batch = draw_state(objective), make_batch(objective, 2)  # of two clips each has the identity of the other
     heads = state.generator.params["identity"]  # identities of no variance, so that none is drawn
@@ -130,9 +130,7 @@ def test_a_step_has_our_losses_and_gradients(torch_peer, config, draw_state, mak
     np.testing.assert_allclose(step.generator.pose_2.linear.bias.detach(), ours_after, atol=1e-5)
 
 
-def test_three_passes_give_the_same_terms_and_change_both_networks(torch_peer, config, make_batch):
-    import torch
-
+def test_three_passes_give_the_same_terms_and_change_both_networks(torch, torch_peer, config, make_batch):
     objective = _objective(config)
     step = torch_peer.TorchStep(config, objective, passes=3)
     before = [parameter.clone() for parameter in (step.generator.pose_1.linear.bias, step.discriminator.conv_1.bias)]
