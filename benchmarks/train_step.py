@@ -123,6 +123,7 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     torch_peer.check(config)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     torch.set_num_threads(cores)
+    print("compiling", variants[0], file=sys.stderr)
     ours = TimedStep(config)
     torch.manual_seed(config.seed)
     choices = [(3, False), (1, False)] + [(1, True)] * arguments.compiled

@@ -90,7 +90,7 @@ def test_outputs_in_evaluation_mode_are_ours(torch, torch_peer, config, draw_sta
     config.model.identity.kind = kind
     objective = _objective(config)
     spec, state, batch = objective.spec, draw_state(objective), make_batch(objective, 2)
-    keys = step_keys(spec, jax.random.key(0), 0)
+    keys = step_keys(spec, jax.random.key(0), state.step)
     run = jax.jit(lambda variables, batch: method_of(spec).run(spec, variables, batch, keys, train=False)[0])
     outputs = run(state.generator.variables, batch)
 
