@@ -3,24 +3,38 @@
 python benchmarks/train_step.py --config talk:small --dtype float32 bfloat16
 python benchmarks/train_step.py --config talk:small --accumulate 1 4
 python benchmarks/train_step.py --config talk:small --devices 1 0
+python benchmarks/train_step.py --config ted_gesture --batch-size 32 --against torch
 
 The data are random; their numbers of words and speakers are about those of TED. Several lists of values give all
-combinations as variants; ratios are relative to the first variant.
+combinations as variants; the speed is relative to the first variant.
+
+With `--against torch` there is one variant, and the step of `torch_peer` takes turns with ours in the same process, on
+the same batch and as many threads as there are cores. The ratio of a row is its seconds over ours: above 1 ours is
+faster.
 """
 
 import argparse
 import copy
+import functools
+import importlib.util
 import itertools
 import json
+import os
 import statistics
 import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
 
 from ha2g_jax import launch
+from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.machine import gib
 from ha2g_jax.train.measure import TimedStep
 
 _SETTINGS = ("batch_size", "dtype", "accumulate", "devices")
+_COUNTS = {1: "one pass", 3: "three passes"}
 
 
 def main() -> int:
@@ -33,14 +47,18 @@ def main() -> int:
     parser.add_argument(
         "--steps", type=int, default=10, help="timed steps of each variant, after the first (default: 10)"
     )
+    parser.add_argument("--against", choices=("torch",), help="also time the step of another framework")
+    parser.add_argument("--compiled", action="store_true", help="with --against: add the step with torch.compile")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
-        rows = measure(launch.load_config(arguments.config), arguments)
+        config = launch.load_config(arguments.config)
+        rows = compare(config, arguments) if arguments.against else measure(config, arguments)
     except UserError as error:
         print(f"train_step: {error}", file=sys.stderr)
         return 2
-    print(json.dumps(rows, indent=1) if arguments.json else as_table(rows))
+    table = comparison_table if arguments.against else as_table
+    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
     return 0
 
 
@@ -54,21 +72,14 @@ def measure(config, arguments: argparse.Namespace) -> list[dict]:
     Returns:
         One row for each variant with its settings, medians and memory.
     """
-    values = [getattr(arguments, name) or [config.train[name]] for name in _SETTINGS]
-    variants = [dict(zip(_SETTINGS, choice, strict=True)) for choice in itertools.product(*values)]
+    variants = settings_of_variants(config, arguments)
     steps = []
     for variant in variants:
         print("compiling", variant, file=sys.stderr)
         settings = copy.deepcopy(config)
         settings.train.update(variant)
         steps.append(TimedStep(settings))
-    for step in steps:
-        step.run()
-    seconds: list[list[float]] = [[] for _ in steps]
-    for _ in range(arguments.steps):
-        for step, times in zip(steps, seconds, strict=True):
-            times.append(step.run())
-    medians = [statistics.median(times) for times in seconds]
+    medians = in_turns([step.run for step in steps], arguments.steps)
     return [
         variant
         | {
@@ -81,6 +92,90 @@ def measure(config, arguments: argparse.Namespace) -> list[dict]:
         }
         for variant, step, median in zip(variants, steps, medians, strict=True)
     ]
+
+
+def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
+    """Time our step and those of PyTorch.
+
+    Args:
+        config: config of the train step.
+        arguments: arguments of the script.
+
+    Returns:
+        One row for each step of PyTorch, the published one first, and one for ours, with medians and ratios.
+
+    Raises:
+        UserError: PyTorch is not installed, JAX computes on an accelerator, or PyTorch has no step for the config.
+    """
+    if importlib.util.find_spec("torch") is None:
+        raise UserError("PyTorch is not installed; install the extra: pip install 'ha2g-jax[torch]'")
+    if jax.default_backend() != "cpu":
+        raise UserError(f"JAX computes on {jax.default_backend()}, PyTorch here on the CPU; set JAX_PLATFORMS=cpu")
+    variants = settings_of_variants(config, arguments)
+    if len(variants) > 1:
+        raise UserError(f"--against compares one variant, not {len(variants)}; give each setting one value")
+    config = copy.deepcopy(config)
+    config.train.update(variants[0])
+
+    import torch
+    import torch_peer
+
+    torch_peer.check(config)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    torch.set_num_threads(cores)
+    print("compiling", variants[0], file=sys.stderr)
+    ours = TimedStep(config)
+    torch.manual_seed(config.seed)
+    choices = [(3, False), (1, False)] + [(1, True)] * arguments.compiled
+    theirs = []
+    for passes, compiled in choices:
+        step = torch_peer.TorchStep(config, ours.objective, passes=passes, compiled=compiled)
+        theirs.append(functools.partial(step.run, step.tensors(ours.batch)))
+    medians = in_turns([ours.run, *theirs], arguments.steps)
+    names = ["ha2g_jax, one pass"]
+    names += [
+        f"PyTorch {torch.__version__}, {'compiled' if compiled else 'eager'}, {_COUNTS[passes]}"
+        for passes, compiled in choices
+    ]
+    rows = [
+        {
+            "step": name,
+            "ratio": median / medians[0],
+            "step_seconds": median,
+            "windows_per_second": ours.batch_size / median,
+            "batch_size": ours.batch_size,
+            "threads": cores,
+        }
+        for name, median in zip(names, medians, strict=True)
+    ]
+    return [*rows[1:], rows[0]]
+
+
+def settings_of_variants(config: Config, arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Return all combinations of the values that the arguments give, or else the config."""
+    values = [getattr(arguments, name) or [config.train[name]] for name in _SETTINGS]
+    return [dict(zip(_SETTINGS, choice, strict=True)) for choice in itertools.product(*values)]
+
+
+def in_turns(steps: Sequence[Callable[[], float]], rounds: int) -> list[float]:
+    """Call each step once, then all in turns, and return the median of the seconds that each returns."""
+    for step in steps:
+        step()
+    seconds: list[list[float]] = [[] for _ in steps]
+    for _ in range(rounds):
+        for step, times in zip(steps, seconds, strict=True):
+            times.append(step())
+    return [statistics.median(times) for times in seconds]
+
+
+def comparison_table(rows: list[dict]) -> str:
+    """Format the rows of `compare`."""
+    lines = [f"{'step':40} {'ratio':>6} {'step s':>9} {'windows/s':>10}"]
+    lines += [
+        f"{row['step']:40} {row['ratio']:6.2f} {row['step_seconds']:9.4f} {row['windows_per_second']:10.1f}"
+        for row in rows
+    ]
+    return "\n".join([*lines, "", f"batch of {rows[0]['batch_size']}, {rows[0]['threads']} threads"])
 
 
 def as_table(rows: list[dict]) -> str:

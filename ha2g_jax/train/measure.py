@@ -46,6 +46,8 @@ class TimedStep:
         corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
 
     Attributes:
+        objective: networks and terms of the step.
+        batch: the random batch, on the devices.
         batch_size: windows in a step, on all devices together.
         num_devices: devices that the step runs on.
         compile_seconds: seconds to trace and compile; less if the program was in the compilation cache.
@@ -59,11 +61,11 @@ class TimedStep:
         skeleton = corpus.skeleton if corpus else load_skeleton(config.skeleton)
         num_words = len(corpus.vocabulary()) if corpus else _NUM_WORDS
         num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else _NUM_SPEAKERS
-        objective = build_objective(config, skeleton, num_words, num_speakers)
+        self.objective = objective = build_objective(config, skeleton, num_words, num_speakers)
         self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
         self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size
         data = random_batch(objective.spec, self.batch_size, num_words, num_speakers)
-        self._batch = sharding.shard_batch(self._mesh, data)
+        self.batch = sharding.shard_batch(self._mesh, data)
         self._key = jax.random.key(config.seed)
         self._state: Any = None
 
@@ -71,7 +73,7 @@ class TimedStep:
         self._shapes = jax.eval_shape(lambda key: init_state(objective, key), self._key)
         # The function of `compile_step` compiles when it is called; this compiles the same program from shapes alone.
         step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
-        self._step = step.lower(self._shapes, self._batch, self._key).compile()
+        self._step = step.lower(self._shapes, self.batch, self._key).compile()
         self.compile_seconds = time.perf_counter() - started
         self.memory = _memory(self._step)
 
@@ -82,7 +84,7 @@ class TimedStep:
             state = jax.tree.map(lambda x: np.full(x.shape, 0.01, x.dtype), self._shapes)
             self._state = sharding.replicate(self._mesh, state)
         started = time.perf_counter()
-        self._state, metrics = self._step(self._state, self._batch, self._key)
+        self._state, metrics = self._step(self._state, self.batch, self._key)
         jax.block_until_ready((self._state, metrics))
         return time.perf_counter() - started
 
