@@ -193,10 +193,11 @@ def run(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> tuple[Outputs, tuple[Any, Contrast]]:
-    """Run the generator on one batch, for its own identities and, in the same run, for a permutation of them.
+    """Run the generator on one batch, for its own identities and for a permutation of them.
 
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
-    inferer treats each clip by itself, so that in training it can take the batch in `compute.num_parts` parts.
+    inferer runs once for each of the two identities of a clip. It treats each clip by itself, so that in training it
+    can take the batch in `compute.num_parts` parts.
 
     Args:
         spec: static.
@@ -220,16 +221,16 @@ def run(
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
     other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, shift, axis=0))
 
-    def infer(key: jax.Array, clips: Any) -> tuple[jax.Array, ...]:
+    def infer(key: jax.Array, clips: Any) -> tuple[tuple[jax.Array, ...], jax.Array]:
         return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
 
     clips = (tuple(features), f_id, other_f_id, seed)
     if train and compute.num_parts > 1:
-        pairs = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
+        poses, other_poses = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
     else:
-        pairs = infer(keys["dropout"], clips)
-    outputs = Outputs(tuple(pair[:, 0] for pair in pairs), tuple(features), text, mean, log_variance)
-    return outputs, (batch_stats, Contrast(pairs[-1][:, 1], f_id, other_f_id))
+        poses, other_poses = infer(keys["dropout"], clips)
+    outputs = Outputs(poses, tuple(features), text, mean, log_variance)
+    return outputs, (batch_stats, Contrast(other_poses, f_id, other_f_id))
 
 
 def _encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
@@ -251,17 +252,20 @@ def _infer_both(
     *,
     train: bool,
     compute: Compute,
-) -> tuple[jax.Array, ...]:
-    """Return for each level (B, 2, N, d^h): the poses with the own and with the other identity.
+) -> tuple[tuple[jax.Array, ...], jax.Array]:
+    """Return the poses of each level with the own identity, (B, N, d^h), and those of the last with the other.
 
-    The two of a clip lie side by side on the batch axis of the pose inferer, so that a batch split over devices
-    stays where it is.
+    The style term pulls on the own poses alone. A run of its own for the other poses, which has no gradient, costs
+    less than one run of twice the batch, whose gradient is of twice the batch as well.
     """
-    both = jnp.stack([f_id, other_f_id], axis=1).reshape(2 * len(seed), -1)
-    *twice, seeds = (jnp.repeat(array, 2, axis=0) for array in (*features, seed))
-    arguments = (tuple(twice), both, seeds)
-    levels, _ = apply(spec.generator, variables, key, *arguments, train=train, compute=compute, method=HA2G.infer)
-    return tuple(level.reshape(len(seed), 2, *level.shape[1:]) for level in levels)
+
+    def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
+        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method=HA2G.infer)[0]
+
+    own_key, other_key = jax.random.split(key)
+    own = infer(variables, own_key, features, f_id, seed)
+    other = infer(*jax.lax.stop_gradient((variables, other_key, features, other_f_id, seed)))
+    return own, other[-1]
 
 
 def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
