@@ -129,12 +129,18 @@ def test_a_format_that_is_not_known_is_refused_before_the_speech_is_read(tmp_pat
     assert line.startswith("ha2g: cannot write out.xyz: .xyz; expected one of .bvh, .glb") and line.count("\n") == 1
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process(checkpoint, speech, tmp_path):
+# Their imports take longer than the work on a few seconds of speech, for which none is needed.
+UNUSED = {"librosa", "numba", "optax", "orbax", "praatio", "pygltflib", "scipy", "sklearn"}
+
+
+def test_another_process_gives_the_same_bytes_and_imports_little(checkpoint, speech, tmp_path):
     options = ["--checkpoint", str(checkpoint), "--seed", "3"]
     assert generate(speech, "-o", tmp_path / "a", *options) == 0
-    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", str(speech), "-o", str(tmp_path / "b"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-X", "importtime", "-m", "ha2g_jax.cli", "generate", str(speech), *options]
+    done = subprocess.run([*command, "-o", str(tmp_path / "b")], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in done.stderr.splitlines()}
+    assert "jax" in imported and not imported & UNUSED
     for suffix in (".npz", ".mp4"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
