@@ -74,7 +74,7 @@ class _Lines(tqdm):
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
         """Print the state of the bar as a line, unless tqdm would restore it after another line was written."""
         del pos
-        if (now := time.monotonic()) - self._shown_at < _LINE_SECONDS / 2:
+        if (now := time.monotonic()) - self._shown_at < 0.9 * _LINE_SECONDS:
             return
         self._shown_at = now
         self.fp.write(f"{msg or self}\n")
