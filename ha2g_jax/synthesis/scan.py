@@ -18,9 +18,9 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
 
-# Windows that are encoded in one call, and windows that are sampled in one. The last call is padded; sampling takes
-# most of the time of short speech, so that few windows are wasted on it.
-_ENCODED, _SAMPLED = 16, 4
+# Windows that are encoded in one call, and windows that are sampled in one. The last call is padded, so that larger
+# numbers cost time for short speech; for long speech they gain nothing on CPUs.
+_ENCODED, _SAMPLED = 8, 4
 
 
 def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int) -> Any:
