@@ -5,6 +5,7 @@ import math
 import shutil
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -59,6 +60,7 @@ class _Lines(tqdm):
     """A bar that prints a line every ten seconds, for a file or a pipe."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self._shown_at = time.monotonic()
         count = "" if kwargs.get("total") is None else ": {n_fmt} of {total_fmt} {unit}, {remaining} left"
         super().__init__(
             *args,
@@ -70,8 +72,11 @@ class _Lines(tqdm):
         )
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
-        """Print the state of the bar as a line."""
+        """Print the state of the bar as a line, unless tqdm would restore it after another line was written."""
         del pos
+        if (now := time.monotonic()) - self._shown_at < 0.9 * _LINE_SECONDS:
+            return
+        self._shown_at = now
         self.fp.write(f"{msg or self}\n")
         self.fp.flush()
 

@@ -1,6 +1,7 @@
 """`ha2g generate`: both files or neither, and one line for every mistake."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -14,7 +15,7 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis.files import SUFFIXES, out_paths
+from ha2g_jax.synthesis.paths import SUFFIXES, out_paths, plan
 
 
 @pytest.fixture(scope="module")
@@ -128,12 +129,18 @@ def test_a_format_that_is_not_known_is_refused_before_the_speech_is_read(tmp_pat
     assert line.startswith("ha2g: cannot write out.xyz: .xyz; expected one of .bvh, .glb") and line.count("\n") == 1
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process(checkpoint, speech, tmp_path):
+# Their imports take longer than the work on a few seconds of speech, for which none is needed.
+UNUSED = {"librosa", "numba", "optax", "orbax", "praatio", "pygltflib", "scipy", "sklearn"}
+
+
+def test_another_process_gives_the_same_bytes_and_imports_little(checkpoint, speech, tmp_path):
     options = ["--checkpoint", str(checkpoint), "--seed", "3"]
     assert generate(speech, "-o", tmp_path / "a", *options) == 0
-    command = [sys.executable, "-m", "ha2g_jax.cli", "generate", str(speech), "-o", str(tmp_path / "b"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-X", "importtime", "-m", "ha2g_jax.cli", "generate", str(speech), *options]
+    done = subprocess.run([*command, "-o", str(tmp_path / "b")], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    imported = {line.rpartition("|")[2].strip().partition(".")[0] for line in done.stderr.splitlines()}
+    assert "jax" in imported and not imported & UNUSED
     for suffix in (".npz", ".mp4"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -146,7 +153,8 @@ def bad_files(checkpoint, speech, tmp_path):
     (folder / "text.wav").write_text("these are words\n" * 40)
     (folder / "empty.wav").touch()
     soundfile.write(folder / "nan.wav", np.full(16000, np.nan), 16000, subtype="FLOAT")
-    (folder / "film.mp4").write_bytes(speech.read_bytes())
+    for name in ("film.mp4", "film_gestures.mp4", "speech.flac"):
+        (folder / name).write_bytes(speech.read_bytes())
     (folder / "text.png").write_text("not a picture")
     (folder / "no_model").mkdir()
     (folder / "cut_model").mkdir()
@@ -162,7 +170,17 @@ MISTAKES = {
     "text": ["{bad}/text.wav"],
     "empty": ["{bad}/empty.wav"],
     "nan": ["{bad}/nan.wav"],
-    "folder": ["{bad}"],
+    "folder without sound": ["{bad}/no_model"],
+    "format that is not known": ["{speech}", "--format", "xyz"],
+    "format twice": ["{speech}", "-o", "{bad}/out.bvh", "--format", "bvh"],
+    "second file missing": ["{speech}", "{bad}/missing.wav"],
+    "one name for two": ["{speech}", "{bad}/speech.flac"],
+    "the same file twice": ["{speech}", "{speech}"],
+    "speaker for two": ["{speech}", "{bad}/nan.wav", "--speaker", "eve"],
+    "words for two": ["{speech}", "{bad}/nan.wav", "--words", "{bad}/text.wav"],
+    "file for two": ["{speech}", "{bad}/nan.wav", "-o", "{bad}/out.bvh"],
+    "unwritable for two": ["{speech}", "{bad}/nan.wav", "-o", "{bad}/text.wav/out"],
+    "one overwrites the other": ["{bad}/film.mp4", "{bad}/film_gestures.mp4", "-o", "{bad}"],
     "speaker": ["{speech}", "--speaker", "eve"],
     "image": ["{speech}", "--reference-image", "{bad}/text.png"],
     "fps": ["{speech}", "--fps", "0"],
@@ -208,6 +226,64 @@ def test_a_failure_on_the_way_leaves_neither_file(checkpoint, speech, tmp_path, 
         path.write_bytes(b"half a video")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ha2g_jax.synthesis.files.write_video", interrupt)
+    monkeypatch.setattr("ha2g_jax.motion.video.write_video", interrupt)
     assert generate(speech, "-o", tmp_path / "new" / "out", "--checkpoint", checkpoint) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+@pytest.fixture
+def recordings(speech):
+    """A folder with two recordings, notes, what is hidden, a folder, and the result of an earlier run."""
+    folder = speech.parent
+    for name in ("second.flac", "speech_gestures.mp4", ".hidden.wav"):
+        shutil.copy(speech, folder / name)
+    (folder / "notes.txt").write_text("first: speech, second: second")
+    (folder / "older.wav").mkdir()
+    return folder
+
+
+def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
+    tasks = plan(recordings)
+    assert [task.speech.name for task in tasks] == ["second.flac", "speech.wav"]
+    assert tasks[0].paths == (recordings / "second_gestures.npz", recordings / "second_gestures.mp4")
+    message = f"skipping what is no speech in {recordings}: notes.txt, speech_gestures.mp4\n"
+    assert capsys.readouterr().err == message
+    in_folder = plan([recordings / "second.flac", recordings / "speech.wav"], tmp_path / "new", ".bvh")
+    assert [task.paths for task in in_folder] == [
+        (tmp_path / "new" / f"{n}_gestures.bvh",) for n in ("second", "speech")
+    ]
+
+
+def test_a_file_that_fails_is_named_and_the_others_are_written(checkpoint, recordings, tmp_path, capsys):
+    soundfile.write(recordings / "nan.wav", np.full(16000, np.nan), 16000, subtype="FLOAT")
+    out = tmp_path / "out"
+    assert generate(recordings, "-o", out, "--format", "npz", "--checkpoint", checkpoint) == 2
+    found = capsys.readouterr()
+    names = ["second_gestures.npz", "speech_gestures.npz"]
+    assert found.out.splitlines() == [str(out / name) for name in names]
+    assert sorted(path.name for path in out.iterdir()) == names
+    skipped, failed, last = found.err.splitlines()
+    assert skipped.startswith("skipping") and failed.startswith(f"{recordings / 'nan.wav'} failed: ")
+    assert last == "ha2g: 1 of 3 files failed, for the reasons above"
+
+
+def test_several_files_are_those_of_one_at_a_time(checkpoint, speech, recordings, tmp_path):
+    options = ["--checkpoint", checkpoint, "--size", 64, "--seed", 5]
+    assert generate(recordings / "second.flac", speech, "-o", tmp_path / "out", *options) == 0
+    assert generate(speech, "-o", tmp_path / "one", *options) == 0
+    for suffix in (".npz", ".mp4"):
+        one = (tmp_path / f"one{suffix}").read_bytes()
+        assert (tmp_path / "out" / f"speech_gestures{suffix}").read_bytes() == one
+
+
+def test_an_interrupt_leaves_the_files_that_are_complete(checkpoint, recordings, tmp_path, monkeypatch, capsys):
+    def write(path, *_, **__):
+        path.write_bytes(b"a video")
+        if "speech" in path.name:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("ha2g_jax.motion.video.write_video", write)
+    assert generate(recordings, "-o", tmp_path / "out", "--checkpoint", checkpoint) == 130
+    names = ["second_gestures.mp4", "second_gestures.npz"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    assert len(capsys.readouterr().out.splitlines()) == 2

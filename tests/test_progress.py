@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+from tqdm import tqdm
 
 from ha2g_jax import progress
 
@@ -26,6 +27,13 @@ def test_quick_work_prints_nothing_where_there_is_no_terminal(capsys):
     with progress.stage("loading the model"), progress.progress_bar("frames", 3, "frame") as bar:
         bar.update(3)
     assert capsys.readouterr().err == ""
+
+
+def test_a_line_written_beside_a_bar_is_the_only_one(capsys):
+    with progress.progress_bar("files", 3, "file") as bar:
+        bar.update()
+        tqdm.write("skipping a.txt", file=sys.stderr)
+    assert capsys.readouterr().err == "skipping a.txt\n"
 
 
 @pytest.mark.usefixtures("quick")

@@ -2,7 +2,10 @@
 
 import dataclasses
 import importlib.resources
+import types
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
@@ -10,11 +13,12 @@ from PIL import Image
 from ha2g_jax import synthesis
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import log_mel, mel_window
+from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.ha2g import method as ha2g
+from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.metrics.seams import WIDTH, seam_score
 from ha2g_jax.motion.resample import resample
-from ha2g_jax.synthesis import Style
-from ha2g_jax.synthesis.scan import bucket
+from ha2g_jax.synthesis import Style, scan
 
 
 def speech(seconds: float, seed: int = 0, pace: float = 2) -> np.ndarray:
@@ -71,12 +75,47 @@ def test_speech_that_goes_on_does_not_change_what_was_before(debug_model):
         np.testing.assert_allclose(short[: frames - 34], long[: frames - 34], atol=1e-5)
 
 
-def test_few_lengths_are_compiled():
-    counts = np.arange(1, 2000)
-    buckets = np.array([bucket(int(count)) for count in counts])
-    assert (buckets >= counts).all()
-    assert (buckets < 1.5 * counts + 1).all()
-    assert sorted(set(buckets))[:8] == [1, 2, 3, 4, 6, 8, 12, 16]
+def test_no_further_length_of_speech_compiles_a_program(debug_model):
+    debug_model.generate(speech(5))
+    events = []
+    jax.monitoring.register_event_duration_secs_listener(record := lambda event, *_, **__: events.append(event))
+    try:
+        for seconds in range(1, 21):
+            debug_model.generate(speech(seconds))
+        assert not [event for event in events if event.startswith("/jax/core/compile")]
+        jax.jit(lambda: 1)()
+        assert events  # so that the events are those that JAX records
+    finally:
+        jax.monitoring.unregister_event_duration_listener(record)
+
+
+def test_the_borders_of_calls_leave_no_trace(debug_model, monkeypatch):
+    audio, f_id = speech(19), np.zeros(18, np.float32)
+    usual = synthesis.generate_directions(debug_model, audio, f_id)
+    monkeypatch.setattr(scan, "_SAMPLED", 11)
+    np.testing.assert_array_equal(synthesis.generate_directions(debug_model, audio, f_id), usual)
+
+
+def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_model, monkeypatch):
+    """A method that adds noise to what it is given, against a loop over the windows."""
+    spec = debug_model.spec._replace(method="echo")
+    frames, overlap, bones = spec.num_frames, spec.num_seed_frames, spec.skeleton.num_bones
+
+    def sample(spec, variables, features, style, seed_pose, key):
+        del spec, variables, style
+        noise = jax.random.normal(key, (1, frames, 3 * bones))
+        return noise + features["mel"] + jnp.tile(seed_pose, (1, frames // overlap + 1, 1))[:, :frames]
+
+    monkeypatch.setitem(METHODS, "echo", types.SimpleNamespace(sample=sample))
+    features = {"mel": np.random.default_rng(0).normal(size=(6, frames, 1)).astype(np.float32)}
+    pose = debug_model.assets.seed_poses[0]
+    found = scan.sample_windows(spec, {}, features, np.zeros(18), pose, seed=5)
+    for index, window in enumerate(found):
+        key = jax.random.fold_in(jax.random.key(5), index)
+        mel = features["mel"][index]
+        expected = sample(None, None, {"mel": mel[None]}, None, subtract_mean(spec, pose)[None], key)
+        np.testing.assert_allclose(window, restore(spec, expected[0]), atol=1e-5)
+        pose = window[-overlap:]
 
 
 @pytest.fixture(scope="module")
@@ -198,8 +237,6 @@ def test_a_speaker_table_takes_no_images(debug_model):
 
 
 def test_broken_weights_are_noticed(debug_model):
-    import jax
-
     broken = dataclasses.replace(debug_model, variables=jax.tree.map(lambda x: x * np.nan, debug_model.variables))
     with pytest.raises(UserError, match="not finite"):
         broken.generate(speech(1))

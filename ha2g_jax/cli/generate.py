@@ -4,6 +4,8 @@ import argparse
 import pathlib
 from typing import Any
 
+from tqdm import tqdm
+
 from ha2g_jax.cli.export import read_size
 from ha2g_jax.cli.parser import read_seed
 from ha2g_jax.progress import stage
@@ -11,15 +13,25 @@ from ha2g_jax.progress import stage
 
 def add_command(commands: Any) -> None:
     """Add `generate` to the commands of a parser."""
-    command = commands.add_parser("generate", help="generate motion and a video from a speech file")
-    command.description = "Generate motion from a speech file, and write it in one format, or as motion and video."
-    command.add_argument("speech", type=pathlib.Path, help="audio or video file with sound")
+    command = commands.add_parser("generate", help="generate motion and a video from speech files")
+    command.description = "Generate motion from speech files, and write it in one format, or as motion and video."
+    command.add_argument(
+        "speech",
+        type=pathlib.Path,
+        nargs="+",
+        metavar="SPEECH",
+        help="audio or video file with sound; several files, or a folder, whose files with sound are taken",
+    )
     command.add_argument(
         "-o",
         "--out",
         type=pathlib.Path,
         help="file to write; its suffix is the format: .mp4, .html, .bvh, .glb, .vrma, .json, .csv or .npz; a name "
-        "without a suffix for OUT.npz and OUT.mp4 (default: both, beside the speech)",
+        "without a suffix for OUT.npz and OUT.mp4; for several files, a folder (default: SPEECH_gestures.npz and .mp4, "
+        "beside the speech)",
+    )
+    command.add_argument(
+        "--format", metavar="SUFFIX", help="write this format where OUT names none, for example bvh (default: npz, mp4)"
     )
     command.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
@@ -92,10 +104,11 @@ def run(arguments: argparse.Namespace) -> None:
         images=arguments.reference_image,
         seed=arguments.style_seed,
     )
-    paths = synthesis.generate_files(
+    synthesis.generate_files(
         arguments.speech,
         out=arguments.out,
         checkpoint=arguments.checkpoint,
+        suffix=None if arguments.format is None else "." + arguments.format.lower().removeprefix("."),
         style=style,
         seed=arguments.seed,
         seed_pose=arguments.seed_pose,
@@ -104,6 +117,11 @@ def run(arguments: argparse.Namespace) -> None:
         controls=controls,
         words=arguments.words,
         size=read_size(arguments.size),
+        report=_print_path,
     )
-    for path in paths:
-        print(path)
+
+
+def _print_path(path: pathlib.Path) -> None:
+    """Print the path of a file that is complete, above a progress bar on the same terminal."""
+    with tqdm.external_write_mode():
+        print(path, flush=True)

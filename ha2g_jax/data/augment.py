@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, log_mel
-from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.features.spectrum import mel_frequencies
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
@@ -135,7 +135,7 @@ def sound_power(power: np.ndarray) -> float:
     Args:
         power: (128, columns) mel powers.
     """
-    edges = librosa("core.convert").mel_frequencies(NUM_MELS + 2, fmin=0, fmax=SAMPLE_RATE / 2)
+    edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
     widths = edges[2:] - edges[:-2]
     return float(widths @ power.mean(axis=1) / widths.sum())
 

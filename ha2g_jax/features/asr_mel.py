@@ -6,12 +6,11 @@ loudest value is that of the clip that a window is cut from: the spectrogram is 
 nearest column, so that all windows of a clip have the same floor. Whisper itself takes the loudest value of its 30 s.
 """
 
-import functools
 import math
 
 import numpy as np
 
-from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.features.spectrum import mel_filters, power_spectrum
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
@@ -25,11 +24,6 @@ _DECADES = 8.0  # difference between the loudest value and the floor
 
 def _scale(decades):
     return (decades + 4) / 4
-
-
-@functools.cache
-def _mel_filters(num_mels: int) -> np.ndarray:
-    return librosa("filters").mel(sr=_SAMPLE_RATE, n_fft=_FFT_SIZE, n_mels=num_mels)
 
 
 def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
@@ -46,8 +40,8 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
         (num_mels, 1 + samples // 160) float32.
     """
     padded = np.pad(np.asarray(audio, np.float32), _FFT_SIZE // 2, mode="reflect")
-    spectrum = librosa("core.spectrum").stft(padded, n_fft=_FFT_SIZE, hop_length=_HOP_LENGTH, center=False)
-    decades = np.log10(np.maximum(_mel_filters(num_mels) @ np.square(np.abs(spectrum)), np.float32(_LEAST_POWER)))
+    power = mel_filters(_SAMPLE_RATE, _FFT_SIZE, num_mels) @ power_spectrum(padded, _FFT_SIZE, _HOP_LENGTH)
+    decades = np.log10(np.maximum(power, np.float32(_LEAST_POWER)))
     return _scale(np.maximum(decades, np.max(decades) - np.float32(_DECADES)))
 
 

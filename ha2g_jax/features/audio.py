@@ -5,7 +5,6 @@ Slaney's scale and area normalisation over 0-8 kHz, power to dB. D11: 0 dB is th
 80 dB below it; the spectrogram is computed once per clip and sliced at the nearest column.
 """
 
-import functools
 import logging
 import pathlib
 from collections.abc import Iterator
@@ -15,8 +14,8 @@ import soxr
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import sound_files
-from ha2g_jax.features.librosa_once import librosa
 from ha2g_jax.features.sound_files import Block
+from ha2g_jax.features.spectrum import mel_filters, power_spectrum
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.limits import MAX_SOUND_SECONDS, MAX_SOUND_VALUES
 
@@ -144,11 +143,6 @@ def _report(num_bad: int, num_samples: int, name: str) -> None:
         _logger.warning("%s: %d of %d samples are NaN or infinite; taken as silence", name, num_bad, num_samples)
 
 
-@functools.cache
-def _mel_filters() -> np.ndarray:
-    return librosa("filters").mel(sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS)
-
-
 def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     """Compute the log-mel spectrogram of a clip in dB relative to its maximum (D11).
 
@@ -164,8 +158,7 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
         (128, 1 + samples // 512) float32 in [-80, 0].
     """
     padded = np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect")
-    spectrum = librosa("core.spectrum").stft(padded, n_fft=FFT_SIZE, hop_length=HOP_LENGTH, center=False)
-    power = _mel_filters() @ np.square(np.abs(spectrum))
+    power = mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS) @ power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
     if reference is None:
         reference = float(np.max(power))
     if reference < _SILENCE_POWER:

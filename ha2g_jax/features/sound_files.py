@@ -2,7 +2,7 @@
 
 import contextlib
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import av
@@ -42,7 +42,7 @@ class Block(NamedTuple):
     declared: int = 0
 
 
-def libsndfile_blocks(path: pathlib.Path) -> Iterator[Block]:
+def libsndfile_blocks(path: pathlib.Path) -> Generator[Block, None, None]:
     """Yield the sound of a file that libsndfile reads; the first block is empty and has what the header declares.
 
     Args:
@@ -74,7 +74,7 @@ def libsndfile_blocks(path: pathlib.Path) -> Iterator[Block]:
                 yield Block(_mix(block), rate, channels)
 
 
-def ffmpeg_blocks(path: pathlib.Path) -> Iterator[Block]:
+def ffmpeg_blocks(path: pathlib.Path) -> Generator[Block, None, None]:
     """Yield the sound of a file that FFmpeg reads.
 
     Args:
@@ -94,7 +94,27 @@ def ffmpeg_blocks(path: pathlib.Path) -> Iterator[Block]:
         ) from error
 
 
-def _decode(path: pathlib.Path, stream: av.AudioStream, container: InputContainer) -> Iterator[Block]:
+def has_sound(path: pathlib.Path) -> bool:
+    """Return whether the beginning of a file is one of sound, or of a video with sound.
+
+    Args:
+        path: path of a regular file.
+    """
+    try:
+        with contextlib.closing(libsndfile_blocks(path)) as blocks:
+            return next(blocks, None) is not None
+    except UserError:  # sound beyond the limits
+        return True
+    except SOUNDFILE_ERRORS:
+        pass
+    try:
+        with contextlib.closing(ffmpeg_blocks(path)) as blocks:
+            return next(blocks, None) is not None
+    except UserError:
+        return False
+
+
+def _decode(path: pathlib.Path, stream: av.AudioStream, container: InputContainer) -> Generator[Block, None, None]:
     context = stream.codec_context
     if context is None:
         raise ValueError("of an unknown codec")

@@ -83,6 +83,10 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
 
 def variable_shapes(spec: Spec) -> Any:
     """Return {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`."""
-    arguments = method_of(spec).init_arguments(spec, example_batch(spec))
-    shapes = jax.eval_shape(lambda key: spec.generator.init(key, *arguments, train=False), jax.random.key(0))
+
+    def init() -> Any:  # all arrays are made inside, where nothing is computed or compiled
+        arguments = method_of(spec).init_arguments(spec, example_batch(spec))
+        return spec.generator.init(jax.random.key(0), *arguments, train=False)
+
+    shapes = jax.eval_shape(init)
     return {"params": shapes["params"], "batch_stats": shapes.get("batch_stats", {})}

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import optax
 from flax import linen as nn
 
 from ha2g_jax.config import Config
@@ -17,7 +16,7 @@ from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import apply
-from ha2g_jax.methods.ha2g.losses import huber
+from ha2g_jax.methods.ha2g.losses import huber, smooth_l1
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
@@ -101,7 +100,7 @@ def style(
         clip: epsilon.
     """
     other_poses, z, other_z = jax.lax.stop_gradient((other_poses, z, other_z))
-    distance = jnp.sum(optax.huber_loss(poses, other_poses, delta=_STYLE_DELTA), axis=(1, 2)) / _STYLE_DELTA
+    distance = jnp.sum(smooth_l1(poses - other_poses, _STYLE_DELTA), axis=(1, 2))
     style_distance = jnp.mean(jnp.abs(z - other_z), axis=-1)
     return -jnp.mean(jnp.minimum(distance / (style_distance + _MIN_STYLE_DISTANCE), clip))
 

@@ -4,10 +4,10 @@
 """
 
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -95,7 +95,7 @@ def to_matrix(q: np.ndarray) -> np.ndarray:
 def from_matrix(matrices: np.ndarray) -> np.ndarray:
     """Return quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3)."""
     matrices = np.asarray(matrices, np.float64)
-    q = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
+    q = _scipy_rotation().from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
     return q.reshape(*matrices.shape[:-2], 4)
 
 
@@ -118,14 +118,21 @@ def to_euler(q: np.ndarray, order: str = "ZXY") -> np.ndarray:
     with warnings.catch_warnings():
         # At the pole only a sum of angles is defined; scipy sets the third to 0 and says so.
         warnings.filterwarnings("ignore", message="Gimbal lock", category=UserWarning)
-        angles = Rotation.from_quat(q.reshape(-1, 4)).as_euler(order, degrees=True)
+        angles = _scipy_rotation().from_quat(q.reshape(-1, 4)).as_euler(order, degrees=True)
     return angles.reshape(*q.shape[:-1], 3)
 
 
 def from_euler(angles: np.ndarray, order: str = "ZXY") -> np.ndarray:
     """Return the quaternions (..., 4) of intrinsic Euler angles (..., 3) in degrees, the inverse of `to_euler`."""
     angles = np.asarray(angles, np.float64)
-    return Rotation.from_euler(order, angles.reshape(-1, 3), degrees=True).as_quat().reshape(*angles.shape[:-1], 4)
+    q = _scipy_rotation().from_euler(order, angles.reshape(-1, 3), degrees=True).as_quat()
+    return q.reshape(*angles.shape[:-1], 4)
+
+
+def _scipy_rotation() -> Any:
+    from scipy.spatial.transform import Rotation  # its import takes half a second; a motion of the model needs none
+
+    return Rotation
 
 
 def to_vector(q: np.ndarray) -> np.ndarray:

@@ -1,81 +1,114 @@
-"""Generate the files of a motion from a speech file: the motion itself, videos, pages and files of other programs."""
+"""Generate files from files of speech: motions, videos, pages, and the formats of other programs."""
 
 import contextlib
 import pathlib
 import sys
+from collections.abc import Callable, Sequence
 from typing import Unpack
 
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import check_size, write_video
-from ha2g_jax.progress import stage
+from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.model import Audio, Model, Options, load, read_speech
-from ha2g_jax.viewer.page import write_page
-
-_VIDEO, _PAGE = ".mp4", ".html"
-SUFFIXES = (*formats.SUFFIXES, _VIDEO, _PAGE)
-_WITHOUT_SUFFIX = (".npz", _VIDEO)
+from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
 
 
 def generate_files(
-    speech: str | pathlib.Path,
-    out: str | pathlib.Path | None = None,
-    checkpoint: str | pathlib.Path = "demo",
+    speech: Path | Sequence[Path],
+    out: Path | None = None,
+    checkpoint: Path = "demo",
     *,
+    suffix: str | None = None,
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
+    report: Callable[[pathlib.Path], None] = lambda path: None,
     **options: Unpack[Options],
 ) -> tuple[pathlib.Path, ...]:
-    """Generate motion for a speech file and write it.
+    """Generate motion for one or more files of speech and write it.
 
-    The suffix of `out` is the format: one of `motion.formats.SUFFIXES`, `.mp4` for a video with the sound,
-    or `.html` for a page of the viewer with it. Without a suffix the motion (`.npz`) and the video (`.mp4`) are
-    written, both or neither. What the work is and how long it has taken is shown on stderr.
+    The suffix of a result is its format: one of `motion.formats.SUFFIXES`, `.mp4` for a video with the sound, or
+    `.html` for a page of the viewer with it. By default the motion (`.npz`) and the video (`.mp4`) are written, both or
+    neither. Their names are those of the speech with `_gestures` appended, in the folder of the speech. What the work
+    is and how long it has taken is shown on stderr.
 
     Args:
-        speech: path of a file with sound.
-        out: file to write; a name without a suffix for the motion and the video; or a folder for these two. By default
-            they are in the folder of the speech, and have its name with `_gestures` appended.
+        speech: path of a file with sound; or several files, or a folder whose files with sound are taken.
+        out: for one file, the file to write, whose suffix is the format, or a name without a suffix; for one or several
+            files, a folder, which for several is made if it does not exist.
         checkpoint: model, see `load`.
-        words: path of a transcript of the speech, for a model that reads words; by default a transcript beside the
-            speech is used. HA2G needs none.
+        suffix: format of the results, one of `SUFFIXES`, where `out` names none.
+        words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
+            transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
+        report: is called with the path of each file when it is complete.
         options: keyword arguments of `Model.generate`.
 
     Returns:
         The paths of the files.
 
     Raises:
-        UserError: as `out_paths`, `load` and `Model.generate`, or a file cannot be written.
+        UserError: before anything is written, as `plan`, `load` and `Model.check_options`. One file of speech cannot be
+            used, or a file cannot be written; of several files this is said in a line on stderr, and the error comes
+            when the others are complete.
     """
-    speech = pathlib.Path(speech)
-    paths = out_paths(speech, out)
-    check_size((size, size) if isinstance(size, int) else size)
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
-            pass  # a path that cannot be read is noticed before the work
-    with stage("reading the speech"):
-        audio = read_speech(speech)
+            pass
+    tasks = plan(speech, out, suffix)
+    if words is not None and len(tasks) > 1:
+        raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
+    if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
+        from ha2g_jax.motion.video import check_size
+
+        check_size((size, size) if isinstance(size, int) else size)
     with stage("loading the model"):
         model = load(checkpoint)
-    spoken = _read_words(model, speech, audio.samples, words)
+    model.check_options(**options)
+    if len(tasks) == 1:
+        _generate(model, tasks[0], words, size, report, options)
+        return tasks[0].paths
+    failed = 0
+    with progress_bar("generating", len(tasks), "file") as bar:
+        for task in tasks:
+            try:
+                _generate(model, task, None, size, report, options)
+            except UserError as error:
+                failed += 1
+                tqdm.write(f"{shown(task.speech)} failed: {error}", file=sys.stderr)
+            bar.update()
+    if failed:
+        raise UserError(f"{failed} of {len(tasks)} files failed, for the reasons above")
+    return tuple(path for task in tasks for path in task.paths)
+
+
+def _generate(
+    model: Model,
+    task: Task,
+    words: pathlib.Path | None,
+    size: int | tuple[int, int],
+    report: Callable[[pathlib.Path], None],
+    options: Options,
+) -> None:
+    """Write the files of one file of speech, all or none."""
+    with stage("reading the speech"):
+        audio = read_speech(task.speech)
+    spoken = _read_words(model, task.speech, audio.samples, words)
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.
-        temporary = [stack.enter_context(whole_file(path)) for path in paths]
-        # A program is compiled for the length of the speech, which takes most of the time of a short one.
-        with stage(f"compiling for {audio.duration:.1f} s of speech and generating the motion"):
+        temporary = [stack.enter_context(whole_file(path)) for path in task.paths]
+        with stage(f"generating {audio.duration:.1f} s of motion"):
             motion = model.generate(audio, words=spoken, **options)
         for path in temporary:
             _write(path, motion, audio, spoken, size)
-    return paths
+    for path in task.paths:
+        report(path)
 
 
 def _write(
@@ -83,11 +116,15 @@ def _write(
 ) -> None:
     """Write a motion in the format of the suffix of the path, with the sound if the format has sound."""
     suffix = path.suffix.lower()
-    if suffix == _VIDEO:
+    if suffix == VIDEO:
+        from ha2g_jax.motion.video import write_video
+
         write_video(path, motion, audio.samples, size=size)
         return
     with stage(f"writing {suffix}"):
-        if suffix == _PAGE:
+        if suffix == PAGE:
+            from ha2g_jax.viewer.page import write_page
+
             name = shown(pathlib.Path(audio.name or "").stem)
             write_page(path, {name: motion}, audio.samples, words=words)
         else:
@@ -100,6 +137,8 @@ def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pa
         if words is not None:
             tqdm.write(f"{model.config.method} reads no words: {shown(words)} is not used", file=sys.stderr)
         return ()
+    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
+
     words = words or transcripts.find(speech)
     if words is None:
         tqdm.write(
@@ -109,30 +148,3 @@ def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pa
         )
         return ()
     return transcripts.words_of(audio, words, recognise=None)
-
-
-def out_paths(speech: pathlib.Path, out: str | pathlib.Path | None) -> tuple[pathlib.Path, ...]:
-    """Return the paths of the files that `generate_files` writes.
-
-    Args:
-        speech: path of the speech.
-        out: see `generate_files`.
-
-    Raises:
-        UserError: the suffix of `out` is not one of `SUFFIXES`, or a file would overwrite the speech.
-    """
-    if out is None or pathlib.Path(out).is_dir():
-        out = (speech.parent if out is None else pathlib.Path(out)) / f"{speech.stem}_gestures"
-        is_stem = True
-    else:
-        out = pathlib.Path(out)
-        is_stem = not out.suffix
-    if not is_stem and out.suffix.lower() not in SUFFIXES:
-        raise UserError(
-            f"cannot write {shown(out.name)}: {shown(out.suffix)}; expected one of {', '.join(SUFFIXES)}, or a name "
-            "without a suffix for .npz and .mp4"
-        )
-    paths = tuple(out.with_name(out.name + suffix) for suffix in _WITHOUT_SUFFIX) if is_stem else (out,)
-    if speech.resolve() in [path.resolve() for path in paths]:
-        raise UserError(f"the result would overwrite {shown(speech)}; choose another name with --out")
-    return paths

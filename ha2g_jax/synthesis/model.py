@@ -128,7 +128,7 @@ class Model:
             UserError: the speech, the style, a seed, the seed pose, the frame rate or a control cannot be used.
         """
         f_id, described = choose_style(self.spec, self.variables, self.assets, style, seed)
-        fps = _check_fps(fps, self.fps)
+        fps = self.fps if fps is None else _check_fps(fps)
         audio = read_speech(speech)
         skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
         control.check(controls, skeleton, audio.duration)
@@ -153,6 +153,29 @@ class Model:
             "seed": seed,
         }
         return Motion.from_directions(skeleton, directions, fps, meta | {name: it for name, it in asked.items() if it})
+
+    def check_options(
+        self,
+        *,
+        style: Style = FROM_PRIOR,
+        seed: int = 0,
+        seed_pose: SeedPose | None = None,
+        fps: float | None = None,
+        smoothing: float = 0.0,
+        controls: control.Controls = control.NEUTRAL,
+    ) -> None:
+        """Check the arguments of `generate` before there is speech.
+
+        Raises:
+            UserError: an argument cannot be used with speech of any length.
+        """
+        choose_style(self.spec, self.variables, self.assets, style, seed)
+        if fps is not None:
+            _check_fps(fps)
+        control.check(controls, self.assets.skeleton)
+        check_width(smoothing)
+        if seed_pose is not None:
+            read_seed_pose(seed_pose, self.assets.skeleton, self.fps, self.spec.num_seed_frames)
 
 
 def read_speech(speech: Speech) -> Audio:
@@ -260,8 +283,7 @@ def _encode_windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> A
     return encode_windows(model.spec, model.variables, speech, model.assets.vocabulary, count)
 
 
-def _check_fps(fps: float | None, default: float) -> float:
-    fps = default if fps is None else fps
+def _check_fps(fps: float) -> float:
     if not (math.isfinite(fps) and MIN_FPS <= fps <= MAX_FPS):
         raise UserError(f"{fps} frames per second; expected {MIN_FPS} to {MAX_FPS}")
     return fps

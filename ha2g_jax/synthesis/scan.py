@@ -1,7 +1,8 @@
-"""The compiled part of generation: the speech of each window is encoded, and one scan over the windows samples poses.
+"""The compiled part of generation: the speech of each window is encoded, and a scan over the windows samples poses.
 
 Time is cut into windows of N frames, each of which starts M frames before the one before ends; the last M frames of a
-window are the seed pose of the next.
+window are the seed pose of the next. Both parts take a fixed number of windows at a time, so that two programs serve
+speech of any length.
 """
 
 import functools
@@ -17,8 +18,9 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
 
-# Windows whose speech is encoded in one call: one compiled program and bounded memory for any length of speech.
-_CHUNK = 16
+# Windows that are encoded in one call, and windows that are sampled in one. The last call is padded, so that larger
+# numbers cost time for short speech; for long speech they gain nothing on CPUs.
+_ENCODED, _SAMPLED = 8, 4
 
 
 def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int) -> Any:
@@ -36,14 +38,14 @@ def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary:
     stride = spec.num_frames - spec.num_seed_frames
     chunks = []
     with tqdm(desc="encoding speech", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
-        for start in range(0, count, _CHUNK):
+        for start in range(0, count, _ENCODED):
             windows = [
                 window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
-                for index in range(start, start + _CHUNK)
+                for index in range(start, start + _ENCODED)
             ]
             batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
             chunks.append(jax.device_get(_encode_speech(spec, variables, batch)))
-            bar.update(min(_CHUNK, count - start))
+            bar.update(min(_ENCODED, count - start))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 
@@ -63,16 +65,18 @@ def sample_windows(
         (K, N, bones, 3) unit vectors.
     """
     count = len(jax.tree.leaves(features)[0])
-    missing = bucket(count) - count
-    padded = jax.tree.map(lambda x: np.pad(x, ((0, missing), *((0, 0),) * (x.ndim - 1))), features)
-    style, start = np.asarray(style, np.float32), np.asarray(start, np.float32)
-    return np.asarray(_sample(spec, variables, padded, style, start, jax.random.key(seed)))[:count]
+    style, pose, key = np.asarray(style, np.float32), np.asarray(start, np.float32), jax.random.key(seed)
+    parts = []
+    for first in range(0, count, _SAMPLED):
+        part = jax.tree.map(lambda x, first=first: _padded(x[first : first + _SAMPLED]), features)
+        pose, poses = _sample(spec, variables, part, style, pose, key, np.int32(first))
+        parts.append(poses)
+    return np.concatenate(jax.device_get(parts))[:count]
 
 
-def bucket(count: int) -> int:
-    """Return the smallest of 1, 2, 3, 4, 6, 8, 12, 16, 24, ... not below `count`, so that few lengths are compiled."""
-    power = 1 << (count - 1).bit_length()
-    return 3 * power // 4 if power >= 4 and count <= 3 * power // 4 else power
+def _padded(windows: np.ndarray) -> np.ndarray:
+    """Return `_SAMPLED` windows, the missing ones zero."""
+    return np.pad(windows, ((0, _SAMPLED - len(windows)), *((0, 0),) * (windows.ndim - 1)))
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -82,9 +86,27 @@ def _encode_speech(spec: Spec, variables: Variables, batch: Batch) -> Any:
 
 @functools.partial(jax.jit, static_argnums=0)
 def _sample(
-    spec: Spec, variables: Variables, features: Any, style: jax.Array, start: jax.Array, key: jax.Array
-) -> jax.Array:
-    """Sample (K, N, bones, 3) unit vectors from the features of K windows and a start pose (M, bones, 3)."""
+    spec: Spec,
+    variables: Variables,
+    features: Any,
+    style: jax.Array,
+    start: jax.Array,
+    key: jax.Array,
+    first: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """Sample consecutive windows of a clip.
+
+    Args:
+        spec, variables: the generator.
+        features: features of K windows.
+        style: (style_dim,) style.
+        start: (M, bones, 3) unit vectors, the last poses of the window before.
+        key: key of the clip.
+        first: () number of the first of the windows in the clip.
+
+    Returns:
+        The last M poses, and the poses of the windows (K, N, bones, 3), all unit vectors.
+    """
     method = generating_method_of(spec)
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
@@ -95,5 +117,5 @@ def _sample(
         directions = restore(spec, poses[0])
         return directions[-spec.num_seed_frames :], directions
 
-    indices = jnp.arange(len(jax.tree.leaves(features)[0]))
-    return jax.lax.scan(window, start, (indices, features))[1]
+    indices = first + jnp.arange(len(jax.tree.leaves(features)[0]))
+    return jax.lax.scan(window, start, (indices, features))

@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import ImageOps
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.pictures import read_picture
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.methods.build import encode_identity
@@ -152,6 +149,12 @@ def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequ
         raise UserError(f"this model {known}")
     if not paths:
         raise UserError("an empty list of reference images; give one or more images")
+    # Readers of pictures and of corpora take a tenth of a second to import, and few motions need them.
+    from PIL import ImageOps
+
+    from ha2g_jax.data.windows import resize_images
+    from ha2g_jax.features.pictures import read_picture
+
     images = []
     for path in paths:
         upright = read_picture(path)

@@ -5,8 +5,7 @@ import io
 
 import av
 import numpy as np
-
-from ha2g_jax.features.librosa_once import librosa
+import soxr
 
 _RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # sample rates of MP3
 _BIT_RATE = 32000
@@ -26,7 +25,7 @@ def encode(audio: np.ndarray, sample_rate: int) -> bytes:
         Content of the file.
     """
     if sample_rate not in _RATES:
-        audio = librosa("core.audio").resample(audio, orig_sr=sample_rate, target_sr=_RATES[0], res_type="soxr_hq")
+        audio = soxr.resample(audio, sample_rate, _RATES[0], quality="HQ")
         sample_rate = _RATES[0]
     file = io.BytesIO()
     with av.open(file, "w", format="mp3", options={"fflags": "+bitexact", "id3v2_version": "0"}) as container:

@@ -11,7 +11,7 @@ import pytest
 import soundfile
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import audio
+from ha2g_jax.features import audio, sound_files
 
 
 def tone(seconds: float, rate: int = 16000, hertz: float = 440) -> np.ndarray:
@@ -28,6 +28,7 @@ def test_reads_files_of_any_rate_and_channels(tmp_path, suffix, rate, channels):
     channels = min(channels, 2) if suffix == ".mp3" else channels
     path = tmp_path / f"speech{suffix}"
     soundfile.write(path, np.repeat(tone(1.5, rate)[:, None], channels, 1), rate)
+    assert sound_files.has_sound(path)
     samples = audio.read_audio(path)
     assert samples.dtype == np.float32
     assert len(samples) == 24000 or suffix == ".mp3"  # a lossy codec may add a frame
@@ -42,6 +43,7 @@ def test_reads_what_only_ffmpeg_reads(tmp_path):
         frame = av.AudioFrame.from_ndarray(np.repeat(tone(1.5, 48000)[None], 2, 0), format="fltp", layout="stereo")
         frame.sample_rate = 48000
         container.mux([*stream.encode(frame), *stream.encode(None)])
+    assert sound_files.has_sound(path)
     samples = audio.read_audio(path)
     assert len(samples) / 16000 == pytest.approx(1.5, abs=0.05)
     assert np.abs(samples).max() == pytest.approx(0.3, abs=0.05)
@@ -104,6 +106,17 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
     with pytest.raises(UserError, match=re.escape(message)) as error:
         audio.read_audio(tmp_path / name)
     assert "\n" not in str(error.value)
+
+
+def test_what_has_no_sound_is_told_from_what_has(tmp_path):
+    (tmp_path / "text.wav").write_text("these are words\n" * 40)
+    (tmp_path / "empty.wav").touch()
+    with av.open(str(tmp_path / "silent.mp4"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width = stream.height = 64
+        frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))
+        container.mux([*stream.encode(frame), *stream.encode(None)])
+    assert not any(sound_files.has_sound(tmp_path / name) for name in ("text.wav", "empty.wav", "silent.mp4"))
 
 
 def test_a_damaged_file_is_refused(tmp_path):

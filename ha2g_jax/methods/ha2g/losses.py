@@ -38,7 +38,7 @@ def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta:
     Returns:
         () loss.
     """
-    levels = [jnp.mean(_huber(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
+    levels = [jnp.mean(smooth_l1(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
     return jnp.mean(jnp.stack(levels))
 
 
@@ -90,7 +90,7 @@ def style(
         () loss.
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
-    distance = jnp.sum(_huber(poses - other_poses, delta), axis=(1, 2))
+    distance = jnp.sum(smooth_l1(poses - other_poses, delta), axis=(1, 2))
     identity_distance = jnp.sum(jnp.abs(f_id - other_f_id), axis=-1)
     return -jnp.mean(jnp.minimum(distance / (identity_distance + _MIN_STYLE_DISTANCE), clip))
 
@@ -143,7 +143,8 @@ def contrastive(
     return jnp.mean(denominator - positive)
 
 
-def _huber(difference: jax.Array, delta: float) -> jax.Array:
+def smooth_l1(difference: jax.Array, delta: float) -> jax.Array:
+    """Return Huber's function of differences, divided by delta; see `huber`."""
     inside = jnp.clip(difference, -delta, delta)
     return inside * (difference - 0.5 * inside) / delta
 

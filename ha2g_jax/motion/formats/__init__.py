@@ -9,22 +9,12 @@ from collections.abc import Callable
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
-from ha2g_jax.motion.formats import bvh, glb, smplx, tables, vrma
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.retargeting import retarget
 
 __all__ = ["SUFFIXES", "export"]
 
-# Suffix -> function that writes (path, animation); its keywords are `duration` and `audio_name` of the speech.
-_WRITERS: dict[str, Callable[..., None]] = {
-    ".bvh": lambda path, animation, **_: bvh.write(path, animation),
-    ".glb": glb.write,
-    ".vrma": vrma.write,
-    ".json": lambda path, animation, **_: tables.write_json(path, animation),
-    ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
-    ".npz": lambda path, animation, **_: smplx.write(path, animation),
-}
-SUFFIXES = tuple(_WRITERS)
+SUFFIXES = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
 
 # Formats that do not take every rig. The first rig of a list takes the place of the default.
 _RIGS = {".vrma": ("vrm",), ".npz": (rigs.OWN, "smplx")}
@@ -52,7 +42,7 @@ def export(
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
-    if suffix not in _WRITERS:
+    if suffix not in SUFFIXES:
         found = suffix or "no suffix"
         raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join(SUFFIXES)}")
     allowed = _RIGS.get(suffix, rigs.RIGS)
@@ -69,4 +59,18 @@ def export(
     seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
-    _WRITERS[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
+    _writers()[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
+
+
+def _writers() -> dict[str, Callable[..., None]]:
+    """Return for each suffix the function that writes (path, animation); its keywords are those of `glb.write`."""
+    from ha2g_jax.motion.formats import bvh, glb, smplx, tables, vrma  # glTF's library takes a sixth of a second
+
+    return {
+        ".bvh": lambda path, animation, **_: bvh.write(path, animation),
+        ".glb": glb.write,
+        ".vrma": vrma.write,
+        ".json": lambda path, animation, **_: tables.write_json(path, animation),
+        ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
+        ".npz": lambda path, animation, **_: smplx.write(path, animation),
+    }

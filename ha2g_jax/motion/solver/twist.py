@@ -1,7 +1,6 @@
 """Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time."""
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from ha2g_jax.motion import rotations
 
@@ -100,6 +99,8 @@ def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
     bands[1] = weight
     bands[1, 1:] += stiffness
     bands[1, :-1] += stiffness
+    from scipy.linalg import solveh_banded  # its import takes a quarter of a second
+
     # A point of the plane is fitted first: it needs no unwrapping, but lags where the angle changes fast.
     point = solveh_banded(bands, np.stack([np.real(observations), np.imag(observations)], axis=-1))
     near = np.unwrap(np.arctan2(point[:, 1], point[:, 0]))
