@@ -35,7 +35,7 @@ def test_every_config_builds_a_task(spec, size):
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: pathlib.Path(spec).name)
 def test_every_debug_config_gives_a_step(spec):
     config = launch.load_config(f"{spec}:debug")
-    if pathlib.Path(spec).stem in ("talk", "bvh", "video"):  # the networks of ted_expressive.py, which has all six levels
+    if pathlib.Path(spec).stem in ("talk", "bvh", "video"):  # ted_expressive.py has all six
         config.model.inferer.levels = (6,)
     objective = build_objective(config, load_skeleton(config.skeleton), vocabulary_size=10, num_speakers=3)
     key = jax.random.key(0)
