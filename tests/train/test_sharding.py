@@ -21,7 +21,7 @@ NUM_STEPS, BATCH_SIZE = 5, 8
 def start(make_batch):
     """Objective, state and batches for `NUM_STEPS` steps of plain gradient descent with all terms of the objective."""
     objective = processes.sgd_objective()
-    state = init_state(objective, jax.random.key(2)).replace(step=jnp.int32(objective.warmup_steps))
+    state = init_state(objective, jax.random.key(3)).replace(step=jnp.int32(objective.warmup_steps))
     return objective, jax.device_get(state), [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
 
 

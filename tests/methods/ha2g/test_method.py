@@ -94,7 +94,7 @@ def test_parts_keep_less_for_the_gradient(config, build, make_batch, kind):
 
 
 def test_compiled_parts_take_less_memory(config, build, make_batch):
-    config.model.inferer.update({"hidden_dim": 64, "layers": 1})
+    config.model.inferer.update({"hidden_dim": 256, "layers": 1})
     config.train.batch_size = SIZE
     sizes = []
     for config.train.accumulate in (1, 4):
