@@ -132,7 +132,7 @@ def from_json(values: Any) -> Config:
     """
     try:
         return _from_json(values)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(str(error)) from error
 
 

@@ -113,6 +113,13 @@ def test_configs_of_workdirs(answered, run, tmp_path, data):
     answered(lambda path: checks.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
 
 
+def test_a_number_of_400_digits_in_the_config_of_a_run_is_refused(answered):
+    config = launch.load_config("tests/one_stage.py:debug")
+    values = model_folder.config_to_json(config)
+    values["data"]["mirror"] = 10**400
+    answered(lambda path: checks.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
+
+
 @FUZZ
 @given(data=st.data())
 def test_records_of_runs(answered, data):
