@@ -68,11 +68,8 @@ def paper(skeleton: str) -> Config:
     config.model.text.dropout = 0.3
     config.model.identity = ml_collections.ConfigDict()
     config.model.identity.kind = "images"  # "images" (ResNet-18), "speakers" (a table) or, in baselines, "none"
-    config.model.identity.images = (
-        ml_collections.ConfigDict(  # residual blocks of each stage of the ResNet, and channels of the first stage
-            {"blocks": (2, 2, 2, 2), "width": 64}
-        )
-    )
+    # Residual blocks of each stage of the ResNet, and channels of the first stage.
+    config.model.identity.images = ml_collections.ConfigDict({"blocks": (2, 2, 2, 2), "width": 64})
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
     config.model.inferer.levels = ()  # numbers of the levels of the motion, from 1; () for all

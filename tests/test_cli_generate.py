@@ -246,7 +246,7 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     tasks = plan(recordings)
     assert [task.speech.name for task in tasks] == ["second.flac", "speech.wav"]
     assert tasks[0].paths == (recordings / "second_gestures.npz", recordings / "second_gestures.mp4")
-    message = f"skipping what is no speech in {recordings}: notes.txt, speech_gestures.mp4\n"
+    message = f"skipping files that are not speech in {recordings}: notes.txt, speech_gestures.mp4\n"
     assert capsys.readouterr().err == message
     in_folder = plan([recordings / "second.flac", recordings / "speech.wav"], tmp_path / "new", ".bvh")
     assert [task.paths for task in in_folder] == [

@@ -70,10 +70,10 @@ def generate_files(
         check_size((size, size) if isinstance(size, int) else size)
     with stage("loading the model"):
         model = load(checkpoint)
-    model.check_options(**options)
     if len(tasks) == 1:
         _generate(model, tasks[0], words, size, report, options)
         return tasks[0].paths
+    model.check_options(**options)  # said once, not for each file
     failed = 0
     with progress_bar("generating", len(tasks), "file") as bar:
         for task in tasks:

@@ -117,7 +117,7 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
     if skipped := [shown(path.name) for path in files if path not in speech]:
         more = f" and {len(skipped) - _NAMES_SHOWN} more" if skipped[_NAMES_SHOWN:] else ""
         names = ", ".join(skipped[:_NAMES_SHOWN])
-        tqdm.write(f"skipping what is no speech in {shown(folder)}: {names}{more}", file=sys.stderr)
+        tqdm.write(f"skipping files that are not speech in {shown(folder)}: {names}{more}", file=sys.stderr)
     return speech
 
 

@@ -255,8 +255,8 @@ def _infer_both(
 ) -> tuple[tuple[jax.Array, ...], jax.Array]:
     """Return the poses of each level with the own identity, (B, N, d^h), and those of the last with the other.
 
-    The style term pulls on the own poses alone. A run of its own for the other poses, which has no gradient, costs
-    less than one run of twice the batch, whose gradient is of twice the batch as well.
+    The gradient of the style term reaches only the poses with the own identity. The other poses are therefore computed
+    in a second run without a gradient, which costs less than one run and one gradient of twice the batch.
     """
 
     def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
