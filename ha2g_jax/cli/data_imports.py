@@ -210,15 +210,20 @@ def _add_build_video(data: Any) -> None:
 
 
 def _build_video(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.corpus import Corpus
-    from ha2g_jax.data.video import build, settings
+    from ha2g_jax.data.video import settings
 
-    chosen = {"recognise": arguments.recognise, "pose_command": arguments.pose_command}
-    pairs = [*arguments.set, *(f"{name}={value}" for name, value in chosen.items() if value)]
+    options = {"recognise": arguments.recognise, "pose_command": arguments.pose_command}
+    pairs = [*arguments.set, *(f"{name}={value}" for name, value in options.items() if value)]
+    stored = settings.read_settings(arguments.settings) if arguments.settings else None
+    chosen = settings.from_pairs(pairs, stored)  # an error in them is reported before the slow imports
+
+    from ha2g_jax.data.corpus import Corpus
+    from ha2g_jax.data.video import build
+
     report = build.build_video(
         arguments.videos,
         arguments.dst,
-        settings=settings.from_pairs(pairs, settings.read_settings(arguments.settings) if arguments.settings else None),
+        settings=chosen,
         runner=arguments.runner,
         workers=arguments.workers,
         address=arguments.address,

@@ -5,7 +5,6 @@ import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from scipy import signal
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
@@ -41,6 +40,8 @@ def choose(motion: Motion, count: int) -> list[int]:
     Returns:
         Indices of `count` different frames in order of time, or of all frames where the motion has fewer.
     """
+    from scipy import signal  # its import takes a second, which an error need not wait for
+
     if motion.num_frames <= count:
         return list(range(motion.num_frames))
     wrists = _wrists(motion)
