@@ -31,6 +31,8 @@ pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers"
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+gc.disable()  # until all tests are imported, see `pytest_collection_finish`
+
 # A shell starts background jobs with interrupts ignored, and the processes that tests interrupt would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -47,9 +49,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Let the garbage collector run rarely: it took a twelfth of the time, as tracing makes many small objects."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -93,6 +93,23 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
     doctor.set_defaults(run=_doctor)
 
+    benchmark = commands.add_parser("benchmark", help="measure the speed of training and generation on this machine")
+    benchmark.description = "Measure the speed of training and generation on this machine, as tables in Markdown."
+    benchmark.add_argument("--config", metavar="CONFIG", default="talk:small", help=f"{_CONFIG} (default: talk:small)")
+    benchmark.add_argument(
+        "--batch-size", type=data.positive, metavar="B", help="windows in a step (default: of the config)"
+    )
+    benchmark.add_argument(
+        "--precision",
+        nargs="+",
+        choices=("float32", "tensorfloat32", "bfloat16"),
+        help="precisions to compare (default: float32 on a CPU, else all)",
+    )
+    benchmark.add_argument("--steps", type=data.positive, default=10, metavar="N", help="timed steps (default: 10)")
+    benchmark.add_argument("--checkpoint", default="demo", help="model for generation (default: demo)")
+    benchmark.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    benchmark.set_defaults(run=_benchmark)
+
     describe = commands.add_parser("describe", help="print shapes and parameter counts of every module")
     describe.add_argument("--config", metavar="CONFIG", required=True, help=_CONFIG)
     describe.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -123,6 +140,17 @@ def _doctor(arguments: argparse.Namespace) -> int:
     findings = doctor.examine(launch.load_config(arguments.config) if arguments.config else None)
     print(json.dumps(doctor.as_json(findings), indent=1) if arguments.json else doctor.as_text(findings))
     return 0 if doctor.is_well(findings) else 1
+
+
+def _benchmark(arguments: argparse.Namespace) -> None:
+    from ha2g_jax import launch
+    from ha2g_jax.study import benchmark
+
+    config = launch.load_config(arguments.config)
+    if arguments.batch_size:
+        config.train.batch_size = arguments.batch_size
+    result = benchmark.measure(config, arguments.checkpoint, arguments.precision, arguments.steps)
+    print(json.dumps(result, indent=1) if arguments.json else benchmark.as_tables(result))
 
 
 def _describe(arguments: argparse.Namespace) -> None:

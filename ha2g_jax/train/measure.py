@@ -12,6 +12,7 @@ from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
+from ha2g_jax.train.operations import count_operations
 
 # Sizes of the tables of words and speakers where no corpus is given: about those of TED.
 _NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
@@ -50,6 +51,7 @@ class TimedStep:
         batch: the random batch, on the devices.
         batch_size: windows in a step, on all devices together.
         num_devices: devices that the step runs on.
+        operations: floating-point operations of the matrix products and convolutions of a step, on all devices.
         compile_seconds: seconds to trace and compile; less if the program was in the compilation cache.
         memory: memory of the step, None if the compiler does not report it.
 
@@ -73,7 +75,9 @@ class TimedStep:
         self._shapes = jax.eval_shape(lambda key: init_state(objective, key), self._key)
         # The function of `compile_step` compiles when it is called; this compiles the same program from shapes alone.
         step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
-        self._step = step.lower(self._shapes, self.batch, self._key).compile()
+        traced = step.trace(self._shapes, self.batch, self._key)
+        self._step = traced.lower().compile()
+        self.operations = count_operations(traced.jaxpr.jaxpr)
         self.compile_seconds = time.perf_counter() - started
         self.memory = _memory(self._step)
 

@@ -1,0 +1,47 @@
+"""Count the floating-point operations of a traced function, to compare its speed with what a machine can do."""
+
+import math
+
+from jax.extend import core
+
+
+def count_operations(jaxpr: core.Jaxpr) -> int:
+    """Count the operations of the matrix products and convolutions of a traced function.
+
+    A multiplication and the addition of its result are two operations. All other operations are left out: they are
+    few, and limited by memory rather than by arithmetic. A loop counts as often as it runs, except a `while_loop`,
+    whose number of runs is unknown and which counts once. Of the branches of a `cond` the most expensive one counts.
+
+    Args:
+        jaxpr: function as JAX traced it, such as `jax.jit(f).trace(x).jaxpr.jaxpr`.
+
+    Returns:
+        Number of operations of one call, on all devices together.
+    """
+    return sum(map(_of_equation, jaxpr.eqns))
+
+
+def _of_equation(equation: core.JaxprEqn) -> int:
+    match equation.primitive.name:
+        case "dot_general":
+            return _of_product(equation)
+        case "conv_general_dilated":
+            return _of_convolution(equation)
+    counts = [count_operations(jaxpr) for jaxpr in core.jaxprs_in_params(equation.params)]
+    if equation.primitive.name == "cond":
+        return max(counts)
+    return sum(counts) * equation.params.get("length", 1)
+
+
+def _of_product(equation: core.JaxprEqn) -> int:
+    (contracted, _), _ = equation.params["dimension_numbers"]
+    left = equation.invars[0].aval.shape
+    return 2 * math.prod(equation.outvars[0].aval.shape) * math.prod(left[axis] for axis in contracted)
+
+
+def _of_convolution(equation: core.JaxprEqn) -> int:
+    """Count a convolution; of one with a dilated input, as in a gradient, the products with its zeros are left out."""
+    numbers, dilation = equation.params["dimension_numbers"], equation.params["lhs_dilation"]
+    kernel = equation.invars[1].aval.shape
+    taps = math.prod(kernel[axis] for axis in numbers.rhs_spec[1:])  # inputs, height and width
+    return 2 * math.prod(equation.outvars[0].aval.shape) * taps // math.prod(dilation)
