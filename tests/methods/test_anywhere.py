@@ -13,7 +13,12 @@ from ha2g_jax.train import sharding
 from ha2g_jax.train.step import step_keys, train_step
 
 METHODS = ("joint_embedding", "trimodal")
-SIZE = 16
+SIZE = 8
+# Short windows and few layers, which take less long to compile and to run.
+SMALL = {
+    "joint_embedding": {"data__num_frames": 17, "model__context__layers": 1, "model__text__layers": 1},
+    "trimodal": {"data__num_frames": 17},
+}
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +26,11 @@ def make_plain(make_objective):
     """A function from a method's name to its objective under gradient descent and without dropout."""
 
     def make(method, **changes):
-        changes |= {"model__text__dropout": 0.0, "model__inferer__dropout": 0.0, "train__batch_size": SIZE}
+        changes |= SMALL[method] | {
+            "model__text__dropout": 0.0,
+            "model__inferer__dropout": 0.0,
+            "train__batch_size": SIZE,
+        }
         objective = make_objective(method, **changes)
         sgd = {"generator_optimizer": optax.sgd(1e-3), "discriminator_optimizer": optax.sgd(1e-2)}
         objective = dataclasses.replace(objective, **sgd)

@@ -46,10 +46,10 @@ def test_the_word_table_has_rows_for_the_marks_of_start_and_end(make_objective):
     assert make_objective("seq2seq").spec.generator.num_words == 11 + 2
 
 
-def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch):
+def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch, draw_state):
     changes = {"model__inferer__hidden_dim": 16, "train__learning_rate": 1e-2, "train__schedule": "cosine"}
     objective = make_objective("seq2seq", train__steps=STEPS, **changes)
-    batch, state, history = make_motion_batch(objective, 4), init_state(objective, jax.random.key(0)), []
+    batch, state, history = make_motion_batch(objective, 4), draw_state(objective), []
     step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
     for _ in range(STEPS):
         state, metrics = step(state, batch, jax.random.key(1))

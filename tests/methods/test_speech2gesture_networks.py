@@ -154,7 +154,7 @@ def _columns_of_frames():
     return (np.arange(NUM_FRAMES) + 0.5) * NUM_COLUMNS / NUM_FRAMES - 0.5
 
 
-def _influence(run, mel, draws=16):
+def _influence(run, mel, draws=4):
     """Return (N, columns), the influence of each mel column on a frame of `run(mel)`, by random projections."""
 
     def gradients(key):
