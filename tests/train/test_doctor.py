@@ -5,7 +5,7 @@ import types
 
 import pytest
 
-from ha2g_jax import cli
+from ha2g_jax import cli, presets
 from ha2g_jax import config as configs
 from ha2g_jax.train import doctor, machine
 from ha2g_jax.train.measure import Memory
@@ -159,9 +159,7 @@ def test_a_step_that_does_not_fit_is_not_run(config, monkeypatch):
 
 
 def test_a_step_is_compiled_and_timed(capsys):
-    config = configs.debug(configs.paper("ted_gesture"))
-    config.model.identity.kind = "speakers"  # the least to compile
-    config.model.inferer.levels = (3,)
+    config = presets.make("ted_gesture", "debug", "seq2seq")  # the least to compile
     values = doctor.examine(config)[-1].values
     assert values is not None
     assert values["windows_per_second"] == pytest.approx(4 / values["step_seconds"])

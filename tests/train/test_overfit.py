@@ -8,15 +8,16 @@ import numpy as np
 from ha2g_jax import config as configs
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.train import inputs
-from ha2g_jax.train.objective import build_objective, init_state
+from ha2g_jax.train.objective import build_objective
 from ha2g_jax.train.step import train_step
 
 
-def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk):
+def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk, draw_state):
     config = configs.debug(configs.paper("ted_expressive"))
     config.model.identity.kind = "speakers"
     config.model.inferer.levels = (6,)
     config.data.path = str(tiny_talk)
+    config.train.batch_size = 2
     config.train.update({"steps": 100, "learning_rate": 1e-2, "schedule": "cosine"})
     config.loss.ha2g.weights.physical = 0.0  # it holds joints at their mean angles, and the Huber term at 2 %
     corpus = inputs.open_corpus(config)
@@ -28,7 +29,7 @@ def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk):
 
     assert objective.warmup_steps == 0
     step = jax.jit(functools.partial(train_step, objective), donate_argnums=0)
-    state, history = init_state(objective, jax.random.key(0)), []
+    state, history = draw_state(objective), []
     for _ in range(config.train.steps):
         state, metrics = step(state, batch, jax.random.key(1))
         history.append(metrics["loss/huber"])
