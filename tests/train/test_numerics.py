@@ -105,7 +105,8 @@ def test_the_average_moves_towards_the_new_variables(switched):
     _, before, after, _ = switched
     assert before.step == 2
     kept = (1 + 2) / (10 + 2)  # less than 0.5
-    expected = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, before.average, after.generator.variables)
+    variables = jax.device_get(after.generator.variables)
+    expected = jax.tree.map(lambda old, new: kept * old + (1 - kept) * new, before.average, variables)
     for moved, value in zip(jax.tree.leaves(after.average), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(moved, value, rtol=1e-5, atol=1e-6)
     assert after.model is after.average

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ha2g_jax.train.objective import init_state, set_pretrained
@@ -13,8 +12,8 @@ from ha2g_jax.train.objective import init_state, set_pretrained
 def test_state_is_a_function_of_the_key(objective):
     first, again, other = (init_state(objective, jax.random.key(seed)) for seed in (0, 0, 1))
     assert first.step == 0
-    assert jax.tree.all(jax.tree.map(jnp.array_equal, first, again))
-    assert not jax.tree.all(jax.tree.map(jnp.array_equal, first.generator.params, other.generator.params))
+    assert jax.tree.all(jax.tree.map(np.array_equal, first, again))
+    assert not jax.tree.all(jax.tree.map(np.array_equal, first.generator.params, other.generator.params))
 
 
 def test_an_average_has_the_variables_of_the_generator_and_is_the_model(objective, state):
@@ -23,7 +22,7 @@ def test_an_average_has_the_variables_of_the_generator_and_is_the_model(objectiv
     averaged = dataclasses.replace(objective, average_decay=0.9)
     start = jax.eval_shape(functools.partial(init_state, averaged), jax.random.key(0))
     assert start.model is start.average
-    assert jax.tree.map(jnp.shape, start.average) == jax.tree.map(jnp.shape, state.generator.variables)
+    assert jax.tree.map(np.shape, start.average) == jax.tree.map(np.shape, state.generator.variables)
 
 
 def test_pretrained_parameters_take_the_place_of_fresh_ones_and_of_no_others(objective, state):
@@ -32,4 +31,4 @@ def test_pretrained_parameters_take_the_place_of_fresh_ones_and_of_no_others(obj
     variables = set_pretrained(state.generator.variables, part)
     np.testing.assert_array_equal(variables["params"]["text"]["embedding"]["embedding"], vectors)
     variables["params"]["text"]["embedding"]["embedding"] = state.generator.params["text"]["embedding"]["embedding"]
-    assert jax.tree.all(jax.tree.map(jnp.array_equal, variables, state.generator.variables))
+    assert jax.tree.all(jax.tree.map(np.array_equal, variables, state.generator.variables))
