@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.synthesis import Model, load
 from ha2g_jax.train.machine import examine_machine
@@ -85,7 +86,7 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
         and "generation" (fields of `Generation`).
 
     Raises:
-        UserError: a setting or the model cannot be used.
+        UserError: a setting or the model cannot be used, or a step fails, for example for lack of memory.
     """
     model = load(checkpoint)
     if precisions is None:
@@ -93,7 +94,11 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
     rows = []
     for precision in precisions:
         sys.stderr.write(f"compiling the step of {config.name} in {precision}\n")
-        rows.append(_measure_step(config, precision, steps)._asdict())
+        try:
+            rows.append(_measure_step(config, precision, steps)._asdict())
+        except jax.errors.JaxRuntimeError as error:
+            reason = str(error).splitlines()[0]
+            raise UserError(f"the step in {precision} fails ({reason}): lower --batch-size") from error
     sys.stderr.write(f"generating {_SPEECH_SECONDS} s of motion {_ROUNDS + 1} times\n")
     return {
         "config": config.name,
