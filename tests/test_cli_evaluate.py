@@ -1,5 +1,6 @@
 """`ha2g evaluate`: results of one shape for every input and form, or one line on an option that does not apply."""
 
+import functools
 import json
 
 import numpy as np
@@ -9,6 +10,14 @@ import soundfile
 from ha2g_jax import cli, synthesis
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.study.evaluation import inputs
+from ha2g_jax.study.evaluation.evaluate import evaluate as evaluate_motion
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    """Intervals of ten draws; 1000 take most of the time of an evaluation."""
+    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate_motion, draws=10))
 
 
 @pytest.fixture
@@ -113,13 +122,13 @@ def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint,
     mine, true = folders
     audio = np.concatenate([soundfile.read(path)[0] for path in sorted(true.glob("*.wav"))])
     soundfile.write(tmp_path / "speech.wav", audio, 16000)
-    inputs = {
+    given_for = {
         "true": ("--motion", mine, "--reference", true),
         "speech.wav": ("--checkpoint", checkpoint, "--speech", tmp_path / "speech.wav"),
         "test": ("--checkpoint", checkpoint, "--data", tiny_talk, "--split", "test", "val"),
     }
     shapes, results, shown = [], {}, {}
-    for name, given in inputs.items():
+    for name, given in given_for.items():
         shown = {}
         for form in ("--json", "--markdown", None):
             assert evaluate(*given, *([form] if form else [])) == 0
