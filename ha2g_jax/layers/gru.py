@@ -3,6 +3,8 @@
 Rows of the stacked weights are in the order reset r, update z, new n. `gru_scan` has the equations.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
@@ -84,13 +86,12 @@ class BiGRU(nn.Module):
         weights, back_weights = (
             _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}{suffix}") for suffix in ("", "_reverse")
         )
-        gates, kernels, bias = _prepare(x, weights)
-        back_gates, back_kernels, back_bias = _prepare(x[::-1], back_weights)
-        forward, backward = gru_scan(
-            (gates, back_gates),
-            (kernels, back_kernels),
-            (bias, back_bias),
-            None if is_real is None else (is_real, is_real[::-1]),
+        gates, kernels, biases = zip(_prepare(x, weights), _prepare(x[::-1], back_weights), strict=True)
+        masks = None if is_real is None else (is_real, is_real[::-1])
+        # A single sequence, as in generation, waits for the weights; those of one direction fit the cache of a core.
+        scans = (slice(0, 1), slice(1, 2)) if x.shape[1] == 1 else (slice(0, 2),)
+        forward, backward = itertools.chain.from_iterable(
+            gru_scan(gates[it], kernels[it], biases[it], masks and masks[it]) for it in scans
         )
         return forward, backward[::-1]
 

@@ -91,9 +91,9 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
     model = load(checkpoint)
     if precisions is None:
         precisions = ["float32"] if jax.default_backend() == "cpu" else list(PRECISIONS)
-    rows = []
+    name, rows = f"{config.name} on {config.skeleton}", []
     for precision in precisions:
-        sys.stderr.write(f"compiling the step of {config.name} in {precision}\n")
+        sys.stderr.write(f"compiling the step of {name} in {precision}\n")
         try:
             rows.append(_measure_step(config, precision, steps)._asdict())
         except jax.errors.JaxRuntimeError as error:
@@ -101,7 +101,7 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
             raise UserError(f"the step in {precision} fails ({reason}): lower --batch-size") from error
     sys.stderr.write(f"generating {_SPEECH_SECONDS} s of motion {_ROUNDS + 1} times\n")
     return {
-        "config": config.name,
+        "config": name,
         "machine": {finding.name: finding.found for finding in examine_machine()},
         "training": rows,
         "generation": _measure_generation(model)._asdict(),

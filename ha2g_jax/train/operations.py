@@ -1,6 +1,7 @@
 """Count the floating-point operations of a traced function, to compare its speed with what a machine can do."""
 
 import math
+from typing import Any
 
 from jax.extend import core
 
@@ -35,13 +36,17 @@ def _of_equation(equation: core.JaxprEqn) -> int:
 
 def _of_product(equation: core.JaxprEqn) -> int:
     (contracted, _), _ = equation.params["dimension_numbers"]
-    left = equation.invars[0].aval.shape
-    return 2 * math.prod(equation.outvars[0].aval.shape) * math.prod(left[axis] for axis in contracted)
+    left = _shape(equation.invars[0])
+    return 2 * math.prod(_shape(equation.outvars[0])) * math.prod(left[axis] for axis in contracted)
 
 
 def _of_convolution(equation: core.JaxprEqn) -> int:
     """Count a convolution; of one with a dilated input, as in a gradient, the products with its zeros are left out."""
     numbers, dilation = equation.params["dimension_numbers"], equation.params["lhs_dilation"]
-    kernel = equation.invars[1].aval.shape
+    kernel = _shape(equation.invars[1])
     taps = math.prod(kernel[axis] for axis in numbers.rhs_spec[1:])  # inputs, height and width
-    return 2 * math.prod(equation.outvars[0].aval.shape) * taps // math.prod(dilation)
+    return 2 * math.prod(_shape(equation.outvars[0])) * taps // math.prod(dilation)
+
+
+def _shape(variable: Any) -> tuple[int, ...]:
+    return variable.aval.shape

@@ -44,6 +44,20 @@ def test_equals_the_equations(oracles):
     oracles.assert_close(module.apply(variables, x, train=False), forward + backward)
 
 
+@pytest.mark.parametrize("has_ends", [False, True])
+def test_a_single_sequence_equals_the_same_one_of_a_batch(has_ends, oracles):
+    """A batch of one takes another program: a scan for each direction."""
+    x = np.random.default_rng(3).normal(size=(2, 5, 3)).astype(np.float32)
+    is_real = np.arange(5) < np.array([[4], [5]]) if has_ends else None
+    gru = BiGRU(hidden_dim=4, layers=2)
+    variables = gru.init(jax.random.key(0), x, train=False)
+    together = gru.apply(variables, x, is_real=is_real, train=False, method=gru.states)
+    alone = gru.apply(
+        variables, x[:1], is_real=None if is_real is None else is_real[:1], train=False, method=gru.states
+    )
+    oracles.assert_close(alone, jax.tree.map(lambda states: states[:1], together))
+
+
 def test_starts_within_the_bound_of_pytorch():
     params = BiGRU(hidden_dim=16, layers=1).init(jax.random.key(0), jnp.zeros((1, 2, 5)), train=False)["params"]
     assert jax.tree.map(lambda value: value.shape, params) == {

@@ -1,11 +1,14 @@
 """`ha2g benchmark` measures a step in several precisions and generation, in Markdown or JSON."""
 
 import json
+from typing import Any
 
 import jax
 
 from ha2g_jax import cli
 from ha2g_jax.study import benchmark
+
+SETTINGS: Any = jax.config
 
 # The step that tests/train/test_doctor.py compiles as well.
 COMMAND = ["benchmark", "--config", "seq2seq:ted_gesture:debug", "--steps", "1"]
@@ -34,7 +37,7 @@ def test_a_precision_changes_the_types_of_the_step(monkeypatch):
         num_devices, batch_size, compile_seconds, operations = 1, 4, 1.0, 10
 
         def __init__(self, config):
-            found.append((config.train.dtype, jax.config.jax_default_matmul_precision))
+            found.append((config.train.dtype, SETTINGS.jax_default_matmul_precision))
 
         def run(self):
             return 0.5
