@@ -160,6 +160,12 @@ MAX_PICTURE_PIXELS = 67_108_864
 MAX_PICTURE_PASSES = 805_306_368
 """Pixels of a reference image in progressive JPEG, times its passes over them, of which there are 10 usually."""
 
+MAX_NPZ_RATIO = 200
+"""Bytes that a byte of any `.npz` may unpack to: recordings unpack to three, files made to fill the memory to 1,000."""
+
+MAX_NPZ_OF_ANY_RATIO = 1 << 28
+"""Bytes of unpacked arrays up to which a `.npz` may be compressed by any factor, as an array of zeros is."""
+
 MAX_UNPACKED_RATIO = 100
 """Bytes that a byte of packed word vectors may unpack to; text of numbers unpacks to three."""
 

@@ -15,15 +15,12 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.limits import MAX_NPZ_OF_ANY_RATIO, MAX_NPZ_RATIO
 
 _MAGIC = b"\x93NUMPY"
 _MAX_HEADER = 1 << 16
 _MAX_CONTENTS = 1 << 20  # bytes in the table of contents of a zip file, enough for thousands of arrays
 _CHUNK = 1 << 18
-
-# Data that is compressed by more than this factor is a zip bomb, unless the file is small, such as an array of zeros.
-_MAX_RATIO = 200
-_BOMB_BYTES = 1 << 28
 
 _DESCR = re.compile(rb"'descr':\s*'([^']*)'")
 _FORTRAN = re.compile(rb"'fortran_order':\s*(True|False)")
@@ -101,8 +98,8 @@ def _read_zip(
         total = sum(entry.file_size for entry in entries.values())
         if total > max_bytes:
             raise _BadArrays(f"it unpacks to {total} bytes, more than the {max_bytes} allowed")
-        if total > max(_BOMB_BYTES, _MAX_RATIO * size):
-            raise _BadArrays(f"its {size} bytes unpack to {total}, which is too many for a recording")
+        if total > max(MAX_NPZ_OF_ANY_RATIO, MAX_NPZ_RATIO * size):
+            raise _BadArrays(f"its {size} bytes unpack to {total}, more than {MAX_NPZ_RATIO} times as many")
         arrays = {}
         for name, entry in entries.items():
             with archive.open(entry) as file:
