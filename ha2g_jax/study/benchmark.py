@@ -29,7 +29,8 @@ PRECISIONS = {
 # Rows and columns of the matrices whose product is the peak, on a CPU and on an accelerator.
 _CPU_SIZE, _ACCELERATOR_SIZE = 2048, 8192
 
-_SPEECH_SECONDS, _ROUNDS = 60, 5  # length of the speech that motion is generated for, and number of timed calls
+_SPEECH_SECONDS = 60  # length of the speech that motion is generated for
+_ROUNDS = 5  # timed calls of the product and of generation
 
 
 class Training(NamedTuple):
@@ -114,7 +115,7 @@ def _measure_step(config: Config, precision: str, steps: int) -> Training:
     config.train.dtype = dtype
     with jax.default_matmul_precision(products):
         step = TimedStep(config)
-        peak = measure_peak(dtype) * step.num_devices
+        peak = _measure_peak(dtype) * step.num_devices
     step.run()
     seconds = statistics.median(step.run() for _ in range(steps))
     return Training(
@@ -130,19 +131,14 @@ def _measure_step(config: Config, precision: str, steps: int) -> Training:
     )
 
 
-def measure_peak(dtype: str, rounds: int = 7) -> float:
-    """Return the operations per second of a large matrix product on one device, the best of several.
-
-    Args:
-        dtype: type of both matrices.
-        rounds: number of timed products.
-    """
+def _measure_peak(dtype: str) -> float:
+    """Return the operations per second of a large matrix product on one device, the best of several."""
     size = _CPU_SIZE if jax.default_backend() == "cpu" else _ACCELERATOR_SIZE
     matrix = jnp.ones((size, size), dtype)
     multiply = jax.jit(jnp.matmul)
     jax.block_until_ready(multiply(matrix, matrix))
     times = []
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         started = time.perf_counter()
         jax.block_until_ready(multiply(matrix, matrix))
         times.append(time.perf_counter() - started)

@@ -77,8 +77,8 @@ class TimedStep:
         step = jax.jit(sharding.compile_step(objective, self._mesh), donate_argnums=0)
         traced = step.trace(self._shapes, self.batch, self._key)
         self._step = traced.lower().compile()
-        self.operations = count_operations(traced.jaxpr.jaxpr)
         self.compile_seconds = time.perf_counter() - started
+        self.operations = count_operations(traced.jaxpr.jaxpr)
         self.memory = _memory(self._step)
 
     def run(self) -> float:

@@ -14,7 +14,7 @@ from ha2g_jax.train.step import step_keys, train_step
 
 METHODS = ("joint_embedding", "trimodal")
 SIZE = 8
-# Short windows and few layers, which take less long to compile and to run.
+# Short windows and few layers, which compile and run faster.
 SMALL = {
     "joint_embedding": {"data__num_frames": 17, "model__context__layers": 1, "model__text__layers": 1},
     "trimodal": {"data__num_frames": 17},
