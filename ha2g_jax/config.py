@@ -73,23 +73,25 @@ def paper(skeleton: str) -> Config:
     config.model.identity.feature_dim = 18
     config.model.inferer = ml_collections.ConfigDict()
     config.model.inferer.levels = ()  # numbers of the levels of the motion, from 1; () for all
+    config.model.inferer.seed_level = "own"  # D7: the seed pose that a stage sees; "below" in older models
     config.model.inferer.coordinator = "levels"  # or "tied": the same blend of audio for all levels
     config.model.inferer.hidden_dim = 300
     config.model.inferer.layers = 4
     config.model.inferer.dropout = 0.3
     config.model.discriminator = ml_collections.ConfigDict()
     config.model.discriminator.hidden_dim = 64
-    config.model.discriminator.layers = 1
+    config.model.discriminator.layers = 4  # D17
 
     config.loss = ml_collections.ConfigDict()  # one part, named after the method
     config.loss.ha2g = ml_collections.ConfigDict()
-    config.loss.ha2g.weights = ml_collections.ConfigDict(
-        {"gan": 1.0, "huber": 200.0, "physical": 0.1, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
+    config.loss.ha2g.weights = ml_collections.ConfigDict(  # those of the paper, but for "physical" (0.1, D18)
+        {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
     )
     config.loss.ha2g.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
-    config.loss.ha2g.huber_delta = 0.1  # D8
+    config.loss.ha2g.huber_delta = 0.1  # D8; the weight of the Huber term is that of one level of the motion, D14
     config.loss.ha2g.temperature = 0.07
     config.loss.ha2g.negatives = ("low", "mid", "high")  # audio levels in the denominator of Eq. 2
+    config.loss.ha2g.style_delta = 0.05  # D15
     config.loss.ha2g.style_clip = 1000.0
 
     config.train = ml_collections.ConfigDict()
@@ -213,6 +215,7 @@ def debug(config: Config) -> Config:
     config.model.inferer.hidden_dim = 8
     config.model.inferer.layers = 1
     config.model.discriminator.hidden_dim = 8
+    config.model.discriminator.layers = 1
     config.train.steps = 2
     config.train.batch_size = 4
     config.train.warmup_epochs = 0

@@ -66,8 +66,11 @@ def with_new_names(values: dict[str, Any]) -> tuple[dict[str, Any], list[tuple[s
         values["model"]["legacy"] = True
         renamed.append(("method=speech2gesture_legacy", "model.legacy=True"))
     method = values.get("method", "ha2g")
+    # Settings that are younger than the method, at the values that stand for what it was before.
     if method == "speech2gesture":
-        values["model"].setdefault("legacy", False)  # younger than the method
+        values["model"].setdefault("legacy", False)
+    if method == "ha2g":
+        values["model"].setdefault("inferer", {}).setdefault("seed_level", "below")
     for old in RENAMED:
         *path, last = old.split(".")
         part = _part(values, path)

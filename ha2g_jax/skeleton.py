@@ -222,17 +222,6 @@ def _cross(xp: Any, a: Any, b: Any) -> Any:
     return a[..., shift] * b[..., shift_back] - a[..., shift_back] * b[..., shift]
 
 
-def lift_channels(skeleton: Skeleton, level: int) -> np.ndarray:
-    """Return the indices of the channels of level `level - 1` within level `level`.
-
-    Args:
-        skeleton: skeleton with the levels.
-        level: number of the level, at least 1; the first level has number 0.
-    """
-    channels = list(skeleton.level_channels[level])
-    return np.array([channels.index(channel) for channel in skeleton.level_channels[level - 1]])
-
-
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
     """Mirror poses: exchange left and right bones and negate x.
 

@@ -65,6 +65,7 @@ DEBUG = (
     (r":DATA\b", ":talk"),
     (r"\bCORPUS\b", "talk"),
     (r"^((train|doctor) --config \S*talk)\S*", r"\1:debug"),
+    (r"^doctor --gradients \S+", "doctor --gradients seq2seq:talk:debug"),  # its terms compile sooner
     (r" --config\.train\.(steps|devices|batch_size)=\d+", ""),  # the debug size has its own
     (r"^(train .*--workdir) \S+", r"\1 trained"),
     (r"^data make-talk .*", r"\g<0> --speakers 2 --minutes 1.2"),  # of two equal flags the last holds

@@ -39,7 +39,14 @@ def test_stages_that_an_ablation_leaves_out_are_gone():
 def test_a_method_weighs_its_own_terms():
     for method in presets.METHODS:
         config = presets.make("ted_expressive", method=method)
-        assert set(config.loss[method].weights) == set(TRAINABLE[method].term_names)
+        assert set(config.loss[config.method].weights) == set(TRAINABLE[config.method].term_names)
+
+
+def test_the_release_weighs_a_level_as_the_public_code():
+    for data, huber in (("ted_expressive", 250.0), ("ted_gesture", 70.0)):
+        config = presets.make(data, method="ha2g_release")
+        assert (config.loss.ha2g.weights.huber, config.loss.ha2g.weights.gan) == (huber, 5.0)
+        assert config.train.discriminator_learning_rate == pytest.approx(0.2 * config.train.learning_rate)
 
 
 @pytest.mark.parametrize(

@@ -28,12 +28,9 @@ def test_sizes_are_those_of_the_paper():
     assert gesture.level_dims == (15, 21, 27)
 
 
-def test_levels_are_nested_and_lift_finds_the_same_channels(skeleton):
-    pose = np.arange(skeleton.pose_dim)
+def test_levels_are_nested(skeleton):
     for level in range(1, skeleton.num_levels):
-        coarse = pose[list(skeleton.level_channels[level - 1])]
-        fine = pose[list(skeleton.level_channels[level])]
-        np.testing.assert_array_equal(fine[skeletons.lift_channels(skeleton, level)], coarse)
+        assert set(skeleton.level_channels[level - 1]) < set(skeleton.level_channels[level])
 
 
 @settings(max_examples=20, deadline=None)

@@ -7,7 +7,7 @@ from torch.nn import functional as F
 
 from ha2g_jax.skeleton import Skeleton
 
-_MIN_ANGLE_VARIANCE = 1e-5
+_RIGID_VARIANCE = (2 / 180) ** 2
 _MIN_FEATURE_NORM = 1e-3
 _MIN_STYLE_DISTANCE = 1e-5
 _MIN_NORM = 1e-8
@@ -15,9 +15,9 @@ _MAX_COSINE = 1 - 1e-6
 
 
 def huber(predictions: list[torch.Tensor], targets: list[torch.Tensor], delta: float) -> torch.Tensor:
-    """Return the reconstruction loss (Eq. 5), the mean over levels of Huber's function divided by delta."""
+    """Return the reconstruction loss (Eq. 5), the sum over levels of Huber's function divided by delta."""
     levels = [F.smooth_l1_loss(p, t, beta=delta) for p, t in zip(predictions, targets, strict=True)]
-    return torch.stack(levels).mean()
+    return torch.stack(levels).sum()
 
 
 class Physical(torch.nn.Module):
@@ -26,9 +26,11 @@ class Physical(torch.nn.Module):
     def __init__(self, skeleton: Skeleton):
         super().__init__()
         self.mean_directions = torch.tensor(skeleton.mean_directions)
-        self.mean = torch.tensor(skeleton.angle_mean)
-        self.variance = torch.tensor(skeleton.angle_variance).clamp(min=_MIN_ANGLE_VARIANCE)
-        self.pairs = torch.tensor(skeleton.angle_pairs).T
+        variance = torch.tensor(skeleton.angle_variance)
+        is_moving = variance >= _RIGID_VARIANCE
+        self.mean = torch.tensor(skeleton.angle_mean)[is_moving]
+        self.variance = variance[is_moving]
+        self.pairs = torch.tensor(skeleton.angle_pairs).T[:, is_moving]
         self.palms = torch.tensor(skeleton.palms).T if skeleton.palms else None
         self.normaliser = 0.5 * float(torch.log(2 * math.pi * self.variance).sum())
 
@@ -52,13 +54,13 @@ def style(
 ) -> torch.Tensor:
     """Return the style diverging loss (Eq. 7); no gradient passes through `other_poses` and the styles."""
     distance = F.smooth_l1_loss(poses, other_poses.detach(), beta=delta, reduction="none").sum((1, 2))
-    identity_distance = (f_id - other_f_id).abs().sum(-1).detach()
+    identity_distance = (f_id - other_f_id).abs().mean(-1).detach()
     return -(distance / (identity_distance + _MIN_STYLE_DISTANCE)).clamp(max=clip).mean()
 
 
 def kld(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tensor:
-    """Return the KL divergence of the styles (B, 18) from N(0, I), the mean over the batch."""
-    return (-0.5 * (1 + log_variance - mean**2 - log_variance.exp()).sum(-1)).mean()
+    """Return the KL divergence of the styles (B, 18) from N(0, I), the mean over the batch and the values."""
+    return -0.5 * (1 + log_variance - mean**2 - log_variance.exp()).mean()
 
 
 def contrastive(

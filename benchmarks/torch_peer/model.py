@@ -26,11 +26,11 @@ def summed(gru: nn.GRU, x: torch.Tensor) -> torch.Tensor:
 
 
 class PoseStage(nn.Module):
-    """One stage h of the pose inferer (Eq. 4): p^(h-1), f_a^h and the seed bit to p^h."""
+    """One stage h of the pose inferer (Eq. 4): p^(h-1) in the channels of level h, f_a^h and the seed bit to p^h."""
 
-    def __init__(self, previous_dim: int, feature_dim: int, pose_dim: int, ours):
+    def __init__(self, feature_dim: int, pose_dim: int, ours):
         super().__init__()
-        inputs = previous_dim + feature_dim
+        inputs = pose_dim + feature_dim
         self.gru = bi_gru(inputs + 1, ours.hidden_dim, ours.layers, ours.dropout)
         self.linear = nn.Linear(ours.hidden_dim + inputs, pose_dim)
 
@@ -62,6 +62,10 @@ class Generator(nn.Module):
         super().__init__()
         ours = spec.generator
         self.level_channels = [torch.tensor(channels) for channels in ours.level_channels]
+        self.places = [
+            torch.tensor([channels.index(channel) for channel in below])
+            for below, channels in zip(ours.level_channels, ours.level_channels[1:], strict=False)
+        ]
         self.num_frames, self.num_seed_frames = spec.num_frames, spec.num_seed_frames
         self.audio, self.text = AudioEncoder(ours.audio), TextEncoder(ours.text)
         if isinstance(ours.identity, identity.SpeakerIdentity):
@@ -71,8 +75,8 @@ class Generator(nn.Module):
         num_levels = len(ours.level_channels)
         self.coordinator = StyleCoordinator(spec.style_dim, num_levels, ours.audio_levels, is_tied=ours.is_tied)
         dims = [len(channels) for channels in ours.level_channels]
-        for level, (previous, dim) in enumerate(zip([dims[0], *dims], dims), 1):
-            self.add_module(f"pose_{level}", PoseStage(previous, ours.audio.feature_dim, dim, ours))
+        for level, dim in enumerate(dims, 1):
+            self.add_module(f"pose_{level}", PoseStage(ours.audio.feature_dim, dim, ours))
 
     def encode(self, mel: torch.Tensor, words: torch.Tensor, who: torch.Tensor):
         """Return the audio features, the text features and (mean, log-variance) of the identities."""
@@ -95,9 +99,10 @@ class Generator(nn.Module):
         is_seed[:, : self.num_seed_frames] = 1
         poses: list[torch.Tensor] = []
         for level in range(len(self.level_channels)):
-            known = seed[..., self.level_channels[max(level - 1, 0)]]
-            zeros = seed.new_zeros(batch, free_frames, known.shape[-1])
-            free = poses[-1][:, self.num_seed_frames :] if level else zeros
+            known = seed[..., self.level_channels[level]]
+            free = seed.new_zeros(batch, free_frames, known.shape[-1])
+            if level:
+                free[..., self.places[level - 1]] = poses[-1][:, self.num_seed_frames :]
             stage = self.get_submodule(f"pose_{level + 1}")
             poses.append(stage(torch.cat([known, free], 1), blended[level], is_seed))
         return poses

@@ -133,7 +133,7 @@ class TorchStep:
         return {
             "huber": losses.huber(poses, levels, settings.huber_delta),
             "physical": self._physical(poses[-1]),
-            "style": losses.style(poses[-1], *contrast, settings.huber_delta, settings.style_clip),
+            "style": losses.style(poses[-1], *contrast, settings.style_delta, settings.style_clip),
             "kld": losses.kld(mean, log_variance),
             "contrastive": losses.contrastive(text, features, settings.temperature, settings.negatives),
         }

@@ -90,6 +90,12 @@ def _parser() -> argparse.ArgumentParser:
 
     doctor = commands.add_parser("doctor", help="check devices, versions, memory and data, and time one step")
     doctor.add_argument("--config", metavar="CONFIG", help=f"{_CONFIG} (default: the smallest model)")
+    doctor.add_argument(
+        "--gradients", metavar="CONFIG", help="print the norm of the gradient of each term of the objective instead"
+    )
+    doctor.add_argument(
+        "--checkpoint", nargs="+", default=(), metavar="MODEL", help="with --gradients: runs or models to measure, too"
+    )
     doctor.add_argument("--json", action="store_true", help="print JSON instead of text")
     doctor.set_defaults(run=_doctor)
 
@@ -135,8 +141,17 @@ def _speakers(arguments: argparse.Namespace) -> None:
 
 def _doctor(arguments: argparse.Namespace) -> int:
     from ha2g_jax import launch
-    from ha2g_jax.train import doctor
+    from ha2g_jax.train import doctor, gradients
 
+    if arguments.gradients and arguments.config:
+        raise UserError("--gradients and --config both name a config; give one of them")
+    if arguments.checkpoint and not arguments.gradients:
+        raise UserError("--checkpoint belongs to --gradients: name a config with --gradients CONFIG")
+    if arguments.gradients:
+        config = launch.load_config(arguments.gradients)
+        result = gradients.measure(config, arguments.checkpoint)
+        print(json.dumps(result, indent=1) if arguments.json else gradients.as_table(result))
+        return 0
     findings = doctor.examine(launch.load_config(arguments.config) if arguments.config else None)
     print(json.dumps(doctor.as_json(findings), indent=1) if arguments.json else doctor.as_text(findings))
     return 0 if doctor.is_well(findings) else 1

@@ -121,6 +121,7 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
 
 keys: tuple[str, ...] = ("dropout",)
 term_names: tuple[str, ...] = ("reconstruction", "velocity", "cosine")
+reconstruction_term = "reconstruction"
 has_parts = False
 
 

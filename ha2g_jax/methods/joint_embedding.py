@@ -176,6 +176,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 
 keys: tuple[str, ...] = ("dropout", "latent", "coin")
 term_names: tuple[str, ...] = ("l1",)
+reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
 encode_identity = no_identity

@@ -80,6 +80,7 @@ class Method(Protocol):
     Attributes:
         keys: names of the random streams of `run`.
         term_names: names of the terms of the objective; "gan" is among them if and only if there is a discriminator.
+        reconstruction_term: name of the term that measures the distance to the true poses.
         has_parts: whether `run` can take the batch in `Compute.num_parts` parts.
     """
 
@@ -88,6 +89,9 @@ class Method(Protocol):
 
     @property
     def term_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def reconstruction_term(self) -> str: ...
 
     @property
     def has_parts(self) -> bool: ...

@@ -237,6 +237,7 @@ def variance(poses: jax.Array) -> jax.Array:
 
 keys: tuple[str, ...] = ("dropout",)
 term_names: tuple[str, ...] = ("mse", "continuity", "variance")
+reconstruction_term = "mse"
 has_parts = False
 init_arguments = speech_arguments
 run = run_generator

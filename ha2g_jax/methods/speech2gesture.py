@@ -223,6 +223,7 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 
 keys: tuple[str, ...] = ("dropout",)
 term_names: tuple[str, ...] = ("gan", "l1")
+reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
 run = run_generator

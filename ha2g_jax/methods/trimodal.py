@@ -16,7 +16,7 @@ from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import apply
-from ha2g_jax.methods.ha2g.losses import huber, smooth_l1
+from ha2g_jax.methods.ha2g.losses import huber, kld, style
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
@@ -80,42 +80,9 @@ class Trimodal(nn.Module):
         return (self.decoder(jnp.concatenate([known, features, styles], axis=-1), train=train),)
 
 
-_STYLE_DELTA = 0.05
-_MIN_STYLE_DISTANCE = 1e-5
-
-
-def style(
-    poses: jax.Array, other_poses: jax.Array, z: jax.Array, other_z: jax.Array, *, clip: float = 1000.0
-) -> jax.Array:
-    """Style diverging loss, the mean over the batch of
-
-        - min(Huber(p(z_1), p(z_2)) / (mean |z_1 - z_2| + 1e-5), epsilon)
-
-    Huber's function over its delta of 0.05, summed over frames and dimensions; HA2G's version divides by the sum of
-    |z_1 - z_2|. `other_poses` and both styles are detached here, so that only the first output moves.
-
-    Args:
-        poses, other_poses: (B, N, pose_dim) outputs for the two styles.
-        z, other_z: (B, 16) the styles.
-        clip: epsilon.
-    """
-    other_poses, z, other_z = jax.lax.stop_gradient((other_poses, z, other_z))
-    distance = jnp.sum(smooth_l1(poses - other_poses, _STYLE_DELTA), axis=(1, 2))
-    style_distance = jnp.mean(jnp.abs(z - other_z), axis=-1)
-    return -jnp.mean(jnp.minimum(distance / (style_distance + _MIN_STYLE_DISTANCE), clip))
-
-
-def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
-    """KL divergence of the styles from N(0, I), the mean over the batch and over the values of a style.
-
-    Args:
-        mean, log_variance: (B, 16) of the Gaussian a style is sampled from.
-    """
-    return -0.5 * jnp.mean(1 + log_variance - mean**2 - jnp.exp(log_variance))
-
-
 keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 term_names: tuple[str, ...] = ("gan", "huber", "style", "kld")
+reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments
 

@@ -22,12 +22,6 @@ def talk(config: Config, size: str) -> None:
     """Adapt a config to the Talk corpus, which is made on first use."""
     config.data.path = "talk"
     config.data.jitter = 9  # windows start every 10 frames; with this, training sees every start
-    # The gestures of words are rare and far from the mean: with a small delta the rest pose has the least loss, and at
-    # the weight of the paper, 0.1, the gradient of Eq. 8 on the fingers exceeds that of the Huber term.
-    config.loss.ha2g.huber_delta = 0.5
-    config.loss.ha2g.weights.physical = 0.01
-    # With the weight 0.1 the sum over 18 values makes the styles collapse to the prior within a few epochs.
-    config.loss.ha2g.weights.kld = 0.005
     if size == "small":
         # When the GAN term (weight 1) started after 10 epochs, the validation Huber term rose from 0.011 to 0.028.
         config.train.warmup_epochs = 100

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import tqdm
 
-from ha2g_jax.train.step import Metrics
+from ha2g_jax.train.terms import Metrics
 from ha2g_jax.train.writers import Writer
 
 _STOP = "stop"

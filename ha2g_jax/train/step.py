@@ -6,6 +6,7 @@ equals the alternation of two separate updates with the same dropout keys at hal
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -18,8 +19,7 @@ from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.forward import discriminate
 from ha2g_jax.methods.method import Batch, Spec, subtract_mean
 from ha2g_jax.train.objective import Objective
-
-Metrics = dict[str, jax.Array]
+from ha2g_jax.train.terms import Metrics, loss_terms, output_gradient, total
 
 
 def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
@@ -54,21 +54,16 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
     Returns:
         The state after the step, and scalars: "loss/<term>" (unweighted), "loss/total" (weighted),
         "grad_norm/generator" (before clipping) and "learning_rate/generator"; with a discriminator also
-        "loss/discriminator", "grad_norm/discriminator" and "learning_rate/discriminator".
+        "loss/discriminator", "grad_norm/discriminator", "learning_rate/discriminator" and "gradient_ratio/gan": the
+        norm of the weighted gradient of the GAN term with respect to the poses of the last level, divided by that of
+        the reconstruction term; 0 during warm-up.
     """
-    spec, compute = objective.spec, objective.compute
-    method, keys = method_of(spec), step_keys(spec, key, state.step)
+    spec = objective.spec
+    keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
     is_warm = state.step >= objective.warmup_steps
 
-    outputs, pull_back, (generator_stats, aux) = jax.vjp(
-        lambda params: method.run(
-            spec, state.generator.variables | {"params": params}, batch, keys, train=True, compute=compute
-        ),
-        state.generator.params,
-        has_aux=True,
-    )
-
+    outputs, pull_back, (generator_stats, aux) = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
         discriminator, discriminator_metrics = _update_discriminator(
@@ -81,17 +76,12 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         )
         discriminator = _where(is_warm, discriminator, state.discriminator)
 
-    def loss(outputs):
-        terms = _terms(objective, discriminator, outputs, aux, targets, keys["gan"], train=True)
-        return _total(objective, terms, is_warm), terms
-
-    (total, terms), cotangent = jax.value_and_grad(loss, has_aux=True)(outputs)
+    cotangent, metrics = output_gradient(objective, discriminator, outputs, aux, targets, keys["gan"], is_warm)
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
     generator = generator.replace(batch_stats=generator_stats)
 
-    metrics = {f"loss/{name}": term for name, term in terms.items()}
-    metrics |= {"loss/total": total, "grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
+    metrics |= {"grad_norm/generator": optax.tree.norm(gradient)} | discriminator_metrics
     is_finite = state.is_finite & jnp.isfinite(jnp.stack(list(metrics.values()))).all()
     average = _move_average(objective, state, generator)
     after = TrainState(state.step + 1, generator, discriminator, average, is_finite)
@@ -115,8 +105,8 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
     spec, keys = objective.spec, step_keys(objective.spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
     outputs, (_, aux) = method_of(spec).run(spec, state.model, batch, keys, train=False, compute=objective.compute)
-    terms = _terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
-    return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": _total(objective, terms, True)}
+    terms = loss_terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
+    return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": total(objective, terms)}
 
 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
@@ -131,33 +121,28 @@ def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Arra
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
 
 
-def _terms(
-    objective: Objective,
-    discriminator: Network | None,
-    outputs: Any,
-    aux: Any,
-    targets: jax.Array,
-    key: jax.Array,
-    *,
-    train: bool,
-) -> dict[str, jax.Array]:
-    """Return the unweighted terms of the method's objective, the adversarial one included where it has one."""
-    spec = objective.spec
-    terms = method_of(spec).terms(spec, objective.settings, outputs, aux, targets)
-    if discriminator is not None:
-        poses, variables = outputs.poses[-1], discriminator.variables
-        fake_logits, _ = discriminate(spec, variables, poses, key, train=train, compute=objective.compute)
-        terms["gan"] = adversarial.gan_generator(fake_logits, kind=objective.gan)
-    return terms
+def run_generator(
+    objective: Objective, generator: Network, batch: Batch, keys: dict[str, jax.Array]
+) -> tuple[Any, Callable[[Any], tuple[Any]], tuple[Any, Any]]:
+    """Run the generator in training mode, ready to be differentiated.
 
+    Args:
+        objective: static.
+        generator: network whose parameters the result is differentiated by.
+        batch: arrays as in `train_step`.
+        keys: keys of `step_keys`.
 
-def _total(objective: Objective, terms: dict[str, jax.Array], is_warm: jax.Array | bool) -> jax.Array:
-    weights: dict[str, float | jax.Array] = dict(objective.weights)
-    if odd := sorted(weights.keys() ^ terms.keys()):
-        raise ValueError(f"`terms` of {objective.spec.method} and its `term_names` differ in {', '.join(odd)}")
-    if "gan" in weights:
-        weights["gan"] = jnp.where(is_warm, weights["gan"], 0.0)
-    return sum((weights[name] * term for name, term in terms.items()), jnp.zeros(()))
+    Returns:
+        (outputs, pull_back, (batch statistics after the run, aux)) with outputs and aux as of `Method.run`; `pull_back`
+        takes the gradient with respect to the outputs to (the gradient with respect to the parameters,).
+    """
+    spec, compute = objective.spec, objective.compute
+
+    def run(params: Any) -> tuple[Any, Any]:
+        variables = generator.variables | {"params": params}
+        return method_of(spec).run(spec, variables, batch, keys, train=True, compute=compute)
+
+    return jax.vjp(run, generator.params, has_aux=True)
 
 
 def _update_discriminator(

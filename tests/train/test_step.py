@@ -104,7 +104,7 @@ def test_terms_are_those_that_have_weights(objective, state, batch):
     names |= {
         f"{name}/{network}" for name in ("grad_norm", "learning_rate") for network in ("generator", "discriminator")
     }
-    assert metrics.keys() == names
+    assert metrics.keys() == names | {"gradient_ratio/gan"}
     assert {value.shape for value in metrics.values()} == {()}
 
 

@@ -6,14 +6,17 @@ number of frames of a window, and H the number of levels of the motion hierarchy
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 AUDIO_LEVELS = ("low", "mid", "high")
 
-# Angles of rigid parts hardly vary; the smallest variance in TED-Expressive is 2.6e-5.
-_MIN_ANGLE_VARIANCE = 1e-5
+# D13: a pair of bones is rigid if the standard deviation of its angle in the training split is less than 2 degrees. In
+# TED-Expressive these are 10 of the 41 pairs, bones of the palms and of the head, with 0.9 to 1.8 degrees; the next has
+# 2.8 degrees.
+_RIGID_VARIANCE = (2 / 180) ** 2
 # Norm below which a feature counts as zero: its cosine fades to 0 and its gradient stays below 1000.
 _MIN_FEATURE_NORM = 1e-3
 # Number of candidates of the contrastive term in one block, which bounds its memory to B N x 1024 values.
@@ -22,14 +25,14 @@ _MIN_STYLE_DISTANCE = 1e-5
 
 
 def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta: float = 0.1) -> jax.Array:
-    """Return the reconstruction loss (Eq. 5), the mean over levels, frames and dimensions of
+    """Return the reconstruction loss (Eq. 5), the sum over levels of the mean over frames and dimensions of
 
         h(x) = x^2 / (2 delta)  for |x| <= delta
                |x| - delta / 2  otherwise
 
     Each level counts equally, whatever its number of dimensions. D8: delta is 0.1, and the line has slope 1 (Huber's
-    function divided by delta, also called smooth L1). With the scale of Huber's function and a weight of 200, this term
-    would be weaker than the physical one (Eq. 8), which would then keep every joint at its mean angle.
+    function divided by delta, also called smooth L1). D14: the levels are added and not averaged, so that a weight is
+    that of one level, as in the public code, and the last level alone is fitted as strictly with 3 levels as with 6.
 
     Args:
         predictions, targets: H arrays (B, N, d^h) of mean-subtracted direction vectors.
@@ -39,7 +42,7 @@ def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta:
         () loss.
     """
     levels = [jnp.mean(smooth_l1(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
-    return jnp.mean(jnp.stack(levels))
+    return jnp.sum(jnp.stack(levels))
 
 
 def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Array:
@@ -47,19 +50,28 @@ def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Arr
 
         - sum_j log N(theta_j; mu_j, sigma_j^2)
 
-    including the normalising constant, so that the value may be negative.
+    over the pairs j that move, including the normalising constant, so that the value may be negative. D13: rigid pairs
+    are left out (`is_rigid`). Divided by a variance near 0, their gradient would be many times that of all other terms,
+    and the Huber term fits their bones anyway.
 
     Args:
         angles: (B, N, pairs) angles of restored poses in units of pi (`skeleton.joint_angles` / pi).
-        mean, variance: (pairs,) statistics in the same unit; a variance below 1e-5 is replaced by 1e-5.
+        mean, variance: (pairs,) statistics of the training split in the same unit.
 
     Returns:
-        () loss.
+        () loss; 0 if all pairs are rigid.
     """
-    variance = jnp.maximum(variance, _MIN_ANGLE_VARIANCE)
-    deviation = (angles - mean[None, None]) ** 2 / (2 * variance)[None, None]
-    normaliser = 0.5 * jnp.sum(jnp.log(2 * math.pi * variance))
-    return jnp.mean(jnp.sum(deviation, axis=-1)) + normaliser
+    is_moving = ~is_rigid(variance)
+    variance = jnp.where(is_moving, variance, 1.0)
+    precision = is_moving / variance
+    deviation = 0.5 * jnp.sum((angles - mean[None, None]) ** 2 * precision[None, None], axis=-1)
+    normaliser = 0.5 * jnp.sum(jnp.where(is_moving, jnp.log(2 * math.pi * variance), 0.0))
+    return jnp.mean(deviation) + normaliser
+
+
+def is_rigid(variance: Any) -> Any:
+    """Return for each pair of bones whether its angle, of this variance in units of pi^2, counts as rigid (D13)."""
+    return variance < _RIGID_VARIANCE
 
 
 def style(
@@ -68,17 +80,17 @@ def style(
     f_id: jax.Array,
     other_f_id: jax.Array,
     *,
-    delta: float = 0.1,
+    delta: float = 0.05,
     clip: float = 1000.0,
 ) -> jax.Array:
     """Return the style diverging loss (Eq. 7), the mean over the batch of
 
         - min(Huber(p(f_1), p(f_2)) / ||f_1 - f_2||_1, epsilon)
 
-    Both distances are sums, over frames and dimensions and over the 18 values of the style: with means the ratio would
-    be a few hundred times smaller, and neither the ratio nor epsilon = 1000 would have an effect. No gradient passes
-    through `other_poses` and the styles. If both the styles and the outputs are equal, ratio and gradient are zero; if
-    only the styles are equal, the ratio is clipped.
+    D15: the scale is that of the public code. Huber's function, divided by delta as in `huber`, is summed over frames
+    and dimensions; the distance of the styles is the mean over their values, which makes the term 18 times stronger
+    than their sum. No gradient passes through `other_poses` and the styles. If both the styles and the outputs are
+    equal, ratio and gradient are zero; if only the styles are equal, the ratio is clipped.
 
     Args:
         poses, other_poses: (B, N, pose_dim) outputs for the two styles.
@@ -91,12 +103,17 @@ def style(
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
     distance = jnp.sum(smooth_l1(poses - other_poses, delta), axis=(1, 2))
-    identity_distance = jnp.sum(jnp.abs(f_id - other_f_id), axis=-1)
+    identity_distance = jnp.mean(jnp.abs(f_id - other_f_id), axis=-1)
     return -jnp.mean(jnp.minimum(distance / (identity_distance + _MIN_STYLE_DISTANCE), clip))
 
 
 def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
-    """Return the KL divergence of the styles from N(0, I), -1/2 sum(1 + log s^2 - m^2 - s^2), the mean over the batch.
+    """Return the KL divergence of the styles from N(0, I), the mean over the batch and the values of a style of
+
+        -1/2 (1 + log s^2 - m^2 - s^2)
+
+    D16: the mean over the values, as in the public code, which the weight of 0.1 belongs to. With the sum of 18 values
+    at this weight all styles become the prior.
 
     Args:
         mean, log_variance: (B, 18) mean and log-variance of the Gaussians that the styles are drawn from.
@@ -104,7 +121,7 @@ def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
     Returns:
         () loss.
     """
-    return jnp.mean(-0.5 * jnp.sum(1 + log_variance - mean**2 - jnp.exp(log_variance), axis=-1))
+    return jnp.mean(-0.5 * (1 + log_variance - mean**2 - jnp.exp(log_variance)))
 
 
 def contrastive(

@@ -19,12 +19,13 @@ from ha2g_jax.methods.choices import choice, some_of
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
 from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g import losses
-from ha2g_jax.methods.ha2g.model import HA2G
+from ha2g_jax.methods.ha2g.model import HA2G, SEED_LEVELS
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, speech_arguments
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
 keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 term_names: tuple[str, ...] = ("gan", "huber", "physical", "style", "kld", "contrastive")
+reconstruction_term = "huber"
 has_parts = True
 init_arguments = speech_arguments
 
@@ -35,15 +36,17 @@ class LossSettings(NamedTuple):
     """Settings of the terms, `config.loss.ha2g`.
 
     Attributes:
-        huber_delta: where Huber's parabola becomes a line (D8).
+        huber_delta: absolute difference at which Huber's parabola becomes a line (D8).
         temperature: tau of the contrastive term.
         negatives: levels of the audio in the denominator of Eq. 2.
+        style_delta: as `huber_delta`, of the style diverging term (D15).
         style_clip: epsilon of the style diverging term.
     """
 
     huber_delta: float
     temperature: float
     negatives: tuple[str, ...]
+    style_delta: float
     style_clip: float
 
 
@@ -94,6 +97,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         audio_levels=some_of("model.audio.levels", audio.levels, losses.AUDIO_LEVELS),
         is_tied=choice("model.inferer.coordinator", inferer.coordinator, _COORDINATORS) == "tied",
         num_seed_frames=config.data.num_seed_frames,
+        seed_level=choice("model.inferer.seed_level", inferer.seed_level, SEED_LEVELS),
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
@@ -309,7 +313,7 @@ def terms(
     return {
         "huber": losses.huber(outputs.poses, levels, settings.huber_delta),
         "physical": losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
-        "style": losses.style(outputs.poses[-1], *aux, delta=settings.huber_delta, clip=settings.style_clip),
+        "style": losses.style(outputs.poses[-1], *aux, delta=settings.style_delta, clip=settings.style_clip),
         "kld": losses.kld(outputs.mean, outputs.log_variance),
         "contrastive": losses.contrastive(
             outputs.text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives

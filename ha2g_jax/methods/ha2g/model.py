@@ -12,11 +12,15 @@ from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.tcn import TextEncoder
 
+# Whether a stage of the pose inferer sees the seed pose of its own level, or, in older models, of the level below.
+SEED_LEVELS = ("own", "below")
+
 
 class PoseStage(nn.Module):
     """One stage h of the pose inferer (Eq. 4).
 
-    Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output.
+    Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output. In the
+    frames of the seed pose, p^(h-1) is replaced by the seed, see `HA2G.infer`.
 
     Attributes:
         pose_dim: d^h, values of the stage's pose.
@@ -30,7 +34,7 @@ class PoseStage(nn.Module):
 
     @nn.compact
     def __call__(self, previous: jax.Array, audio: jax.Array, is_seed: jax.Array, *, train: bool) -> jax.Array:
-        """Maps p^(h-1) (B, N, d^(h-1)), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
+        """Maps p^(h-1) (B, N, channels), f_a^h (B, N, features) and the seed bit (B, N, 1) to p^h (B, N, d^h)."""
         inputs = jnp.concatenate([previous, audio, is_seed], axis=-1)
         hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(inputs, train=train)
         outputs = jnp.concatenate([hidden, previous, audio], axis=-1)
@@ -76,6 +80,7 @@ class HA2G(nn.Module):
             of them, the last included, where an ablation leaves levels out).
         audio_levels, is_tied: of the style coordinator.
         num_seed_frames: M.
+        seed_level: level of the motion whose seed pose a stage sees, one of `SEED_LEVELS`.
         hidden_dim, layers, dropout: of each stage's GRU.
     """
 
@@ -86,6 +91,7 @@ class HA2G(nn.Module):
     audio_levels: tuple[str, ...] = Features._fields
     is_tied: bool = False
     num_seed_frames: int = 4
+    seed_level: str = "own"
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
@@ -128,6 +134,10 @@ class HA2G(nn.Module):
     ) -> tuple[jax.Array, ...]:
         """Pose inferer, coarse to fine (Eq. 3 and 4).
 
+        Stage h sees p^(h-1) in the frames after the seed pose, and in those of the seed pose the seed. D7: the seed is
+        that of the stage's own level h, so that all of it reaches the poses whatever levels an ablation leaves out;
+        the channels that level h adds to level h - 1 are 0 in the frames after it. For stage 1, p^0 is 0.
+
         Args:
             features: f_low, f_mid, f_high, each (B, N, 32).
             f_id: (B, 18) identity, sampled or the mean.
@@ -138,17 +148,16 @@ class HA2G(nn.Module):
         """
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack(features, axis=1))  # Eq. 3
         batch, num_frames = features[0].shape[:2]
-        num_free = num_frames - self.num_seed_frames
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
 
         poses: list[jax.Array] = []
         for level, stage in enumerate(self.stages):
-            if level:
-                known = seed[..., self.level_channels[level - 1]]
-                free = poses[-1][:, self.num_seed_frames :]
-            else:
-                known = seed[..., self.level_channels[0]]
-                free = jnp.zeros((batch, num_free, known.shape[-1]), known.dtype)
-            previous = jnp.concatenate([known, free], axis=1)
+            below = max(level - 1, 0)
+            channels = self.level_channels[level if self.seed_level == "own" else below]
+            free = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed.dtype)
+            if poses:
+                places = [channels.index(channel) for channel in self.level_channels[below]]
+                free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
+            previous = jnp.concatenate([seed[..., jnp.array(channels)], free], axis=1)
             poses.append(stage(previous, blended[level], is_seed.astype(seed.dtype), train=train))
         return tuple(poses)

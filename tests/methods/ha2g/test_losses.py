@@ -34,10 +34,12 @@ def test_huber_is_a_parabola_inside_and_a_line_outside():
     assert losses.huber([jnp.full((1, 1, 2), -0.3)], target, delta=1.0) == pytest.approx(0.3**2 / 2)
 
 
-def test_huber_counts_each_level_equally():
-    predictions = [jnp.full((2, 3, 1), 0.1), jnp.zeros((2, 3, 9))]
+def test_huber_adds_the_means_of_the_levels():
+    """D14: a level counts as much beside five others as alone, whatever its number of dimensions."""
+    predictions = [jnp.full((2, 3, 1), 0.1), jnp.full((2, 3, 9), 0.1)]
     targets = [jnp.zeros((2, 3, 1)), jnp.zeros((2, 3, 9))]
-    assert losses.huber(predictions, targets) == pytest.approx(0.1 / 2 / 2)
+    assert losses.huber(predictions[:1], targets[:1]) == pytest.approx(0.1 / 2)
+    assert losses.huber(predictions, targets) == pytest.approx(2 * 0.1 / 2)
 
 
 def test_huber_slope_is_continuous_and_bounded():
@@ -55,13 +57,30 @@ def test_physical_is_the_sum_of_gaussian_log_densities():
     assert value == pytest.approx(expected, rel=1e-6)
 
 
+def test_physical_leaves_out_pairs_that_hardly_move():
+    """D13: a standard deviation of 1.9 degrees is rigid, one of 2.1 degrees is not."""
+    angles, mean = jnp.array([[[0.5, 0.4, 0.2]]]), jnp.full(3, 0.3)
+    moving, rigid = (2.1 / 180) ** 2, (1.9 / 180) ** 2
+    variance = jnp.array([rigid, moving, 0.0])
+    value, gradient = jax.value_and_grad(losses.physical)(angles, mean, variance)
+    assert value == pytest.approx(float(losses.physical(angles[..., 1:2], mean[1:2], variance[1:2])), rel=1e-5)
+    np.testing.assert_allclose(gradient[0, 0], [0, (0.4 - 0.3) / moving, 0], rtol=1e-5)
+    assert losses.physical(angles, mean, jnp.zeros(3)) == 0
+
+
+def test_every_rigid_pair_of_ted_is_a_palm_or_the_head():
+    skeleton = load_skeleton("ted_expressive")
+    assert losses.is_rigid(np.asarray(skeleton.angle_variance)).sum() == 10
+    assert not losses.is_rigid(np.asarray(load_skeleton("ted_gesture").angle_variance)).any()
+
+
 def test_physical_gradient_is_finite_at_parallel_opposite_and_zero_bones():
     skeleton = load_skeleton("ted_expressive")
     sign = jnp.where(jnp.arange(skeleton.num_bones) % 2 == 0, 1.0, -1.0)[:, None]
 
     def loss(directions):
         angles = joint_angles(skeleton, directions) / jnp.pi
-        return losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.zeros(len(skeleton.angle_pairs)))
+        return losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance))
 
     for bones in (jnp.ones((skeleton.num_bones, 3)), sign * jnp.ones((1, 3)), jnp.zeros((skeleton.num_bones, 3))):
         value, gradient = jax.value_and_grad(loss)(bones[None, None])
@@ -72,7 +91,7 @@ def test_physical_gradient_is_finite_at_parallel_opposite_and_zero_bones():
 def test_style_is_the_ratio_of_the_two_distances_of_each_sample():
     poses, other = jnp.zeros((2, 2, 3)), jnp.stack([jnp.full((2, 3), 0.05), jnp.full((2, 3), 0.3)])
     f_id, other_f_id = jnp.zeros((2, 4)), jnp.stack([jnp.full(4, 0.5), jnp.full(4, -1.0)])
-    ratios = [6 * 0.05**2 / 0.2 / 2.0, 6 * (0.3 - 0.05) / 4.0]
+    ratios = [6 * 0.05**2 / 0.1 / 0.5, 6 * (0.3 - 0.025) / 1.0]  # D15: sums over the mean of |f_1 - f_2|, delta 0.05
     assert losses.style(poses, other, f_id, other_f_id) == pytest.approx(-np.mean(ratios), rel=1e-4)
     clipped = losses.style(poses, other, f_id, other_f_id, clip=0.01)
     assert clipped == pytest.approx(-0.01, rel=1e-4)
@@ -94,8 +113,8 @@ def test_style_of_identical_identities_is_zero_with_no_gradient():
 def test_kld_is_zero_for_the_prior_and_known_elsewhere():
     zeros = jnp.zeros((2, 18))
     assert losses.kld(zeros, zeros) == 0
-    assert losses.kld(jnp.full((2, 18), 2.0), zeros) == pytest.approx(18 * 2.0)
-    assert losses.kld(zeros, jnp.full((2, 18), 1.0)) == pytest.approx(18 * (math.e - 2) / 2, rel=1e-6)
+    assert losses.kld(jnp.full((2, 18), 2.0), zeros) == pytest.approx(2.0)  # D16: the mean over the 18 values
+    assert losses.kld(zeros, jnp.full((2, 18), 1.0)) == pytest.approx((math.e - 2) / 2, rel=1e-6)
 
 
 def test_contrastive_of_one_frame():

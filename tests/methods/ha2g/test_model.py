@@ -7,10 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ha2g_jax import presets
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.ha2g.model import HA2G
+from ha2g_jax.presets.ablations import POSE_INFERER
 from ha2g_jax.skeleton import load_skeleton
 
 B, N, M = 2, 10, 3
@@ -18,32 +21,33 @@ CHANNELS = ((0, 1, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4, 5))
 POSE_DIM = 6
 
 
-def _model(channels=CHANNELS, num_seed_frames=M, dropout=0.0):
+def _model(channels=CHANNELS, num_seed_frames=M, dropout=0.0, seed_level="own"):
     return HA2G(
         audio=AudioEncoder(blocks=(1, 1, 1, 1), channels=(8, 8, 16, 32), stem_stride=(2, 1)),
         text=TextEncoder(vocabulary_size=5, embedding_dim=4, channels=4),
         identity=SpeakerIdentity(num_speakers=3),
         level_channels=channels,
         num_seed_frames=num_seed_frames,
+        seed_level=seed_level,
         hidden_dim=5,
         layers=2,
         dropout=dropout,
     )
 
 
-def _inputs(num_seed_frames=M):
+def _inputs(num_seed_frames=M, pose_dim=POSE_DIM, feature_dim=4):
     rng = np.random.default_rng(0)
-    features = tuple(rng.normal(size=(B, N, 4)).astype(np.float32) for _ in range(3))
+    features = tuple(rng.normal(size=(B, N, feature_dim)).astype(np.float32) for _ in range(3))
     f_id = rng.normal(size=(B, 18)).astype(np.float32)
-    seed = rng.normal(size=(B, num_seed_frames, POSE_DIM)).astype(np.float32)
+    seed = rng.normal(size=(B, num_seed_frames, pose_dim)).astype(np.float32)
     return features, f_id, seed
 
 
 @functools.cache
-def _inferrer(model, num_seed_frames=M):
+def _inferrer(model, *sizes):
     """Return random variables and `infer`, compiled once for all tests of a model."""
     start = functools.partial(model.init, train=False, method=model.infer)
-    shapes = jax.eval_shape(start, jax.random.key(0), *_inputs(num_seed_frames))
+    shapes = jax.eval_shape(start, jax.random.key(0), *_inputs(*sizes))
     rng = np.random.default_rng(0)
     variables = jax.tree.map(lambda x: rng.uniform(-0.6, 0.6, x.shape).astype(np.float32), shapes)
     return variables, jax.jit(lambda *inputs: model.apply(variables, *inputs, train=False, method=model.infer))
@@ -109,35 +113,50 @@ def test_identity_acts_through_the_blend_only():
         assert not np.allclose(a, b, atol=1e-4)
 
 
-def test_a_stage_is_the_equations(oracles):
-    """p^1 and p^2 from the parts of the model: true seeds, then zeros or the level before; Eq. 3 and 4."""
+@pytest.mark.parametrize("seed_level", ["own", "below"])
+def test_a_stage_is_the_equations(seed_level, oracles):
+    """p^1 to p^3 from the parts of the model: true seeds, then zeros or the level before; Eq. 3 and 4."""
     features, f_id, seed = _inputs()
-    model = _model()
+    model = _model(seed_level=seed_level)
     variables, infer = _infer(model, features, f_id, seed)
     weights = np.asarray(model.apply(variables, f_id, method=model.coordinate))
     is_seed = np.broadcast_to((np.arange(N) < M)[None, :, None], (B, N, 1)).astype(np.float32)
 
-    previous = np.zeros((B, N, 3), np.float32)
-    known = list(CHANNELS[0])
+    whole = np.zeros((B, N, POSE_DIM), np.float32)  # what the levels so far have computed, in the channels of a pose
     for level, poses in enumerate(infer(features, f_id, seed)):
-        previous[:, :M] = seed[..., known]
+        channels = list(CHANNELS[level if seed_level == "own" else max(level - 1, 0)])
+        previous = np.concatenate([seed[..., channels], whole[:, M:, channels]], axis=1)
         audio = np.sum([weights[:, source, level, None, None] * features[source] for source in range(3)], axis=0)
         stage = model.bind(variables).stages[level]
         oracles.assert_close(poses, stage(*map(jnp.asarray, (previous, audio, is_seed)), train=False))
         linear = jax.tree.map(np.asarray, variables["params"][f"pose_{level + 1}"]["linear"])
         assert linear["kernel"].shape == (5 + previous.shape[-1] + 4, len(CHANNELS[level]))
-        previous, known = np.array(poses), list(CHANNELS[level])
+        whole[..., list(CHANNELS[level])] = poses
 
 
-def test_a_level_depends_on_the_seed_of_the_coarser_levels_only():
+def _seed_channels(model, level):
+    """Return the channels of the seed pose that the poses of a level depend on, by the gradient."""
     features, f_id, seed = _inputs()
-    _, infer = _infer(_model(), features, f_id, seed)
-    expected = ([0, 1, 4], [0, 1, 4], [0, 1, 3, 4])
+    _, infer = _infer(model, features, f_id, seed)
     outputs, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed), seed)
-    for level, channels in enumerate(expected):
-        cotangent = tuple(np.asarray(poses) * (index == level) for index, poses in enumerate(outputs))
-        influence = np.abs(np.asarray(pull_back(cotangent)[0])).max(axis=(0, 1))
-        assert np.flatnonzero(influence).tolist() == channels
+    cotangent = tuple(np.asarray(poses) * (index == level) for index, poses in enumerate(outputs))
+    return np.flatnonzero(np.abs(np.asarray(pull_back(cotangent)[0])).max(axis=(0, 1))).tolist()
+
+
+@pytest.mark.parametrize("row", POSE_INFERER)
+def test_every_seed_channel_reaches_the_last_level_in_every_row_of_table_4(row):
+    skeleton = load_skeleton("ted_expressive")
+    spec = ha2g.build(presets.make("talk", "debug", changes=POSE_INFERER[row]), skeleton, 5, 3)
+    sizes = (spec.num_seed_frames, skeleton.pose_dim, 32)
+    features, f_id, seed = _inputs(*sizes)
+    _, infer = _inferrer(spec.generator, *sizes)
+    last, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed)[-1], seed)
+    assert (np.abs(np.asarray(pull_back(last)[0])).max(axis=(0, 1)) > 0).all()
+
+
+def test_an_older_model_sees_the_seed_of_the_coarser_levels_only():
+    model = _model(seed_level="below")
+    assert [_seed_channels(model, level) for level in range(3)] == [[0, 1, 4], [0, 1, 4], [0, 1, 3, 4]]
 
 
 def test_the_seed_reaches_the_last_frame():

@@ -1,0 +1,151 @@
+"""Measure how strongly each term of the objective pulls on a model: the norm of its gradient times its weight.
+
+The terms of Eq. 9 have units of their own, so that neither their values nor their weights say which of them decides
+what is learned. The norms of their gradients do.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.state import TrainState
+from ha2g_jax.config import Config
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.methods.build import method_of
+from ha2g_jax.methods.ha2g.losses import is_rigid
+from ha2g_jax.methods.method import Batch, subtract_mean
+from ha2g_jax.train import inputs
+from ha2g_jax.train.objective import Objective, build_objective, init_state
+from ha2g_jax.train.step import run_generator, step_keys
+from ha2g_jax.train.terms import loss_terms
+
+
+class TermGradients(NamedTuple):
+    """Gradients of the terms for one state of a model, each an array (terms + 1,).
+
+    The terms are in the order of `Objective.weights`; the last value is that of the objective, their weighted sum.
+
+    Attributes:
+        value: the terms, unweighted, and the objective.
+        parameters: weight times the norm of the gradient with respect to all parameters of the generator.
+        output: weight times the norm of the gradient with respect to the poses (B, N, pose_dim) of the last level.
+    """
+
+    value: jax.Array
+    parameters: jax.Array
+    output: jax.Array
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TermGradients:
+    """Compute the gradient of each term in training mode, with the GAN term also during warm-up.
+
+    Args:
+        objective: static.
+        state: networks; none of them is changed.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        key: key of all noise.
+    """
+    keys = step_keys(objective.spec, key, state.step)
+    targets = subtract_mean(objective.spec, batch["directions"])
+    outputs, pull_back, (_, aux) = run_generator(objective, state.generator, batch, keys)
+
+    def terms(outputs: Any) -> jax.Array:
+        values = loss_terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=True)
+        return jnp.stack([values[name] for name, _ in objective.weights])
+
+    def norms(weights: jax.Array) -> tuple[jax.Array, jax.Array]:
+        (cotangent,) = pull_terms(weights)
+        (gradient,) = pull_back(cotangent)
+        return optax.tree.norm(gradient), optax.tree.norm(cotangent.poses[-1])
+
+    values, pull_terms = jax.vjp(terms, outputs)
+    weights = jnp.array([weight for _, weight in objective.weights])
+    # One term after the other, so that memory and compilation are those of one gradient.
+    found = jax.lax.map(norms, jnp.concatenate([jnp.diag(weights), weights[None]]))
+    return TermGradients(jnp.append(values, weights @ values), *found)
+
+
+def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
+    """Measure the gradients of a config on the first training batch of its data.
+
+    Args:
+        config: settings of the run, see `ha2g_jax.config.paper`.
+        sources: runs or model folders whose generators are measured beside that of a new run, with their own networks
+            and the objective and the data of the config. The discriminator is a new one in any case.
+
+    Returns:
+        Plain values: "config", "batch_size", "reconstruction" (name of a term), "rigid_pairs" and "pairs" (numbers of
+        angles), "terms" with a list of {"name", "weight"}, and "models" with {"name", "value", "parameters", "output"}
+        for "new" and each source. The last term is "total".
+
+    Raises:
+        UserError: the data or a source cannot be used, or a source is of another method or for other words or speakers.
+    """
+    corpus = inputs.open_corpus(config)
+    models = [{"name": "new"} | _measure(config, corpus, None)]
+    for source in sources:
+        model = model_folder.load(source)
+        if model.config.method != config.method:
+            raise UserError(f"{source} is a model of {model.config.method}, the config one of {config.method}")
+        own = config.copy_and_resolve_references()
+        with own.unlocked():
+            own.model = model.config.model
+        models.append({"name": source} | _measure(own, corpus, (source, model.variables)))
+    objective = _build(config, corpus)
+    return {
+        "config": config.name,
+        "batch_size": config.train.batch_size,
+        "reconstruction": method_of(objective.spec).reconstruction_term,
+        "rigid_pairs": int(is_rigid(corpus.skeleton.angle_variance).sum()),
+        "pairs": len(corpus.skeleton.angle_pairs),
+        "terms": [{"name": name, "weight": weight} for name, weight in (*objective.weights, ("total", 1.0))],
+        "models": models,
+    }
+
+
+def _build(config: Config, corpus: Corpus) -> Objective:
+    return build_objective(config, corpus.skeleton, len(corpus.vocabulary()), len(corpus.speakers_of(TRAIN)))
+
+
+def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]] | None) -> dict[str, Any]:
+    """Return the fields of `TermGradients` for a new generator, or for that of (name, variables)."""
+    objective, vocabulary = _build(config, corpus), corpus.vocabulary()
+    windows = inputs.open_windows(config, objective.spec, corpus, vocabulary, TRAIN)
+    batch = next(inputs.training_batches(config, windows, 0))
+    key = jax.random.key(config.seed)
+    state = init_state(objective, key, inputs.pretrained(config, objective.spec, vocabulary))
+    if trained is not None:
+        source, variables = trained
+        found, expected = (jax.tree.map(jnp.shape, tree) for tree in (variables, state.generator.variables))
+        if found != expected:
+            raise UserError(f"{source} was trained for other words or speakers than those of {corpus.path}")
+        state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
+    found = term_gradients(objective, state, batch, key)
+    return {field: values.tolist() for field, values in found._asdict().items()}
+
+
+def as_table(result: dict[str, Any]) -> str:
+    """Format the result of `measure` as a table in Markdown, one row for each term."""
+    reference = result["reconstruction"]
+    names = [term["name"] for term in result["terms"]]
+    columns = ["term", "weight"]
+    for model in result["models"]:
+        columns += [f"{model['name']}: value", "gradient", f"of {reference}'s", "at the output"]
+    rows = [columns, ["---", *["--:"] * (len(columns) - 1)]]
+    for place, term in enumerate(result["terms"]):
+        row = [term["name"], f"{term['weight']:g}"]
+        for model in result["models"]:
+            norm, whole = model["parameters"][place], model["parameters"][names.index(reference)]
+            ratio = f"{norm / whole:.3g}" if whole else "-"
+            row += [f"{model['value'][place]:.3g}", f"{norm:.3g}", ratio, f"{model['output'][place]:.3g}"]
+        rows.append(row)
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    note = f"\n\n{result['rigid_pairs']} of {result['pairs']} angles are rigid; the physical term leaves them out."
+    return table + (note if "physical" in names else "")
