@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ha2g_jax.metrics.metric import LIKENESS, MOVEMENT, Metric, Statistic
+from ha2g_jax.metrics.metric import BEATS, LIKENESS, MOVEMENT, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips, ratio
 
 
@@ -89,4 +89,4 @@ L1_DIVERSITY = Metric("l1_diversity", "L1 diversity", "", "higher", LIKENESS, 2,
 ACCELERATION = Metric("acceleration", "acc.", "m/s²", "none", MOVEMENT, 2, _acceleration, is_paired=True)
 ACCELERATION_RATIO = Metric("acceleration_ratio", "acc. / truth", "", "none", MOVEMENT, 2, _over_truth(_acceleration))
 JERK = Metric("jerk", "jerk", "m/s³", "none", MOVEMENT, 1, _jerk, is_paired=True)
-JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", MOVEMENT, 2, _over_truth(_jerk))
+JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_truth(_jerk))

@@ -13,6 +13,7 @@ from ha2g_jax.metrics.beats.angle_change import (
     angle_change_rates,
     mean_angle_change,
 )
+from ha2g_jax.metrics.beats.consistency import beat_consistency, consistency
 from ha2g_jax.metrics.beats.legacy import VARIANTS, legacy_bc, legacy_motion_beats
 from ha2g_jax.metrics.beats.metrics import BEAT_METRICS, NUM_MISMATCHES, clip_counts
 from ha2g_jax.metrics.beats.mismatched import mismatched, partners, with_partners
@@ -65,7 +66,9 @@ __all__ = [
     "angle_change_rate",
     "angle_change_rates",
     "audio_onsets",
+    "beat_consistency",
     "clip_counts",
+    "consistency",
     "deep_minima",
     "detect_onsets",
     "f1",

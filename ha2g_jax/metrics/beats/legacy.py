@@ -14,6 +14,7 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics.beats.angle_change import angle_change_rates
+from ha2g_jax.metrics.beats.consistency import low_samples
 from ha2g_jax.metrics.beats.times import kernel, nearest
 from ha2g_jax.skeleton import Skeleton
 
@@ -82,6 +83,4 @@ def legacy_motion_beats(rate: np.ndarray, threshold: float = THRESHOLD) -> np.nd
         rate: (33,) rates of the changes from frame t - 1 to frame t = 1 to 33.
         threshold: least rise of the rate.
     """
-    before, after = rate[:-2] - rate[1:-1], rate[2:] - rate[1:-1]
-    is_beat = (before > 0) & (after > 0) & ((before >= threshold) | (after >= threshold))
-    return (2 + np.flatnonzero(is_beat)) / FPS
+    return (1 + low_samples(rate, threshold)) / FPS

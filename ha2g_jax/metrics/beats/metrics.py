@@ -8,11 +8,12 @@ import numpy as np
 from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.alignment import Alignment, align
 from ha2g_jax.metrics.beats.angle_change import angle_change_rates, mean_angle_change
+from ha2g_jax.metrics.beats.consistency import consistency
 from ha2g_jax.metrics.beats.mismatched import mismatched
 from ha2g_jax.metrics.beats.stops import make_clips
 from ha2g_jax.metrics.beats.summary import summary
 from ha2g_jax.metrics.metric import BEATS, Metric, Statistic
-from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_by_recording, mean_over_clips
+from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_by_recording, mean_over_clips, ratio_of_sums
 from ha2g_jax.skeleton import directions_to_positions
 
 NUM_MISMATCHES = 5  # other clips whose sound makes the chance level of a clip
@@ -23,12 +24,14 @@ class RowAlignment(NamedTuple):
 
     Attributes:
         own: alignment of n motions with their own sound.
+        paper: the same by the motion beats of the paper, for BC.
         floor: (n,) F with mismatched speech, NaN for a silent clip.
         members: (n,) index of each motion's recording.
         num_recordings: number of recordings of the table.
     """
 
     own: Alignment
+    paper: Alignment
     floor: np.ndarray
     members: np.ndarray
     num_recordings: int
@@ -48,7 +51,8 @@ def row_alignment(row: Row) -> RowAlignment | None:
     own = align(clips)
     floor = mismatched(clips, reference.recordings[numbers], num=NUM_MISMATCHES, seed=reference.seed)
     floor = np.where(own.is_silent, np.nan, floor)
-    return RowAlignment(own, floor, row.members[with_sound], reference.num_recordings)
+    paper = consistency(rates, onsets, reference.fps, first_frame=SEED_FRAMES)
+    return RowAlignment(own, paper, floor, row.members[with_sound], reference.num_recordings)
 
 
 def clip_counts(row: Row) -> dict[str, float]:
@@ -97,6 +101,18 @@ def _rate(is_silent: bool) -> Callable[[Row], Statistic | None]:
     return measure
 
 
+def _beat_consistency(row: Row) -> Statistic | None:
+    """Return BC of a row: a mean over onsets, so that it has sums of its own; None where no clip has an onset."""
+    found = row.once(row_alignment)
+    if found is None or not found.paper.num_onsets.any():
+        return None
+    sums, counts = (
+        np.bincount(found.members, values, found.num_recordings)
+        for values in (found.paper.onset_sum, found.paper.num_onsets)
+    )
+    return ratio_of_sums(sums, counts)
+
+
 def _rest_alignment(row: Row) -> Statistic | None:
     """Return the BEAT alignment of a row; None where no clip has an onset."""
     reference = row.reference
@@ -125,6 +141,7 @@ BEAT_METRICS = (
     Metric("beat_f_mismatched", "F mismatched", "", "none", BEATS, 3, _mean(lambda found: found.floor)),
     Metric("beat_recall", "R", "", "higher", BEATS, 3, _mean(lambda found: found.own.recall)),
     Metric("beat_precision", "Q", "", "higher", BEATS, 3, _mean(lambda found: found.own.precision)),
+    Metric("beat_consistency", "BC", "", "higher", BEATS, 3, _beat_consistency, is_paired=True),
     Metric("beats_per_second", "beats", "/s", "none", BEATS, 2, _rate(is_silent=False)),
     Metric("beats_per_second_in_silence", "silent beats", "/s", "none", BEATS, 2, _rate(is_silent=True)),
     Metric("beat_align", "BEAT alignment", "", "higher", BEATS, 3, _rest_alignment),

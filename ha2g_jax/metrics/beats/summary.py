@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.metrics.beats.alignment import Alignment, align, harmonic_mean
+from ha2g_jax.metrics.beats.consistency import beat_consistency, consistency
 from ha2g_jax.metrics.beats.mismatched import partners, with_partners
 from ha2g_jax.metrics.beats.stops import FIRST_FRAME, make_clips
 from ha2g_jax.metrics.beats.times import SIGMA
@@ -50,12 +51,14 @@ class Sweep(NamedTuple):
 
     Attributes:
         thresholds: (k,) least rises of the angle change rate.
+        consistency: (k,) BC of the paper (Eq. 11), which Figure 3 shows.
         own, mismatched: (k,) mean F over the clips that are not silent, with the own and with mismatched speech.
         beats_per_second: (k,) motion beats per second.
         own_by_clip, mismatched_by_clip: (k, n) F of each clip, for intervals.
     """
 
     thresholds: np.ndarray
+    consistency: np.ndarray
     own: np.ndarray
     mismatched: np.ndarray
     beats_per_second: np.ndarray
@@ -106,7 +109,7 @@ def sweep(
     seed: int = 0,
     sigma: float = SIGMA,
 ) -> Sweep:
-    """Compute F with the own and with mismatched speech for a range of thresholds, as in Figure 3.
+    """Compute BC (Figure 3), and F with the own and with mismatched speech, for a range of thresholds.
 
     Args:
         rates, onsets, fps, first_frame: arguments of `make_clips`.
@@ -114,16 +117,19 @@ def sweep(
         thresholds: (k,) least rises of the angle change rate on both sides of a motion beat.
         sigma: width of the kernel in seconds.
     """
-    others, own, floor, summaries = None, [], [], []
+    others, paper, own, floor, summaries = None, [], [], [], []
     for threshold in thresholds:
         clips = make_clips(rates, onsets, fps, first_frame=first_frame, threshold=threshold)
         others = partners(clips, recordings, num=num, seed=seed) if others is None else others
+        aligned = consistency(rates, onsets, fps, first_frame=first_frame, threshold=threshold, sigma=sigma)
+        paper.append(beat_consistency(aligned))
         alignment = align(clips, sigma=sigma)
         own.append(alignment.f)
         floor.append(np.where(alignment.is_silent, np.nan, with_partners(clips, others, sigma=sigma)))
         summaries.append(summary(alignment, floor[-1]))
     return Sweep(
         thresholds=np.asarray(thresholds),
+        consistency=np.array(paper),
         own=np.array([each.f for each in summaries]),
         mismatched=np.array([each.mismatched for each in summaries]),
         beats_per_second=np.array([each.beats_per_second for each in summaries]),

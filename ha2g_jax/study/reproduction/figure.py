@@ -10,11 +10,12 @@ from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.reproduction.tables import RowScores, markdown, number
 from ha2g_jax.study.reproduction.threshold_chart import Panel, threshold_chart
 
+_CURVES = {"BC": "BC (Eq. 11)", "F": "F with the own speech", "gain": "gain over mismatched speech"}
 _SHOWN = (0.01, 0.03, 0.1, 0.2, 0.3)  # thresholds in the table
 
 
 def chart(scores: RowScores, split: str, title: str) -> str:
-    """Draw an SVG document of F and its gain over mismatched speech by threshold, as means over seeds.
+    """Draw an SVG document of BC, as Figure 3 has it, of F and of its gain by threshold, as means over seeds.
 
     Args:
         scores: name of a row -> seed -> scores.
@@ -22,10 +23,9 @@ def chart(scores: RowScores, split: str, title: str) -> str:
         title: description of the chart.
     """
     curves = _curves(scores, split)
-    panels = (
-        Panel("F with the own speech", {name: own.tolist() for name, (own, _) in curves.items()}),
-        Panel("gain over mismatched speech", {name: gain.tolist() for name, (_, gain) in curves.items()}),
-    )
+    panels = [
+        Panel(title, {name: values[key].tolist() for name, values in curves.items()}) for key, title in _CURVES.items()
+    ]
     return threshold_chart(THRESHOLDS, panels, title)
 
 
@@ -36,24 +36,25 @@ def sweep_table(scores: RowScores, split: str) -> str:
         scores: name of a row -> seed -> scores.
         split: name of the split.
     """
-    lines = [("row", *(f"{name} at {threshold:g}" for name in ("F", "gain") for threshold in _SHOWN))]
+    lines = [("row", *(f"{name} at {threshold:g}" for name in _CURVES for threshold in _SHOWN))]
     places = [THRESHOLDS.index(threshold) for threshold in _SHOWN]
     for name, curves in _curves(scores, split).items():
-        lines.append((name, *(number(float(curve[place])) for curve in curves for place in places)))
+        lines.append((name, *(number(float(curves[key][place])) for key in _CURVES for place in places)))
     return markdown(lines)
 
 
-def _curves(scores: RowScores, split: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return F and gain by threshold for each row, ground truth first."""
-    curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+def _curves(scores: RowScores, split: str) -> dict[str, dict[str, np.ndarray]]:
+    """Return `_CURVES` by threshold for each row, ground truth first."""
+    curves: dict[str, dict[str, np.ndarray]] = {}
     for row, mine in scores.items():
         sweeps = [one["splits"][split]["sweep"] for one in mine.values()]
         for name, key in ((TRUTH, TRUTH), (row, MODEL)):
             if sweeps and name not in curves:
-                own, floor = (
-                    np.array([_numbers(each[key][part]) for each in sweeps]) for part in ("own", "mismatched")
+                paper, own, floor = (
+                    np.array([_numbers(each[key][part]) for each in sweeps]).mean(axis=0)
+                    for part in ("consistency", "own", "mismatched")
                 )
-                curves[name] = own.mean(axis=0), (own - floor).mean(axis=0)
+                curves[name] = {"BC": paper, "F": own, "gain": own - floor}
     return curves
 
 

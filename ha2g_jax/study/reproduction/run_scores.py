@@ -74,7 +74,7 @@ def _draws(rows: Rows) -> dict[str, list[float | None]]:
 
 
 def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
-    """Return F of the model and of ground truth with the own and with mismatched speech, by threshold (Figure 3)."""
+    """Return BC of the model and of ground truth, and F with the own and with mismatched speech, by threshold."""
     reference = rows.reference
     change = beats.mean_angle_change(reference.skeleton, reference.training)
 
@@ -89,7 +89,8 @@ def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
             first_frame=SEED_FRAMES,
             seed=_SEED,
         )
-        return {"own": _numbers(found.own), "mismatched": _numbers(found.mismatched)}
+        curves = {"consistency": found.consistency, "own": found.own, "mismatched": found.mismatched}
+        return {name: _numbers(values) for name, values in curves.items()}
 
     return {name: sweep(rows.rows[name]) for name in (MODEL, TRUTH)}
 

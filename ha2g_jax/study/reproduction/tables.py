@@ -21,14 +21,16 @@ CLAIMED_ON_TALK = {
 _TALK_COLUMNS = {
     "talk.beat_f1": "beat F1",
     "talk.beat_f1_gain": "beat F1 gain",
+    "talk.strokes_per_second": "strokes/s",
     "talk.semantic_recall": "semantic recall",
     "talk.floor": "its floor",
     "talk.above_floor": "above the floor",
     "talk.style_amplitude": "amplitude r",
     "talk.style_handedness": "handedness r",
 }
-SHOWN = ("fgd", "fgd_seeded", "beat_gain", "beat_f", "beats_per_second", "diversity_l1")
-_HEAD = ("row", "FGD, paper", "FGD", "BC, paper", "beat gain", "beat F", "beats/s")
+SHOWN = ("fgd", "fgd_seeded", "beat_consistency", "beat_gain", "beat_f", "beats_per_second", "jerk_ratio")
+SHOWN += ("diversity_l1",)
+_HEAD = ("row", "FGD, paper", "FGD", "BC, paper", "BC", "beat gain", "beat F", "beats/s", "jerk / truth")
 _HEAD += ("Diversity, paper", "Diversity (L1)", "seeds")
 _TALK_FLOORS = {"teacher": "teacher (ceiling)", "mean pose": "mean pose", "mismatched speech": "mismatched speech"}
 _LEGACY = {"legacy_fgd": "FGD", "legacy_bc_paper": "BC paper", "legacy_bc_fixed": "BC fixed"}
@@ -67,9 +69,11 @@ def _main_line(row: Row, scores: Mapping[int, Scores], split: str, key: str, see
         number(published.fgd),
         ours("fgd"),
         number(published.beat_consistency),
+        ours("beat_consistency"),
         ours("beat_gain"),
         ours("beat_f"),
         ours("beats_per_second"),
+        ours("jerk_ratio"),
         number(published.diversity),
         ours("diversity_l1"),
         seeds,
@@ -97,7 +101,7 @@ def talk_table(table: Table, scores: RowScores, split: str) -> str:
     for key, name in _TALK_FLOORS.items():
         mine = performed if key == "mismatched speech" else _any_row(scores)
         cells = [_text(cell(mine, split, metric, key)) for metric in _TALK_COLUMNS if "floor" not in metric]
-        lines.append((f"*{name}*", *cells[:3], "", "", *cells[3:]))
+        lines.append((f"*{name}*", *cells[:4], "", "", *cells[4:]))
     return markdown(lines)
 
 

@@ -151,9 +151,12 @@ def test_a_metric_that_a_sanity_row_wins_is_flagged(results):
 
 def test_beats_far_too_often_are_flagged():
     rows = {name: {"beats_per_second": {"value": 1.0}} for name in ("busy", "fine", *SANITY_ROWS)}
-    rows["busy"] = {"beats_per_second": {"value": 2.1}}
-    (flag,) = flags(rows, ["busy", "fine"])
-    assert flag.startswith("busy: 2.10 beats/s")
+    rows["busy"] = {"beats_per_second": {"value": 1.31}, "jerk_ratio": {"value": 4.6}}
+    rows["lazy"] = {"beats_per_second": {"value": 0.49}}
+    assert flags(rows, ["busy", "fine", "lazy"]) == [
+        "busy: 1.31 beats/s, ground truth 1.00, and 4.6 times its jerk: its F and BC are those of dense beats",
+        "lazy: 0.49 beats/s, ground truth 1.00: far fewer, whatever the F",
+    ]
 
 
 def test_the_same_seed_gives_the_same_results(results, skeleton, perform, reference, features):

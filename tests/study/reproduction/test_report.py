@@ -39,7 +39,10 @@ def _scores(fgd, recall, gain=0.2):
         },
         "talk": {"rows": known},
         "draws": {"model": [30.0, 30.3], "ground truth": [40.0, 40.2]},
-        "sweep": {name: {"own": [0.5] * 29 + [None], "mismatched": [0.4] * 30} for name in ("model", "ground truth")},
+        "sweep": {
+            name: {"consistency": [0.6] * 30, "own": [0.5] * 29 + [None], "mismatched": [0.4] * 30}
+            for name in ("model", "ground truth")
+        },
     }
     return {"autoencoder": "cafe", "splits": {"test": split}}
 
@@ -73,10 +76,10 @@ def _cells(report, row, heading="## Split test"):
 
 def test_the_paper_s_numbers_stand_beside_ours():
     cells = _cells(as_markdown(_results()), "Trimodal")
-    assert cells[1] == "12.61" and cells[3] == "0.592" and cells[7] == "154.1" and cells[9] == "3"
+    assert cells[1] == "12.61" and cells[3] == "0.592" and cells[9] == "154.1" and cells[11] == "3"
     # 3.02 with a t interval of 4.3027 x 0.02 / sqrt(3), and the mean of the intervals over clips.
     assert cells[2] == "3.020 [2.970, 3.070] (2.920, 3.120)"
-    assert cells[4] == "0.200 [0.200, 0.200] (0.100, 0.300)"
+    assert cells[5] == "0.200 [0.200, 0.200] (0.100, 0.300)"
     assert _cells(as_markdown(_results()), "Ground Truth")[1:3] == ["0.000", "0.000 (-0.100, 0.100)"]
     assert _cells(as_markdown(_results()), r"*white jitter*")[1:3] == ["", "99.00 (98.90, 99.10)"]
 
@@ -100,10 +103,10 @@ def test_comparable_rows_are_not_claimed_to_be_behind():
 def test_known_causes_are_only_talk_s():
     report = as_markdown(_results())
     cells = _cells(report, "HA2G", "### Against the known causes")
-    assert cells[3].startswith("0.300") and cells[4].startswith("0.120") and cells[5].startswith("0.180")
-    assert cells[6] == "-"
+    assert cells[4].startswith("0.300") and cells[5].startswith("0.120") and cells[6].startswith("0.180")
+    assert cells[7] == "-"
     ceiling = _cells(report, r"*teacher (ceiling)*", "### Against the known causes")
-    assert len(ceiling) == len(cells) and ceiling[1].startswith("0.900") and ceiling[3].startswith("0.800")
+    assert len(ceiling) == len(cells) and ceiling[1].startswith("0.900") and ceiling[4].startswith("0.800")
     assert "- Trimodal: above the floors (0.180" in report
     other = as_markdown(_results(data="bvh"))
     assert "known causes" not in other and "semantic" not in other and "testbed" not in other
@@ -151,7 +154,7 @@ def test_failures_and_missing_rows_leave_the_rest():
     scores = {name: mine for name, mine in results.scores.items() if name != "HA2G"}
     report = as_markdown(results._replace(scores=scores, failures={"HA2G": dict.fromkeys(range(3), "no memory")}))
     assert "- HA2G, seed 1: failed: no memory" in report
-    assert _cells(report, "HA2G")[2] == "-" and _cells(report, "HA2G")[9] == "0, 3 failed"
+    assert _cells(report, "HA2G")[2] == "-" and _cells(report, "HA2G")[11] == "0, 3 failed"
     assert "| HA2G ahead of Trimodal | FGD | -7.307 | - | 0 | **undecided** |" in report
     nothing = as_markdown(results._replace(scores={}, failures={"HA2G": {0: "no memory"}}))
     assert "no memory" in nothing and "## Split" not in nothing
@@ -167,11 +170,11 @@ def test_draws_stand_beside_the_paper_s():
 
 def test_the_figure_has_a_chart_and_a_table():
     results = _results("figure3")
-    assert figure(results).count("<polyline") == 2 * 6
+    assert figure(results).count("<polyline") == 3 * 6
     report = as_markdown(results, "figure3.svg")
     assert "](figure3.svg)" in report
     cells = _cells(report, "HA2G")
-    assert cells[1] == "0.500" and cells[6] == "0.100" and cells[5] == "-" == cells[10]
+    assert (cells[1], cells[6], cells[11]) == ("0.600", "0.500", "0.100") and cells[10] == "-" == cells[15]
 
 
 def test_legacy_scores_are_separate():
