@@ -10,6 +10,8 @@ from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.whisper import WhisperEncoder
 
 _POSITIONS_PER_SECOND = ASR_COLUMNS_PER_SECOND / 2
+_POINTS = 4  # in a frame, closer together than positions at any rate from 15 to 30 fps
+_EPSILON = 1e-5
 
 
 def feature_blocks(layers: int) -> tuple[int, int, int]:
@@ -18,7 +20,10 @@ def feature_blocks(layers: int) -> tuple[int, int, int]:
 
 
 def resample(x: jax.Array, num_frames: int, fps: float) -> jax.Array:
-    """Return features at the middle of each frame, linear between the two nearest positions.
+    """Return the mean of features over each frame.
+
+    The mean is over four points, each linear between the two nearest positions, so that every position of the window
+    counts. Features at the middle of the frames alone would be aliased: a frame at 15 fps has 3.3 positions.
 
     Args:
         x: (B, positions, channels), 50 positions a second, the first at time 0.
@@ -26,24 +31,27 @@ def resample(x: jax.Array, num_frames: int, fps: float) -> jax.Array:
         fps: frames per second; the middle of frame n is at (n + 0.5) / fps.
 
     Returns:
-        (B, num_frames, channels).
+        (B, num_frames, channels), values of the middle of each frame if the features are linear in time.
 
     Raises:
         ValueError: the middle of the last frame lies past the last position.
     """
-    places = frame_centres(num_frames, fps) * _POSITIONS_PER_SECOND
-    if places[-1] >= x.shape[1] - 1:
+    if frame_centres(num_frames, fps)[-1] * _POSITIONS_PER_SECOND >= x.shape[1] - 1:
         raise ValueError(
             f"{x.shape[1]} positions are {x.shape[1] / _POSITIONS_PER_SECOND:.2f} s; expected enough for {num_frames} "
             f"frames at {fps} fps, {num_frames / fps:.2f} s"
         )
-    return interpolate(x, places, axis=1)
+    points = frame_centres(num_frames * _POINTS, fps * _POINTS) * _POSITIONS_PER_SECOND
+    values = interpolate(x, points, axis=1)
+    return values.reshape(len(x), num_frames, _POINTS, x.shape[-1]).mean(axis=2)
 
 
 class AsrAudioEncoder(nn.Module):
     """Encoder of a window of Whisper's log-mel to low, middle and high features of each frame (D5).
 
-    Whisper's own parameters are frozen: no gradient reaches them. What is trained is one linear map of each level.
+    Whisper's own parameters are frozen: no gradient reaches them. What is trained is one linear map of each level. The
+    features of a block are normalised over their channels, because a few channels of Whisper's residual stream are so
+    much larger than the others that a linear map would see them alone.
 
     Attributes:
         whisper: the encoder, whose parameters come from `methods.whisper_weights`.
@@ -68,6 +76,7 @@ class AsrAudioEncoder(nn.Module):
         blocks = jax.lax.stop_gradient(self.whisper(asr_mel))
         levels = []
         for name, block in zip(Features._fields, feature_blocks(self.whisper.layers), strict=True):
-            x = resample(blocks[block], self.num_frames, self.fps)
+            norm = nn.LayerNorm(epsilon=_EPSILON, use_bias=False, use_scale=False, use_fast_variance=False)
+            x = resample(norm(blocks[block]), self.num_frames, self.fps)
             levels.append(nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name=name)(x))
         return Features(*levels)
