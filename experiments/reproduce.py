@@ -6,6 +6,7 @@
 
 TABLE is table1, table3, table4, table11, table12, figure3 or gesture_ablation. Each row and seed is a run of its own in
 WORKDIR, which all tables use; finished runs are not trained again, and the same command continues an interrupted one.
+table5 and table10 are statistics of the data, for which nothing is trained.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from ha2g_jax import config as configs
 from ha2g_jax import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import stop_signals
+from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES
 from ha2g_jax.study.reproduction.jobs import Perform, Stopped, perform_in_process
 from ha2g_jax.study.reproduction.paper_tables import TABLES
 from ha2g_jax.study.reproduction.plan import Request, parse_changes, parse_seeds
@@ -80,7 +82,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    parser.add_argument("table", choices=TABLES, metavar="TABLE", help=", ".join(TABLES))
+    names = (*TABLES, *CORPUS_TABLES)
+    parser.add_argument("table", choices=names, metavar="TABLE", help=", ".join(names))
     parser.add_argument("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
     parser.add_argument("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
     parser.add_argument("--size", default="small", choices=configs.SIZES, help="size of the models (default: small)")

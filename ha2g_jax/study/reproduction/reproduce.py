@@ -19,6 +19,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction import paper_tables
+from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
 from ha2g_jax.study.reproduction.jobs import Perform, duration, last_step, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import (
     Plan,
@@ -42,6 +43,8 @@ def reproduce(
 ) -> bool:
     """Train and score the missing runs of a table and write its report, for Figure 3 with an SVG beside it.
 
+    Tables 5 and 10 are statistics of the corpus, for which nothing is trained.
+
     Args:
         request: request of the user.
         out: Markdown file of the report.
@@ -57,6 +60,11 @@ def reproduce(
         Stopped: a signal came.
     """
     start = time.monotonic()
+    if request.table in CORPUS_TABLES:
+        report = corpus_report(request.table, corpus_path(request), command)
+        with whole_file(out) as path:
+            path.write_text(report)
+        return True
     paper_tables.table(request.table, request.data)  # before a corpus is made
     folder = corpus_path(request)
     corpus = Corpus.open(folder)
