@@ -87,6 +87,7 @@ def paper(skeleton: str) -> Config:
     config.loss.ha2g.weights = ml_collections.ConfigDict(  # those of the paper, but for "physical" (0.1, D18)
         {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
     )
+    config.loss.ha2g.version = 2  # of the scales of the terms, docs/objective.md; runs of version 1 cannot be continued
     config.loss.ha2g.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
     config.loss.ha2g.huber_delta = 0.1  # D8; the weight of the Huber term is that of one level of the motion, D14
     config.loss.ha2g.temperature = 0.07

@@ -89,6 +89,8 @@ def with_new_names(values: dict[str, Any]) -> tuple[dict[str, Any], list[tuple[s
             part = part.setdefault(name, {})
         part[last] = value
         renamed.append((old, new))
+    if "ha2g" in values.get("loss", {}):
+        values["loss"]["ha2g"].setdefault("version", 1)
     return values, renamed
 
 

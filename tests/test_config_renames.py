@@ -3,10 +3,14 @@
 import json
 
 import ml_collections
+import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax import config_renames, launch, presets
 from ha2g_jax.checkpoint.model_folder import config_to_json
+from ha2g_jax.errors import UserError
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train.objective import build_objective
 
 # A config as the version before stored it, less what has kept its name.
 OLD = {
@@ -30,6 +34,20 @@ def test_a_stored_config_has_its_settings_under_their_new_names():
     assert (dict(loss.weights), loss.gan, loss.huber_delta, loss.negatives) == ({"gan": 2.0}, "minimax", 0.3, ("high",))
     assert config.train.steps == 7 and "weights" not in config.loss and "width" not in config.model.identity
     assert OLD["loss"]["weights"] == {"gan": 2.0}  # left as it was
+
+
+def test_an_older_model_keeps_the_seed_poses_it_was_trained_with():
+    assert configs.from_json(OLD).model.inferer.seed_level == "below"
+    stored = config_to_json(presets.make("talk", "debug"))
+    assert configs.from_json(stored).model.inferer.seed_level == "own"
+
+
+def test_a_run_of_the_older_objective_cannot_be_continued():
+    stored = presets.make("talk", "debug").to_dict()
+    del stored["loss"]["ha2g"]["version"], stored["loss"]["ha2g"]["style_delta"]
+    config = configs.from_json(stored)
+    with pytest.raises(UserError, match=r"loss\.ha2g\.version is 1, expected 2.*start a new run"):
+        build_objective(config, load_skeleton(config.skeleton), 5, 3)
 
 
 def test_settings_that_a_baseline_never_read_are_left_out():

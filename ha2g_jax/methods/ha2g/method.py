@@ -30,6 +30,7 @@ has_parts = True
 init_arguments = speech_arguments
 
 _COORDINATORS = ("levels", "tied")
+_LOSS_VERSION = 2  # before D13 to D16, the terms had other scales
 
 
 class LossSettings(NamedTuple):
@@ -297,10 +298,16 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
     """Return the numbers and choices of the terms; see `Method.loss_settings`.
 
     Raises:
-        UserError: negatives of an unknown level.
+        UserError: negatives of an unknown level, or settings of terms that had other scales.
     """
-    negatives = some_of("loss.ha2g.negatives", settings["negatives"], losses.AUDIO_LEVELS)
-    return LossSettings(**{**settings, "negatives": negatives})
+    values = dict(settings)
+    if (version := values.pop("version")) != _LOSS_VERSION:
+        raise UserError(
+            f"config.loss.ha2g.version is {version}, expected {_LOSS_VERSION}: the terms have other scales now "
+            "(docs/objective.md), so start a new run"
+        )
+    values["negatives"] = some_of("loss.ha2g.negatives", values["negatives"], losses.AUDIO_LEVELS)
+    return LossSettings(**values)
 
 
 def terms(
