@@ -18,14 +18,18 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
     "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
 )
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+# librosa is compiled by numba; a folder of its own keeps what is not optimised out of the installation of the user.
+os.environ["NUMBA_OPT"] = "0"
+os.environ["NUMBA_CACHE_DIR"] = str(pathlib.Path(__file__).parent.parent / ".cache" / "numba")
 
 import jax
 import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 
-# Folders and files whose tests compile whole steps. They run first, so that at the end two workers share what is quick.
-SLOW = ("train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "data/video", "study")
+# Folders and files whose tests wait long for other processes, then those that compile whole steps. They run first, so
+# that one worker computes while another waits, and at the end two workers share what is quick.
+SLOW = ("data/video", "train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "study")
 
 pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
 
