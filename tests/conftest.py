@@ -5,6 +5,7 @@ code generator of XLA, which takes a quarter of the time, and what was compiled 
 are variables of the environment, so that processes that tests start, notebooks among them, have them as well.
 """
 
+import functools
 import gc
 import os
 import pathlib
@@ -56,6 +57,16 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shapes_once():
+    """Trace equal networks once for their shapes: it takes half a second for each model that a test reads."""
+    from ha2g_jax.checkpoint import model_folder
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_folder, "variable_shapes", functools.cache(model_folder.variable_shapes))
+        yield
 
 
 @pytest.fixture(scope="session")
