@@ -10,6 +10,7 @@ import gc
 import os
 import pathlib
 import signal
+import sys
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["XLA_FLAGS"] = (
@@ -35,6 +36,10 @@ SLOW = ("data/video", "train", "methods", "test_baselines.py", "test_extending.p
 pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Bytecode is kept even where the environment says otherwise, as on many servers: the tests start a hundred processes.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 gc.disable()  # until all tests are imported, see `pytest_collection_finish`
 
