@@ -5,10 +5,12 @@ code generator of XLA, which takes a quarter of the time, and what was compiled 
 are variables of the environment, so that processes that tests start, notebooks among them, have them as well.
 """
 
+import functools
 import gc
 import os
 import pathlib
 import signal
+import sys
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["XLA_FLAGS"] = (
@@ -18,18 +20,26 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
     "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
 )
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+# librosa is compiled by numba; a folder of its own keeps what is not optimised out of the installation of the user.
+os.environ["NUMBA_OPT"] = "0"
+os.environ["NUMBA_CACHE_DIR"] = str(pathlib.Path(__file__).parent.parent / ".cache" / "numba")
 
 import jax
 import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 
-# Folders and files whose tests compile whole steps. They run first, so that at the end two workers share what is quick.
-SLOW = ("train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "data/video", "study")
+# Folders and files whose tests wait long for other processes, then those that compile whole steps. They run first, so
+# that one worker computes while another waits, and at the end two workers share what is quick.
+SLOW = ("data/video", "train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "study")
 
 pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Bytecode is kept even where the environment says otherwise, as on many servers: the tests start a hundred processes.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 gc.disable()  # until all tests are imported, see `pytest_collection_finish`
 
@@ -52,6 +62,16 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shapes_once():
+    """Trace equal networks once for their shapes: it takes half a second for each model that a test reads."""
+    from ha2g_jax.checkpoint import model_folder
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_folder, "variable_shapes", functools.cache(model_folder.variable_shapes))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -16,8 +16,8 @@ METHODS = ("seq2seq", "speech2gesture", "joint_embedding", "trimodal")
 
 
 def train(method: str, corpus: pathlib.Path, workdir: pathlib.Path) -> None:
-    config = f"{CONFIGS / method}.py:talk:debug"
-    assert cli.main(["train", "--config", config, f"--workdir={workdir}", f"--config.data.path={corpus}"]) == 0
+    command = ["train", "--config", f"{CONFIGS / method}.py:talk:debug", f"--workdir={workdir}"]
+    assert cli.main([*command, f"--config.data.path={corpus}", "--config.train.steps=2"]) == 0
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -117,6 +117,25 @@ def shape(results: dict) -> dict:
     }
 
 
+@pytest.fixture
+def evaluated_once(monkeypatch):
+    """Each input is evaluated once, and its results are shown in all forms."""
+
+    def once(function):
+        found = {}
+
+        def call(*given, **options):
+            if (key := repr((given, options))) not in found:
+                found[key] = function(*given, **options)
+            return found[key]
+
+        return call
+
+    for name in ("evaluate_folders", "evaluate_recording", "evaluate_checkpoint"):
+        monkeypatch.setattr(inputs, name, once(getattr(inputs, name)))
+
+
+@pytest.mark.usefixtures("evaluated_once")
 def test_every_input_has_results_of_one_shape_in_every_form(folders, checkpoint, tiny_talk, tmp_path, capsys):
     """On Talk the known causes are part of them, without an option that switches programmes."""
     mine, true = folders

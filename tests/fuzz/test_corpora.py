@@ -228,12 +228,13 @@ def _of(shape: list[int]) -> dict:
         ({"reference_frames": [b""] * 101}, "101 images of the speaker, expected 100 at most"),
         ({"strokes": [[0, 0, 0, 0, 0, 0, 0]]}, "strokes of a wrong type"),
         ({"recording": 1}, "fields .'recording'|recording of a wrong type|damaged"),
-        ({"audio": _flac_of_hours()}, "3600.00? s of audio"),
+        (lambda: {"audio": _flac_of_hours()}, "3600.00? s of audio"),
         ({"reference_frames": [_png(30_000, 30_000)]}, "30000 x 30000 pixels, expected 4096 x 4096 at most"),
         ({"reference_frames": [_png(4_000, 4_000)] * 7}, "7 images of 4000 x 4000 pixels, expected 100000000 pixels"),
     ],
 )
 def test_a_record_whose_sizes_lie(corpus, change, expected):
+    change = change() if callable(change) else change  # what takes long to make is made where it is needed
     write_records(corpus, "val", [msgpack.packb(FIELDS | change) or b""])
     with within_limits():
         lines = "\n".join(validation.validate(corpus))

@@ -36,7 +36,6 @@ CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
 @pytest.fixture(scope="module", autouse=True)
 def traced_once():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model_folder, "variable_shapes", functools.cache(variable_shapes))
         patch.setattr(whisper_weights, "_parameters", functools.cache(whisper_weights._parameters))
         yield
 

@@ -13,7 +13,7 @@ import tqdm
 from ha2g_jax.data import records, schema
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.talk import grammar, portrait, speech, teacher
+from ha2g_jax.data.talk import grammar, portrait, speech
 from ha2g_jax.data.talk.style import Style, sample_style
 from ha2g_jax.data.talk.voices import Voice, sample_voice
 from ha2g_jax.errors import UserError
@@ -97,6 +97,8 @@ def make_talk(
         UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, or a number
             is beyond its limits.
     """
+    from ha2g_jax.data.talk import teacher  # its import takes a second, which training on a corpus need not wait for
+
     _check(speakers, minutes, seed, fps)
     plans = _plan(speakers, minutes, seed)
     rate = f" --fps {fps}" if fps != FPS else ""
@@ -231,6 +233,8 @@ def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:
 
 def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
     """Make the encoded clips of one recording, in order of time."""
+    from ha2g_jax.data.talk import teacher
+
     speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))
     length, stride = (records.frames_at(frames, fps) for frames in (records.WINDOW_FRAMES, records.WINDOW_STRIDE))
     style, sentences = plan.speaker.style, grammar.sentences(speech_rng)

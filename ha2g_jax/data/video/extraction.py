@@ -10,7 +10,7 @@ from ha2g_jax.data import transcripts
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.recording import Recording, to_clips
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.data.video import images, overlay, pose, selection, shots, smoothing
+from ha2g_jax.data.video import images, overlay, pose, selection, shots
 from ha2g_jax.data.video.pose import Poses
 from ha2g_jax.data.video.recordings import VideoRecording
 from ha2g_jax.data.video.settings import VideoSettings
@@ -120,6 +120,8 @@ def extract(
 
 def _read_shot(video: _Video, start: int, end: int, settings: VideoSettings) -> tuple[Recording | None, str]:
     """Return the recording of images [start, end), or None and the condition that the shot does not fulfil."""
+    from ha2g_jax.data.video import smoothing  # its import takes a second, which a bad video need not wait for
+
     # Images before and after the audio have no speech, and a wrong time in a damaged file must not give many frames.
     with_sound = np.searchsorted(video.times, [0, len(video.audio) / SAMPLE_RATE])
     start, end = max(start, int(with_sound[0])), min(end, int(with_sound[1]))

@@ -20,7 +20,7 @@ from ha2g_jax.data.video import build
 from ha2g_jax.data.video.settings import VideoSettings
 
 if __name__ == "__main__":
-    build.build_video(*{arguments}, settings=VideoSettings.from_json({settings}), workers=1)
+    build.build_video(*{arguments}, settings=VideoSettings.from_json({settings}), workers=1, **{options})
 """
 
 # Starting a cluster forks, which a process that other tests have used JAX in must not.
@@ -34,7 +34,7 @@ if __name__ == "__main__":
     try:
         cluster.add_node(num_cpus=1)
         settings = VideoSettings.from_json({settings})
-        build.build_video(*{arguments}, settings=settings, runner="ray", address=cluster.address)
+        build.build_video(*{arguments}, settings=settings, runner="ray", address=cluster.address, **{options})
     finally:
         cluster.shutdown()
 """
@@ -54,25 +54,29 @@ def settings(pose_command, tmp_path):
     return lambda kind="wave": VideoSettings(pose_command=pose_command(tmp_path / "calls", kind))
 
 
+OPTIONS = {"split": "val", "licence": "mine"}
+
+
 @pytest.fixture(scope="module")
-def expected(videos, pose_command, tmp_path_factory):
-    """The corpus of an undisturbed build."""
+def built(videos, pose_command, tmp_path_factory):
+    """The folder of an undisturbed build, its report and the videos with the skeletons."""
     folder = tmp_path_factory.mktemp("expected")
-    build.build_video([videos], folder / "dst", settings=VideoSettings(pose_command=pose_command(folder / "calls")))
-    return _contents(folder / "dst")
-
-
-def test_videos_become_a_corpus(videos, settings, tmp_path):
+    settings = VideoSettings(pose_command=pose_command(folder / "calls"))
     report = build.build_video(
-        [videos],
-        tmp_path / "dst",
-        settings=settings(),
-        split="val",
-        licence="mine",
-        workers=1,
-        overlay=tmp_path / "seen",
+        [videos], folder / "dst", settings=settings, workers=1, overlay=folder / "seen", **OPTIONS
     )
-    corpus = Corpus.open(tmp_path / "dst")
+    return folder, report
+
+
+@pytest.fixture(scope="module")
+def expected(built):
+    """The corpus of an undisturbed build."""
+    return _contents(built[0] / "dst")
+
+
+def test_videos_become_a_corpus(videos, built):
+    folder, report = built
+    corpus = Corpus.open(folder / "dst")
     assert corpus.splits == ("val",) and report["val"].videos == 2 and report["val"].kept > 0
     clips = corpus.clips("val")[:]
     assert [(clip.id, clip.recording, clip.speaker) for clip in clips] == [
@@ -88,15 +92,15 @@ def test_videos_become_a_corpus(videos, settings, tmp_path):
         "shots": 2,
     }
     assert metadata["video"]["settings"]["min_seconds"] == 5
-    assert str(videos) not in (tmp_path / "dst" / "dataset.json").read_text()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["calls", "dst", "seen"]  # no work folder
-    drawn = {path.relative_to(tmp_path / "seen").as_posix() for path in (tmp_path / "seen").rglob("*.mp4")}
+    assert str(videos) not in (folder / "dst" / "dataset.json").read_text()
+    assert sorted(path.name for path in folder.iterdir()) == ["calls", "dst", "seen"]  # no work folder
+    drawn = {path.relative_to(folder / "seen").as_posix() for path in (folder / "seen").rglob("*.mp4")}
     assert drawn == {"ada/1.mp4", "ben/2.mp4"}
 
 
 def test_a_killed_worker_loses_nothing(videos, settings, expected, tmp_path):
     """Protects a long build from one crash, such as of a process that the system ends for want of memory."""
-    build.build_video([videos], tmp_path / "dst", settings=settings("kill"), workers=2)
+    build.build_video([videos], tmp_path / "dst", settings=settings("kill"), workers=2, **OPTIONS)
     assert (tmp_path / "killed").exists() and _contents(tmp_path / "dst") == expected
     assert sorted(_calls(tmp_path)) == ["1", "2", "2"]
 
@@ -138,7 +142,7 @@ def test_a_killed_build_goes_on_where_it_was(videos, settings, expected, tmp_pat
     process.wait()
     assert not (tmp_path / "dst").exists() and _calls(tmp_path) == ["1", "2"]
     (tmp_path / "calls").unlink()  # and the estimator does not wait twice
-    build.build_video([videos], tmp_path / "dst", settings=settings("wait"), workers=1)
+    build.build_video([videos], tmp_path / "dst", settings=settings("wait"), workers=1, **OPTIONS)
     assert _calls(tmp_path) == ["2"] and _contents(tmp_path / "dst") == expected
 
 
@@ -154,8 +158,8 @@ def test_other_settings_do_the_videos_anew(make_recording, settings, tmp_path):
 
 
 def test_a_build_without_clips_says_why(videos, settings, tmp_path):
-    with pytest.raises(UserError, match=r"no clip is left of 2 videos.*2 shots or clips: still"):
-        build.build_video([videos], tmp_path / "dst", settings=settings("still"))
+    with pytest.raises(UserError, match=r"no clip is left of 1 videos.*1 shots or clips: still"):
+        build.build_video([videos / "ada"], tmp_path / "dst", settings=settings("still"))
     assert [path.name for path in tmp_path.iterdir()] == ["calls"]
 
 
@@ -241,5 +245,5 @@ def _calls(folder: pathlib.Path) -> list[str]:
 def _script(folder: pathlib.Path, text: str, videos: pathlib.Path, settings: VideoSettings) -> pathlib.Path:
     arguments = [[str(videos)], str(folder / "dst")]
     path = folder / "script.py"
-    path.write_text(text.format(arguments=arguments, settings=settings.as_json()))
+    path.write_text(text.format(arguments=arguments, settings=settings.as_json(), options=OPTIONS))
     return path
