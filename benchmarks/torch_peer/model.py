@@ -102,7 +102,7 @@ class Generator(nn.Module):
             known = seed[..., self.level_channels[level]]
             free = seed.new_zeros(batch, free_frames, known.shape[-1])
             if level:
-                free[..., self.places[level - 1]] = poses[-1][:, self.num_seed_frames :]
+                free = free.index_copy(-1, self.places[level - 1], poses[-1][:, self.num_seed_frames :])
             stage = self.get_submodule(f"pose_{level + 1}")
             poses.append(stage(torch.cat([known, free], 1), blended[level], is_seed))
         return poses

@@ -151,6 +151,10 @@ def _join(address: str, **settings: Any) -> None:
     if errors:
         raise errors[0]
     atexit.register(_leave)
+    if jax.default_backend() == "cpu":
+        # A program from the compilation cache sends its messages in another order than one that was just compiled, and
+        # only process 0 finds its programs there.
+        jax.config.update("jax_enable_compilation_cache", False)
     # Connect the devices while all processes are here: on CPUs the first collective fails if one process reaches it
     # 30 s after another, which may happen later, when one has more to compile or to read.
     multihost_utils.sync_global_devices("start of the run")

@@ -31,7 +31,7 @@ def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
 def consistency(
     rates: Sequence[np.ndarray] | np.ndarray,
     onsets: Sequence[np.ndarray],
-    fps: float,
+    fps: float | np.ndarray,
     *,
     first_frame: int = FIRST_FRAME,
     threshold: float = THRESHOLD,
@@ -42,15 +42,15 @@ def consistency(
     Args:
         rates: (T - 1,) angle change rate of each clip, from `angle_change_rates`.
         onsets: (k,) onsets of each clip in seconds from frame 0.
-        fps: frames per second.
+        fps: frames per second, of all clips or (n,).
         first_frame: first frame that is looked at.
         threshold: least rise of the rate to the next frame, on either side of a motion beat.
         sigma: width of the kernel in seconds.
     """
     clips = []
-    for rate, sounds in zip(rates, onsets, strict=True):
-        samples = first_frame + low_samples(rate[first_frame:], threshold)
-        clips.append(Clip((samples + 0.5) / fps, sounds, first_frame / fps, (len(rate) + 1) / fps))
+    for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):
+        samples = first_frame + low_samples(curve[first_frame:], threshold)
+        clips.append(Clip((samples + 0.5) / rate, sounds, first_frame / rate, (len(curve) + 1) / rate))
     return align(clips, sigma=sigma)
 
 
