@@ -19,8 +19,8 @@ def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk, draw_state):
     config.data.path = str(tiny_talk)
     config.train.batch_size = 2
     config.train.update({"steps": 100, "learning_rate": 1e-2, "schedule": "cosine"})
-    # The physical term holds joints at their mean angles, and the Huber term at 2 %; the style term holds the poses away
-    # from those with the other identity, and the Huber term at 5 %.
+    # The physical term holds joints at their mean angles, and the Huber term at 2 %. The style term holds the poses
+    # away from those with the other identity, and the Huber term at 5 %.
     config.loss.ha2g.weights.update({"physical": 0.0, "style": 0.0})
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), corpus.speakers_of(TRAIN)
