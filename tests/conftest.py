@@ -23,8 +23,6 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 # librosa is compiled by numba; a folder of its own keeps what is not optimised out of the installation of the user.
 os.environ["NUMBA_OPT"] = "0"
 os.environ["NUMBA_CACHE_DIR"] = str(pathlib.Path(__file__).parent.parent / ".cache" / "numba")
-# The oneDNN of PyTorch 2.13 writes past its memory in the step of `torch_peer` on some AMD processors with AVX-512.
-os.environ.setdefault("ONEDNN_MAX_CPU_ISA", "AVX2")
 
 import jax
 import pytest
