@@ -20,7 +20,7 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
     "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
 )
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
-# librosa is compiled by numba; a folder of its own keeps what is not optimised out of the installation of the user.
+# numba compiles librosa without optimisation here, and keeps the result apart from that of ordinary use.
 os.environ["NUMBA_OPT"] = "0"
 os.environ["NUMBA_CACHE_DIR"] = str(pathlib.Path(__file__).parent.parent / ".cache" / "numba")
 

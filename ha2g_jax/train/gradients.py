@@ -5,6 +5,7 @@ what is learned. The norms of their gradients do.
 """
 
 import functools
+import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -127,6 +128,7 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
         if found != expected:
             raise UserError(f"{source} was trained for other words or speakers than those of {corpus.path}")
         state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
+    sys.stderr.write("compiling the gradients of the terms, which takes a minute or more\n")
     found = term_gradients(objective, state, batch, key)
     return {field: values.tolist() for field, values in found._asdict().items()}
 

@@ -152,8 +152,8 @@ def _join(address: str, **settings: Any) -> None:
         raise errors[0]
     atexit.register(_leave)
     if jax.default_backend() == "cpu":
-        # A program from the compilation cache sends its messages in another order than one that was just compiled, and
-        # only process 0 finds its programs there.
+        # Only process 0 finds its programs in the compilation cache, and on CPUs the collectives of a program from
+        # there and of one that was just compiled may not match.
         jax.config.update("jax_enable_compilation_cache", False)
     # Connect the devices while all processes are here: on CPUs the first collective fails if one process reaches it
     # 30 s after another, which may happen later, when one has more to compile or to read.
