@@ -25,7 +25,7 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Returns:
         (..., 4) quaternions.
     """
-    (ax, ay, az, aw), (bx, by, bz, bw) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    (ax, ay, az, aw), (bx, by, bz, bw) = ([q[..., k] for k in range(4)] for q in (a, b))
     return np.stack(
         [
             aw * bx + ax * bw + ay * bz - az * by,
@@ -42,11 +42,17 @@ def conjugate(q: np.ndarray) -> np.ndarray:
     return q * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross products of vectors (..., 3), as `np.cross`, which takes longer for few of them."""
+    (ax, ay, az), (bx, by, bz) = ([v[..., k] for k in range(3)] for v in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return vectors v (..., 3) rotated by unit quaternions q (..., 4)."""
     axis, w = q[..., :3], q[..., 3:]
-    twice = 2 * np.cross(axis, v)
-    return v + w * twice + np.cross(axis, twice)
+    twice = 2 * cross(axis, v)
+    return v + w * twice + cross(axis, twice)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -58,7 +64,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 def perpendicular(v: np.ndarray) -> np.ndarray:
     """Return a unit vector at right angles to each of v (..., 3), the cross product with the axis farthest from v."""
     least = np.eye(3)[np.argmin(np.abs(v), axis=-1)]
-    return unit(np.cross(v, least))
+    return unit(cross(v, least))
 
 
 def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -75,7 +81,7 @@ def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     half = u + v
     is_opposite = np.linalg.norm(half, axis=-1, keepdims=True) < 1e-7
     middle = np.where(is_opposite, perpendicular(u), unit(half))
-    return unit(np.concatenate([np.cross(u, middle), np.sum(u * middle, axis=-1, keepdims=True)], axis=-1))
+    return unit(np.concatenate([cross(u, middle), np.sum(u * middle, axis=-1, keepdims=True)], axis=-1))
 
 
 def about(axis: np.ndarray, angle: npt.ArrayLike) -> np.ndarray:
