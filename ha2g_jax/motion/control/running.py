@@ -65,9 +65,9 @@ def check_running(controls: Controls, skeleton: Skeleton) -> None:
 class RunningControls:
     """The controls energy, extent, handedness and mirror, and a mute, of a motion that goes on.
 
-    Energy scales the movement about the mean of the poses so far, in which a pose counts for less after two seconds; in
-    `effects.energy` that mean is centred. The other controls do to a frame what they do in `controls.apply`. Changes are
-    eased over half a second.
+    Energy scales the movement about the mean of the poses so far, an exponential mean with a time constant of two
+    seconds; in `effects.energy` that mean is centred. The other controls do to a frame what they do in
+    `controls.apply`. Changes are eased over half a second.
 
     Args:
         skeleton: skeleton of the motion.
