@@ -188,9 +188,7 @@ class Stream:
         mel = self._mel.window(window_column(start, self.fps), window_columns(spec.num_frames, self.fps))
         if not self._is_ended:
             mel = hide_unheard(mel, start, self._heard() - start, self.fps)
-        for _ in range(self.hop):
-            f_id = self._style_ramp.step(self._f_id)
-        style = np.asarray(f_id, np.float32)
+        style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
         window = np.asarray(
             generate_window(spec, self._variables, {"mel": mel}, style, self._pose, self._key, np.int32(index))
         )
@@ -240,7 +238,7 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     if spec.inputs != ("mel",):
         raise UserError(
             f"{spec.method} reads {', '.join(spec.inputs)}, but a stream has only a mel spectrogram; load a model of "
-            "HA2G or Speech2Gesture"
+            "speech2gesture, or of ha2g with config.model.audio.kind=resnet_se"
         )
     window, overlap = spec.num_frames, spec.num_seed_frames
     if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):

@@ -36,7 +36,7 @@ def test_columns_are_those_of_the_clip(count):
         assert (found[:, :3] == FLOOR_DB).all() and (found[:, -5:] == FLOOR_DB).all()
 
 
-def test_the_last_columns_are_kept(monkeypatch):
+def test_the_last_columns_are_kept():
     samples = _speech(3)
     running = RunningMel(20, _loudest(samples))
     running.add(samples)
