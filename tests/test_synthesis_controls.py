@@ -70,6 +70,7 @@ def test_a_mixture_that_is_none_is_one_line(text):
         ({"style": Style(mixture={"ada": float("nan")})}, "expected numbers from 0 on"),
         ({"style": Style(mixture={})}, "the weights of the style are none"),
         ({"style": Style(mixture={"ada": 1}, speaker="ada")}, "more than one source"),
+        ({"style": Style(values=np.zeros(3))}, "values of shape (3,)"),
         ({"style": {"ada": 1}}, "give a Style, such as Style(speaker='ada')"),
         ({"smoothing": -1}, "expected 0 to 2"),
         ({"controls": Controls(energy=3)}, "expected 0 to 2"),

@@ -23,7 +23,7 @@ a further part of each section. An option that does not apply is an error."""
 
 # The options of each input, beside --seed, --json and --markdown, which all have.
 _OPTIONS = {
-    "--checkpoint with --data": ("checkpoint", "data", "split", "autoencoder", "legacy"),
+    "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
     "--motion with --reference": ("motion", "reference", "skeleton", "joint_map", "autoencoder", "legacy"),
 }
@@ -45,6 +45,12 @@ def add_command(commands: Any) -> None:
         "--split",
         nargs="+",
         help="splits of --data, a section each (default: test and test_unseen_speakers, or val without them)",
+    )
+    model.add_argument(
+        "--look-ahead",
+        type=int,
+        metavar="FRAMES",
+        help="score the motion of a stream that hears this many frames ahead (default: all of the speech)",
     )
     model.add_argument("--speech", type=pathlib.Path, help="a recording of speech, in place of --data")
     folders = command.add_argument_group("folders of motion")
@@ -104,7 +110,8 @@ def run(arguments: argparse.Namespace) -> None:
             results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
         else:
             checkpoint, data = arguments.checkpoint or "demo", arguments.data or "talk"
-            results = inputs.evaluate_checkpoint(checkpoint, data, splits=arguments.split, **options)
+            options |= {"splits": arguments.split, "look_ahead": arguments.look_ahead}
+            results = inputs.evaluate_checkpoint(checkpoint, data, **options)
     if arguments.json:
         print(json.dumps(results, indent=1, allow_nan=False))
     else:

@@ -27,7 +27,14 @@ def model_windows(model: Model) -> Windows:
 
 
 def generate_clip(
-    model: Model, clip: Clip, style: np.ndarray, seed: int, *, start: np.ndarray | None = None, has_words: bool = True
+    model: Model,
+    clip: Clip,
+    style: np.ndarray,
+    seed: int,
+    *,
+    start: np.ndarray | None = None,
+    has_words: bool = True,
+    look_ahead: int | None = None,
 ) -> np.ndarray:
     """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip.
 
@@ -36,9 +43,16 @@ def generate_clip(
         clip: clip with sound and words.
         style: (style_dim,) style of the motion.
         seed: seed of everything that the model draws.
-        start: (seed frames, bones, 3) poses to begin with; drawn by the model by default.
+        start: (seed frames, bones, 3) poses to begin with; drawn by the model by default, and in a stream always.
         has_words: whether a model that reads words gets them.
+        look_ahead: frames of speech that a stream hears beyond each frame, see `Model.stream`; None for the whole clip.
+
+    Raises:
+        UserError: the model cannot follow a stream, or not with this look-ahead.
     """
+    if look_ahead is not None:
+        stream = model.stream(look_ahead=look_ahead, style=synthesis.Style(values=style), seed=seed)
+        return np.concatenate([stream.feed(clip.audio), stream.flush()])
     words = clip.words if has_words else ()
     return synthesis.generate_directions(model, clip.audio, style, seed, words=words, start=start)
 

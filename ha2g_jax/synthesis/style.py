@@ -21,19 +21,21 @@ _NAMES_SHOWN, _LETTERS_SHOWN = 40, 500
 
 
 class Style(NamedTuple):
-    """A requested style, by at most one of the four fields; without any, it is drawn from the prior N(0, I).
+    """A requested style, by at most one of the five fields; without any, it is drawn from the prior N(0, I).
 
     Attributes:
         speaker: name of a speaker of the training data.
         mixture: name of a speaker -> weight; the weights are divided by their sum.
         images: path of one or more images of a person, of the kind that the model was trained with.
         seed: seed of a random style; by default the seed of the motion.
+        values: (style_dim,) the values f_id themselves.
     """
 
     speaker: str | None = None
     mixture: Mapping[str, float] | None = None
     images: ImagePaths | None = None
     seed: int | None = None
+    values: np.ndarray | None = None
 
 
 FROM_PRIOR = Style()
@@ -55,13 +57,15 @@ def choose_style(
 
     Raises:
         UserError: more than one style is requested, a speaker is unknown, a weight is impossible, an image cannot be
-            read, a seed is negative or above `MAX_SEED`, or the model has no styles.
+            read, a seed is negative or above `MAX_SEED`, values are of another number or not finite, or the model has
+            no styles.
     """
     if not isinstance(style, Style):
         raise UserError(f"the style is {style!r}; give a Style, such as Style(speaker='ada')")
     if sum(part is not None for part in style) > 1:
         raise UserError(
-            "the style has more than one source; give only a speaker, a mixture, reference images or a style seed"
+            "the style has more than one source; give only a speaker, a mixture, reference images, values or a style "
+            "seed"
         )
     if min(seed, style.seed or 0) < 0:
         raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
@@ -77,6 +81,8 @@ def choose_style(
         images = [style.images] if isinstance(style.images, str | pathlib.Path) else style.images
         names = [shown(pathlib.Path(path).name) for path in images]
         return _encode_images(spec, variables, assets, images), {"kind": "images", "images": names}
+    if style.values is not None:
+        return _checked(style.values, spec.style_dim), {"kind": "values"}
     if not spec.style_dim:
         if style.seed is not None:
             raise UserError(f"this model, {spec.method}, has no styles; leave out the style seed")
@@ -120,6 +126,14 @@ def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
         found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
         raise UserError(f"the weights of the style are {found}; expected numbers from 0 on, not all of them 0")
     return {name: weight / total for name, weight in weights.items()}
+
+
+def _checked(values: np.ndarray, style_dim: int) -> np.ndarray:
+    """Return the values of a style as float32."""
+    f_id = np.asarray(values, np.float32)
+    if f_id.shape != (style_dim,) or not np.isfinite(f_id).all():
+        raise UserError(f"the style has values of shape {f_id.shape}; expected {style_dim} finite numbers")
+    return f_id
 
 
 def _speaker(assets: Assets, name: str) -> np.ndarray:

@@ -49,7 +49,14 @@ class ClipResult:
 
 
 def from_corpus(
-    model: "Model", corpus: Corpus, split: str, *, seed: int = 0, limit: int | None = None, with_audio: bool = False
+    model: "Model",
+    corpus: Corpus,
+    split: str,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    with_audio: bool = False,
+    look_ahead: int | None = None,
 ) -> tuple[list[ClipResult], list[ClipResult]]:
     """Return the motion that a model generates for a split, and the true motion.
 
@@ -59,12 +66,15 @@ def from_corpus(
         seed: seed of the sample of clips and of everything that the model draws.
         limit: greatest number of clips, drawn at random; all by default.
         with_audio: whether the sound is kept, which the legacy scores need.
+        look_ahead: frames of speech that a stream of the model hears beyond each frame; by default it hears the whole
+            clip.
 
     Raises:
-        UserError: the model does not fit the corpus, there is no such split, or it has no clip.
+        UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
+            a stream.
     """
     truth = true(corpus, split, seed=seed, limit=limit, with_audio=with_audio)
-    return generated(model, corpus, split, seed=seed, limit=limit), truth
+    return generated(model, corpus, split, seed=seed, limit=limit, look_ahead=look_ahead), truth
 
 
 def true(
@@ -92,14 +102,22 @@ def true(
 
 
 def generated(
-    model: "Model", corpus: Corpus, split: str, *, seed: int = 0, limit: int | None = None
+    model: "Model",
+    corpus: Corpus,
+    split: str,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    look_ahead: int | None = None,
 ) -> list[ClipResult]:
     """Return the motion that a model generates for the speech of a split, from the first frames of the true motion on.
 
-    The style is that of the clip's speaker, see `identity.clip_identity`; the arguments are those of `from_corpus`.
+    The style is that of the clip's speaker, see `identity.clip_identity`; the arguments are those of `from_corpus`. A
+    stream begins with a calm pose of the model instead.
 
     Raises:
-        UserError: the model does not fit the corpus, there is no such split, or it has no clip.
+        UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
+            a stream.
     """
     from ha2g_jax.study import generation
     from ha2g_jax.study.identity import clip_identity
@@ -112,8 +130,8 @@ def generated(
         style = clip_identity(model, clip)
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
-        directions = generation.generate_clip(model, clip, style, seed + index, start=start)
-        borders = tuple(range(stride, len(directions) - seed_frames, stride))
+        directions = generation.generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
+        borders = tuple(range(stride, len(directions) - seed_frames, stride)) if look_ahead is None else ()
         return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=borders)
 
     return _each_clip(corpus, split, seed, limit, "generating", read)

@@ -81,6 +81,7 @@ def evaluate_checkpoint(
     autoencoder: str | os.PathLike | None = None,
     legacy: bool = False,
     limit: int | None = None,
+    look_ahead: int | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Score the motion that a checkpoint makes for the speech of a corpus against its true motion.
@@ -93,6 +94,7 @@ def evaluate_checkpoint(
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         limit: greatest number of clips of each split, drawn at random; all by default.
+        look_ahead: frames of speech that are heard beyond each frame, as in a stream; by default the whole clip.
         seed: seed of everything random.
 
     Returns:
@@ -116,7 +118,9 @@ def evaluate_checkpoint(
         training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS, seed=seed)
     sections = {}
     for name, most in limits.items():
-        motions, truth = from_corpus(model, corpus, name, seed=seed, limit=most, with_audio=legacy)
+        motions, truth = from_corpus(
+            model, corpus, name, seed=seed, limit=most, with_audio=legacy, look_ahead=look_ahead
+        )
         sections[name] = evaluate(
             {"model": motions},
             truth,
@@ -127,10 +131,12 @@ def evaluate_checkpoint(
             seed=seed,
         )
     if has_known_causes(corpus):
-        known = score_known_causes(model, corpus, limits, seed)
+        known = score_known_causes(model, corpus, limits, seed, look_ahead)
         sections = {name: section | {"known_causes": known[name]} for name, section in sections.items()}
     inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "data": str(data)}
     inputs["corpus"] = corpus.metadata["name"]
+    if look_ahead is not None:
+        inputs["look_ahead"] = f"{look_ahead} frames"
     return make_results(inputs, sections)
 
 

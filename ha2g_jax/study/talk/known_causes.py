@@ -36,7 +36,11 @@ def has_known_causes(corpus: Corpus) -> bool:
 
 
 def score_known_causes(
-    model: Model, corpus: Corpus, limits: Mapping[str, int | None], seed: int = 0
+    model: Model,
+    corpus: Corpus,
+    limits: Mapping[str, int | None],
+    seed: int = 0,
+    look_ahead: int | None = None,
 ) -> dict[str, dict[str, Any]]:
     """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
 
@@ -55,6 +59,7 @@ def score_known_causes(
         corpus: a corpus with known causes.
         limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
         seed: seed of start poses, of the teacher's noise and of the samples of clips.
+        look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
 
     Returns:
         {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "counts", "notes"}}; the error is a
@@ -72,7 +77,9 @@ def score_known_causes(
     num_clips = sum(map(len, chosen.values()))
     num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
     with tqdm(desc="known causes", total=num_clips + num_probed, unit="clip", disable=None, leave=False) as progress:
-        results = {name: _score_split(model, corpus, clips, seed, progress) for name, clips in chosen.items()}
+        results = {
+            name: _score_split(model, corpus, clips, seed, look_ahead, progress) for name, clips in chosen.items()
+        }
         accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
     for name, (own, majority) in accuracies.items():
         for row, predictions in ((MODEL, own), (MAJORITY, majority)):
@@ -87,7 +94,9 @@ def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
             raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
 
 
-def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, progress: tqdm) -> dict[str, Any]:
+def _score_split(
+    model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
+) -> dict[str, Any]:
     skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model_windows(model).seed_frames
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
 
@@ -97,7 +106,7 @@ def _score_split(model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int,
     truths = [scores.known_truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
         style = clip_identity(model, clip)
-        directions = generate_clip(model, clip, style, seed + index)
+        directions = generate_clip(model, clip, style, seed + index, look_ahead=look_ahead)
         add(MODEL, truth, directions)
         if model.reads_words:
             add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))

@@ -12,6 +12,8 @@ from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.study.evaluation import clip_result
 from ha2g_jax.study.evaluation.inputs import evaluate_checkpoint
 from ha2g_jax.study.evaluation.table import as_markdown, as_table
+from ha2g_jax.study.identity import clip_identity
+from ha2g_jax.synthesis import Style
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +50,15 @@ def test_a_sample_is_of_the_same_clips_on_both_sides(debug_model, corpus):
     training = clip_result.training_motion(corpus, "train", limit=2, seed=1)
     for motion, clip in zip(training, true, strict=True):
         np.testing.assert_array_equal(motion, clip.directions)
+
+
+def test_a_stream_is_scored_by_what_it_returns(debug_model, corpus):
+    streamed = clip_result.generated(debug_model, corpus, "test", limit=1, look_ahead=3)
+    clip = next(clip for clip in corpus.clips("test") if clip.id == streamed[0].id)
+    stream = debug_model.stream(look_ahead=3, style=Style(values=clip_identity(debug_model, clip)))
+    expected = np.concatenate([stream.feed(clip.audio), stream.flush()])
+    np.testing.assert_array_equal(streamed[0].directions, expected)
+    assert streamed[0].borders == ()
 
 
 def test_a_corpus_that_does_not_fit_is_refused(debug_model, corpus, monkeypatch):
