@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import FFT_SIZE, SAMPLE_RATE, mel_power
+from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.motion.control import Controls, Pin, Span, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
-from ha2g_jax.synthesis import Stream, Style
+from ha2g_jax.synthesis import Stream, Style, live
 
 FPS, HALF_SECOND = 15, 8  # frames
 
@@ -44,10 +45,19 @@ def test_whole_windows_give_the_frames_of_a_file(debug_model, seconds):
     np.testing.assert_allclose(found, expected.directions, atol=1e-4)
 
 
+@pytest.fixture(scope="module")
+def trained_model(debug_model):
+    """A model that was trained with windows whose end was hidden."""
+    config = debug_model.config.copy_and_resolve_references()
+    config.data.lookahead = 0.5
+    return dataclasses.replace(debug_model, config=config)
+
+
+@pytest.mark.parametrize("is_trained", [False, True])
 @pytest.mark.parametrize(("look_ahead", "hop"), [(0, 1), (3, 1), (3, 4), (8, 2), (0, 30)])
-def test_no_sample_after_the_look_ahead_changes_a_frame(debug_model, look_ahead, hop):
+def test_no_sample_after_the_look_ahead_changes_a_frame(debug_model, trained_model, look_ahead, hop, is_trained):
     """To the bit, with 0 dB as it runs; and the next sample heard does change the next frames."""
-    samples = speech(3)
+    debug_model, samples = trained_model if is_trained else debug_model, speech(3)
     before = streamed(debug_model, samples, look_ahead=look_ahead, hop=hop)
     for runs in (1, 2, 5) if hop < 30 else (1,):
         frames = runs * hop
@@ -56,6 +66,23 @@ def test_no_sample_after_the_look_ahead_changes_a_frame(debug_model, look_ahead,
         after = streamed(debug_model, other, look_ahead=look_ahead, hop=hop)
         np.testing.assert_array_equal(after[:frames], before[:frames])
         assert not np.array_equal(after[frames : frames + 3], before[frames : frames + 3])
+
+
+@pytest.mark.parametrize("look_ahead", [1, 3, 15, 30])
+def test_only_a_model_that_was_trained_for_it_meets_hidden_ends(debug_model, trained_model, look_ahead, monkeypatch):
+    hidden = []
+
+    def record(mel, start, heard, fps):
+        result = hide_unheard(mel, start, heard, fps)
+        hidden.append(int((result != mel).any(axis=0).sum()))
+        return result
+
+    monkeypatch.setattr(live, "hide_unheard", record)
+    debug_model.stream(look_ahead=look_ahead).feed(speech(3))
+    assert hidden and not any(hidden)
+    hidden.clear()
+    trained_model.stream(look_ahead=look_ahead).feed(speech(3))
+    assert all(hidden) == (look_ahead < 30)
 
 
 @pytest.mark.parametrize(("look_ahead", "hop"), [(0, 1), (1, 1), (3, 1), (3, 5), (5, 30)])

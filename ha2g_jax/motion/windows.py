@@ -78,25 +78,26 @@ def _ease(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
 class RunningJoin:
     """Windows that come one after the other, each `hop` frames later, joined as they come.
 
-    A window shows the frames from its `first` one on; the frames before it are the seed pose. What the window before
-    expected of the first frames that are shown fades out, so that the motion does not jump. With a hop of N - M, where
-    two windows have no frames but the seed pose in common, the result is that of `join_windows` and `ease_borders`.
+    A window shows the frames from its `first` one on; those before it have been shown. What the window before expected
+    of the first frames that are shown fades out, so that the motion does not jump. With a hop of N - M, where two
+    windows have no frames but the seed pose in common, the result is that of `join_windows` and `ease_borders`.
 
     Args:
         window: frames N of a window.
         overlap: frames M of the seed pose.
         hop: frames from one window to the next, 1 to N - 2 M, or N - M.
+        first: number of the first frame of a window that is shown, M to N - hop; not used with a hop of N - M.
 
     Attributes:
         first: number of the first frame of a window that is shown.
     """
 
-    def __init__(self, window: int, overlap: int, hop: int):
+    def __init__(self, window: int, overlap: int, hop: int, first: int | None = None):
         self._overlap, self._hop = overlap, hop
         self._longest = window - 2 * overlap
         self._is_whole = hop == window - overlap
-        self.first = 0 if self._is_whole else overlap
-        self._fade = overlap if self._is_whole else min(hop + 1, overlap)
+        self.first = 0 if self._is_whole else overlap if first is None else first
+        self._fade = overlap if self._is_whole else min(hop + 1, overlap, window - self.first - hop)
         self._shown: np.ndarray | None = None
 
     def add(self, window: np.ndarray) -> np.ndarray:

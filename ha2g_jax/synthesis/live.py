@@ -1,8 +1,10 @@
 """Motion from speech that arrives in pieces, while someone speaks.
 
-The generator runs on a window of N frames each time that `hop` more frames can be made. The M frames before the new
-ones are the seed pose, as the window before generated them, and the speech that has not been heard is hidden, see
-`features.unheard`. What is computed depends on the samples so far and not on how they were cut into pieces.
+The generator runs on a window of N frames each time that `hop` more frames can be made; the first M are the seed pose,
+as the windows before generated them. A model that was trained with hidden ends has its new frames right after the seed
+pose, and the speech after them that has not been heard is hidden, see `features.unheard`. Any other model has them at
+the end of a window that has been heard, and what is before them was generated before. What is computed depends on the
+samples so far and not on how they were cut into pieces.
 """
 
 from typing import Any
@@ -57,6 +59,7 @@ class Stream:
         seed: int = 0,
         controls: Controls = NEUTRAL,
         reference: float | None = None,
+        has_hidden_ends: bool = False,
     ):
         _check(spec, look_ahead, hop, reference)
         self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
@@ -64,17 +67,22 @@ class Stream:
         self.style, self.controls = style, controls
         self._style_ramp = Ramp(self._f_id, self.fps)
         self._running_controls = RunningControls(self.skeleton, self.fps, controls)
-        self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop)
+        first = spec.num_seed_frames
+        if not has_hidden_ends:  # the window ends where the speech that is heard ends
+            first = min(max(first, spec.num_frames - look_ahead - hop + 1), spec.num_frames - hop)
+        self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop, first)
         longest = spec.num_frames + look_ahead  # frames from the start of a window to what is heard
         self._mel = RunningMel(window_columns(longest, self.fps) + 2, reference)
-        self._pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        # The frames before the next new one, from the start of its window on.
+        self._past = np.concatenate([pose[:1]] * max(first - len(pose), 0) + [pose])
         self._key = jax.random.key(seed)
         self._num_samples = self._num_runs = self._num_returned = 0
         self._held = np.zeros((0, spec.skeleton.num_bones, 3), np.float32)
         self._is_ended = False
         # The program is compiled here, so that the first frame is not late.
         silence = self._mel.window(0, window_columns(spec.num_frames, self.fps))
-        generate_window(spec, variables, {"mel": silence}, self._f_id, self._pose, self._key, np.int32(0))
+        generate_window(spec, variables, {"mel": silence}, self._f_id, pose, self._key, np.int32(0))
 
     @property
     def fps(self) -> int:
@@ -190,13 +198,20 @@ class Stream:
             mel = hide_unheard(mel, start, self._heard() - start, self.fps)
         style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
         window = np.asarray(
-            generate_window(spec, self._variables, {"mel": mel}, style, self._pose, self._key, np.int32(index))
+            generate_window(spec, self._variables, {"mel": mel}, style, self._seed_pose(), self._key, np.int32(index))
         )
         if not np.isfinite(window).all():
             raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
-        self._pose = window[self.hop : self.hop + spec.num_seed_frames]
+        if self._join.first:
+            new = window[self._join.first : self._join.first + self.hop]
+            self._past = np.concatenate([self._past, new])[-self._join.first :]
+        else:
+            self._past = window[self.hop :]
         self._num_runs += 1
         return self._join.add(window)
+
+    def _seed_pose(self) -> np.ndarray:
+        return self._past[: self.spec.num_seed_frames]
 
     def _heard(self) -> int:
         """Return the number of frames whose time must have passed before the next run."""

@@ -149,7 +149,7 @@ class Model:
 
         Args:
             look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. More of them give gestures
-                that fit the speech better, and later; use a model that was trained with `data.lookahead`.
+                that fit the speech better, and later.
             hop: frames that are generated in one run, 1 to N - 2 M, or N - M. A greater hop needs less computation.
             style: requested style; by default it is drawn from the prior with `seed`.
             seed: seed of all random choices.
@@ -172,6 +172,7 @@ class Model:
             seed=seed,
             controls=controls,
             reference=reference,
+            has_hidden_ends=self.config.data.get("lookahead", 0.0) > 0,
         )
 
     def check_options(
