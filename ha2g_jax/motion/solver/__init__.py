@@ -63,7 +63,7 @@ class Solver:
         self._skeleton, self._fps = skeleton, fps
         self._axes = armatures.export_axes(skeleton)
         self._twists = FrameByFrame(fps)
-        self._last: np.ndarray | None = None  # (3, J, 4): of the last frame without limits, within them, and as returned
+        self._last: np.ndarray | None = None  # (3, J, 4) of the last frame: free, within the limits, returned
 
     def animate(self, directions: np.ndarray) -> armatures.Animation:
         """Convert the next frames.

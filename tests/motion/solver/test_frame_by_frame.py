@@ -1,4 +1,4 @@
-"""Frames that are converted as they arrive do not wait for later ones, and are those of a motion that ends with them."""
+"""Frames converted as they arrive do not wait for later ones, and are those of a motion that ends with them."""
 
 import numpy as np
 import pytest
