@@ -43,6 +43,7 @@ def paper(skeleton: str) -> Config:
     config.data.gain_db = 0.0  # largest number of dB by which a training window is made quieter, at random
     config.data.noise = 0.0  # fraction of training windows with noise in the speech
     config.data.noise_snr_db = (10.0, 40.0)  # range of the signal-to-noise ratio in dB
+    config.data.lookahead = 0.0  # fraction of training windows whose end is hidden, for generation while someone speaks
     config.data.workers = 0  # processes that read and decode clips; 0 for threads of this process
     config.data.cache_gib = 8.0  # GiB of memory for the decoded clips of a split, for all workers of this host
 

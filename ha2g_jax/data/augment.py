@@ -1,4 +1,4 @@
-"""Data augmentation of a training window: mirrored motion, quieter speech, added noise.
+"""Data augmentation of a training window: mirrored motion, quieter speech, added noise, an end that is not heard.
 
 Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
 """
@@ -10,6 +10,8 @@ import numpy as np
 
 from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, log_mel
 from ha2g_jax.features.spectrum import mel_frequencies
+from ha2g_jax.features.text import PADDING
+from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
@@ -24,6 +26,8 @@ class Augmentation(NamedTuple):
         gain_db: maximum by which the speech is made quieter, in dB.
         noise: probability that noise is added to the speech.
         noise_snr_db: minimum and maximum level of the speech over the noise, in dB.
+        lookahead: probability that the end of the speech is hidden, as it is while someone speaks.
+        least_heard: minimum number of frames of a window whose speech is not hidden.
     """
 
     jitter: int = 0
@@ -31,6 +35,8 @@ class Augmentation(NamedTuple):
     gain_db: float = 0.0
     noise: float = 0.0
     noise_snr_db: tuple[float, float] = (10.0, 40.0)
+    lookahead: float = 0.0
+    least_heard: int = 1
 
 
 def augment(
@@ -39,8 +45,14 @@ def augment(
     skeleton: Skeleton,
     num_speakers: int,
     rng: np.random.Generator,
+    *,
+    start_frame: int,
+    fps: float,
 ) -> dict[str, Any]:
     """Apply all random changes but the jitter, which is applied when the window is cut.
+
+    The end of the speech is hidden last, so that no other change reaches it, and drawn last, so that the other changes
+    do not depend on it.
 
     Args:
         example: example without a batch axis, see `Windows`; it is not changed.
@@ -48,6 +60,8 @@ def augment(
         skeleton: skeleton of the directions.
         num_speakers: number of speakers of the training split.
         rng: generator of the random draws.
+        start_frame: first frame of the window in its clip, from 0.
+        fps: frames per second.
 
     Returns:
         The changed example.
@@ -61,7 +75,11 @@ def augment(
         mel = add_noise(mel, rng.uniform(*augmentation.noise_snr_db), rng)
     if augmentation.gain_db:
         mel = make_quieter(mel, rng.uniform(0, augmentation.gain_db))
-    return example | {"mel": mel}
+    example = example | {"mel": mel}
+    if augmentation.lookahead and rng.random() < augmentation.lookahead:
+        heard = int(rng.integers(augmentation.least_heard, len(example["directions"])))
+        example = hide_end(example, start_frame, heard, fps)
+    return example
 
 
 def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: int) -> dict[str, Any]:
@@ -125,6 +143,25 @@ def add_noise(mel: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.nd
     level = sound_power(power) * np.power(10, -snr_db / 10)
     noisy = power + np.float32(level) * noise[:, start : start + mel.shape[1]]
     return np.clip(10 * np.log10(noisy), FLOOR_DB, 0, dtype=np.float32)
+
+
+def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) -> dict[str, Any]:
+    """Hide the speech of an example from a frame on, as if the window had been cut while someone speaks.
+
+    Args:
+        example: example with "mel" and, if the model reads words in training, "words".
+        start_frame: first frame of the window in its clip, from 0.
+        heard: number of frames whose speech is not hidden.
+        fps: frames per second.
+
+    Returns:
+        The example with hidden columns, see `hide_unheard`, and no words from frame `heard` on.
+    """
+    hidden = {"mel": hide_unheard(example["mel"], start_frame, heard, fps)}
+    if "words" in example:
+        is_heard = np.arange(len(example["words"])) < heard
+        hidden["words"] = np.where(is_heard, example["words"], np.int32(PADDING))
+    return example | hidden
 
 
 def sound_power(power: np.ndarray) -> float:

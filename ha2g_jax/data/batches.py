@@ -119,8 +119,16 @@ def _order(windows: Windows, seed: int) -> grain.MapDataset:
 
 
 def _draw(windows: Windows, augmentation: Augmentation, index: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    example = windows.example(index, delay=int(rng.integers(augmentation.jitter + 1)))
-    return augment(example, augmentation, windows.skeleton, windows.num_training_speakers, rng)
+    delay = int(rng.integers(augmentation.jitter + 1))
+    return augment(
+        windows.example(index, delay),
+        augmentation,
+        windows.skeleton,
+        windows.num_training_speakers,
+        rng,
+        start_frame=windows.start_frame(index, delay),
+        fps=windows.fps,
+    )
 
 
 def _stack(examples: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

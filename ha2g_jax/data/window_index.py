@@ -18,12 +18,14 @@ class WindowIndex(NamedTuple):
         starts: (W,) int32 first frame of each window.
         names: id of each clip.
         speakers: (clips,) int32 index of the speaker of each clip.
+        lasts: (clips,) int32 last frame of each clip at which a window can start.
     """
 
     clips: np.ndarray
     starts: np.ndarray
     names: list[str]
     speakers: np.ndarray
+    lasts: np.ndarray
 
 
 def make_index(
@@ -46,7 +48,7 @@ def make_index(
     """
     clips = corpus.clips(split)
     speaker_index = {name: index for index, name in enumerate(corpus.speakers)}
-    names, speakers, starts, counts = [], [], [], []
+    names, speakers, lasts, starts, counts = [], [], [], [], []
     for number in tqdm.trange(len(clips), desc=f"Reading {split}", unit="clip", leave=False, disable=None):
         fields = clips.fields(number)
         place = clips.title(fields, number)
@@ -61,6 +63,7 @@ def make_index(
         fitting = [start for start in fields["window_starts"] if is_wanted and 0 <= start <= last]
         names.append(fields["id"])
         speakers.append(speaker_index[fields["speaker"]])
+        lasts.append(last)
         starts.append(np.array(fitting, np.int32))
         counts.append(len(fitting))
     if not sum(counts):
@@ -74,6 +77,7 @@ def make_index(
         starts=np.concatenate(starts),
         names=names,
         speakers=np.array(speakers, np.int32),
+        lasts=np.array(lasts, np.int32),
     )
 
 

@@ -40,6 +40,7 @@ class Windows:
 
     Attributes:
         skeleton: skeleton of the corpus.
+        fps: frames per second of the corpus.
         num_training_speakers: number of speakers of the training split.
 
     Raises:
@@ -61,7 +62,7 @@ class Windows:
     ):
         self.num_frames, self.cache_bytes = num_frames, cache_bytes
         self.skeleton, self.num_training_speakers = corpus.skeleton, len(corpus.speakers_of(TRAIN))
-        self._fps, self._vocabulary, self._inputs = corpus.fps, vocabulary, tuple(inputs)
+        self.fps, self._vocabulary, self._inputs = corpus.fps, vocabulary, tuple(inputs)
         num_images = 0 if image_size is None else num_reference_images
         self._index = make_index(corpus, split, num_frames, num_images, among)
         self._read = _Reader(corpus.clips(split), self.skeleton, self._inputs, num_reference_images, image_size)
@@ -96,10 +97,9 @@ class Windows:
         Raises:
             UserError: audio or images of the clip cannot be decoded.
         """
-        number, start = self._find(index)
+        number, start = self._find(index)[0], self.start_frame(index, delay)
         track = self._cache[number]
-        start = min(start + delay, len(track.directions) - self.num_frames)
-        inputs = speech.window(track.speech, self._inputs, self._vocabulary, start, self.num_frames, self._fps)
+        inputs = speech.window(track.speech, self._inputs, self._vocabulary, start, self.num_frames, self.fps)
         example = inputs | {
             "directions": track.directions[start : start + self.num_frames],
             "speaker": self._index.speakers[number],
@@ -107,6 +107,16 @@ class Windows:
         if track.images is not None:
             example["images"] = track.images
         return example
+
+    def start_frame(self, index: int, delay: int = 0) -> int:
+        """Return the first frame of a window in its clip.
+
+        Args:
+            index: number of the window.
+            delay: number of frames by which the window starts later, limited by the end of the clip.
+        """
+        number, start = self._find(index)
+        return min(start + delay, int(self._index.lasts[number]))
 
     def name(self, index: int) -> str:
         """Return the name of a window in reports, "CLIP_ID@FRAME"."""

@@ -157,10 +157,29 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
     Returns:
         (128, 1 + samples // 512) float32 in [-80, 0].
     """
-    padded = np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect")
-    power = mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS) @ power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
-    if reference is None:
-        reference = float(np.max(power))
+    power = mel_power(np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect"))
+    return decibels(power, float(np.max(power)) if reference is None else reference)
+
+
+def mel_power(padded: np.ndarray) -> np.ndarray:
+    """Compute the mel powers of sound.
+
+    Args:
+        padded: (samples,) float32 at 16 kHz, at least 1024 samples; column c is that of samples 512 c to 512 c + 1023.
+
+    Returns:
+        (128, 1 + (samples - 1024) // 512) float32.
+    """
+    return mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS) @ power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
+
+
+def decibels(power: np.ndarray, reference: float) -> np.ndarray:
+    """Return mel powers in dB relative to a reference, in [-80, 0]; all of them -80 if the reference is silence.
+
+    Args:
+        power: (128, columns) float32 mel powers.
+        reference: mel power of 0 dB.
+    """
     if reference < _SILENCE_POWER:
         return np.full(power.shape, FLOOR_DB, np.float32)
     ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)

@@ -57,14 +57,67 @@ def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: b
     """
     stride = window - overlap
     own = np.arange(overlap if from_start else stride + overlap, len(motion) - 1, stride)
+    return _ease(motion, own, stride - overlap)
+
+
+def _ease(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
+    """Ease the borders before the frames `own`, each within at most `longest` frames, see `ease_borders`."""
     eased = np.array(motion, np.float32)
     earlier, before, first, after = (eased[np.maximum(own + step, 0)].astype(np.float64) for step in (-2, -1, 0, 1))
     onward = rotate(between(first, before), log_map(first, after))
     heading = exp_map(before, (onward - log_map(before, earlier)) / 2)
     rotation = to_vector(between(first, heading))
-    count = max(1, min(_EASE_FRAMES, stride - overlap))  # all before the next border
+    count = max(1, min(_EASE_FRAMES, longest))  # all before the next border
     for step, weight in enumerate(1 - minimum_jerk(np.arange(count) / count)):
         frames = own + step
         exists = frames < len(eased)
         eased[frames[exists]] = rotate(from_vector(weight * rotation[exists]), eased[frames[exists]].astype(np.float64))
     return eased
+
+
+class RunningJoin:
+    """Windows that come one after the other, each `hop` frames later, joined as they come.
+
+    A window shows the frames from its `first` one on; the frames before it are the seed pose. What the window before
+    expected of the first frames that are shown fades out, so that the motion does not jump. With a hop of N - M, where
+    two windows have no frames but the seed pose in common, the result is that of `join_windows` and `ease_borders`.
+
+    Args:
+        window: frames N of a window.
+        overlap: frames M of the seed pose.
+        hop: frames from one window to the next, 1 to N - 2 M, or N - M.
+
+    Attributes:
+        first: number of the first frame of a window that is shown.
+    """
+
+    def __init__(self, window: int, overlap: int, hop: int):
+        self._overlap, self._hop = overlap, hop
+        self._longest = window - 2 * overlap
+        self._is_whole = hop == window - overlap
+        self.first = 0 if self._is_whole else overlap
+        self._fade = overlap if self._is_whole else min(hop + 1, overlap)
+        self._shown: np.ndarray | None = None
+
+    def add(self, window: np.ndarray) -> np.ndarray:
+        """Return the frames that the motion has so far from the first one that this window shows.
+
+        The first `hop` frames do not change any more; the others change with the next window.
+
+        Args:
+            window: (N, bones, 3) unit vectors.
+
+        Returns:
+            (N - first, bones, 3) float32 unit vectors.
+        """
+        shown = np.array(window[self.first :], np.float32)
+        if self._shown is not None:
+            weight = (np.arange(1, self._fade + 1, dtype=np.float32) / (self._fade + 1))[:, None, None]
+            expected = self._shown[self._hop : self._hop + self._fade]
+            shown[: self._fade] = slerp(expected, shown[: self._fade], weight)
+            if self._is_whole:
+                before = self._shown[max(self._hop - 2, 0) : self._hop]
+                border = np.array([len(before) + self._overlap])
+                shown = _ease(np.concatenate([before, shown]), border, self._longest)[len(before) :]
+        self._shown = shown
+        return shown

@@ -1,12 +1,14 @@
 """Generate motion from speech of any length with a trained model."""
 
 from ha2g_jax.synthesis.files import generate_files
+from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.model import Audio, Model, encode_features, generate_directions, load, read_speech
 from ha2g_jax.synthesis.style import Style, choose_style, read_mixture
 
 __all__ = [
     "Audio",
     "Model",
+    "Stream",
     "Style",
     "choose_style",
     "encode_features",

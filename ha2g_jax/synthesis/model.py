@@ -27,6 +27,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.motion.smoothing import check_width, smooth
 from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
+from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.scan import encode_windows, sample_windows
 from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
 from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
@@ -153,6 +154,45 @@ class Model:
             "seed": seed,
         }
         return Motion.from_directions(skeleton, directions, fps, meta | {name: it for name, it in asked.items() if it})
+
+    def stream(
+        self,
+        *,
+        look_ahead: int = 3,
+        hop: int = 1,
+        style: Style = FROM_PRIOR,
+        seed: int = 0,
+        controls: control.Controls = control.NEUTRAL,
+        reference: float | None = None,
+    ) -> Stream:
+        """Begin a motion that follows speech while it arrives; the generator is compiled before this returns.
+
+        Args:
+            look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. More of them give gestures
+                that fit the speech better, and later; use a model that was trained with `data.lookahead`.
+            hop: frames that are generated in one run, 1 to N - 2 M, or N - M. A greater hop needs less computation.
+            style: requested style; by default it is drawn from the prior with `seed`.
+            seed: seed of all random choices.
+            controls: energy, extent, handedness and mirror.
+            reference: mel power of 0 dB; by default a running level, see `features.running_mel`.
+
+        Returns:
+            The stream, whose `feed` takes samples and returns frames.
+
+        Raises:
+            UserError: the model reads more than a mel spectrogram, or an argument cannot be used.
+        """
+        return Stream(
+            self.spec,
+            self.variables,
+            self.assets,
+            look_ahead=look_ahead,
+            hop=hop,
+            style=style,
+            seed=seed,
+            controls=controls,
+            reference=reference,
+        )
 
     def check_options(
         self,

@@ -107,15 +107,49 @@ def _sample(
     Returns:
         The last M poses, and the poses of the windows (K, N, bones, 3), all unit vectors.
     """
-    method = generating_method_of(spec)
 
     def window(seed: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
         index, features = inputs
         features = jax.tree.map(lambda x: x[None], features)
-        centred = subtract_mean(spec, seed)[None]
-        poses = method.sample(spec, variables, features, style[None], centred, jax.random.fold_in(key, index))
-        directions = restore(spec, poses[0])
+        directions = _poses(spec, variables, features, style, seed, jax.random.fold_in(key, index))
         return directions[-spec.num_seed_frames :], directions
 
     indices = first + jnp.arange(len(jax.tree.leaves(features)[0]))
     return jax.lax.scan(window, start, (indices, features))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def generate_window(
+    spec: Spec,
+    variables: Variables,
+    speech: Batch,
+    style: jax.Array,
+    start: jax.Array,
+    key: jax.Array,
+    index: jax.Array,
+) -> jax.Array:
+    """Encode the speech of one window of a stream and sample its poses.
+
+    Args:
+        spec, variables: the generator.
+        speech: speech inputs of the window, without a batch axis.
+        style: (style_dim,) style.
+        start: (M, bones, 3) unit vectors, the seed pose.
+        key: key of the stream.
+        index: () number of the window.
+
+    Returns:
+        (N, bones, 3) unit vectors.
+    """
+    batch = {name: array[None] for name, array in speech.items()}
+    features = generating_method_of(spec).encode_speech(spec, variables, batch)
+    return _poses(spec, variables, features, style, start, jax.random.fold_in(key, index))
+
+
+def _poses(
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Return the poses of one window, (N, bones, 3) unit vectors; only the features have a batch axis."""
+    centred = subtract_mean(spec, seed)[None]
+    poses = generating_method_of(spec).sample(spec, variables, features, style[None], centred, key)
+    return restore(spec, poses[0])

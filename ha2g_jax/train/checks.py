@@ -86,12 +86,19 @@ def check_augmentation(config: Config, spec: Spec) -> None:
         spec: networks and sizes.
 
     Raises:
-        UserError: noise or gain are switched on, but the model takes no mel spectrogram.
+        UserError: noise or gain are switched on, but the model takes no mel spectrogram; or ends of windows are
+            hidden, but the model takes an input whose end cannot be hidden.
     """
     if (config.data.noise or config.data.gain_db) and "mel" not in spec.training_inputs:
         raise UserError(
             f"{config.method} takes no mel spectrogram, which noise and gain change: "
             "set --config.data.noise=0 --config.data.gain_db=0"
+        )
+    inputs = set(spec.training_inputs)
+    if config.data.lookahead and ("mel" not in inputs or inputs - {"mel", "words"}):
+        raise UserError(
+            f"{config.method} takes {', '.join(spec.training_inputs) or 'no speech'}, but only the end of a mel "
+            "spectrogram and of its words can be hidden: set --config.data.lookahead=0"
         )
 
 
@@ -102,6 +109,7 @@ def _check_data(data: Config) -> None:
         "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
         "gain_db": ("0 or more", data.gain_db >= 0),
         "noise": ("from 0 to 1", 0 <= data.noise <= 1),
+        "lookahead": ("from 0 to 1", 0 <= data.lookahead <= 1),
         "noise_snr_db": ("a lower and an upper bound", len(bounds) == 2 and bounds[0] <= bounds[1]),
         "workers": ("0 or more", data.workers >= 0),
         "cache_gib": ("0 or more", data.cache_gib >= 0),

@@ -5,12 +5,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ha2g_jax.data.augment import Augmentation, add_noise, augment, make_quieter, mirror_example, sound_power
-from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel
+from ha2g_jax.data.augment import (
+    Augmentation,
+    add_noise,
+    augment,
+    hide_end,
+    make_quieter,
+    mirror_example,
+    sound_power,
+)
+from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window
+from ha2g_jax.features.text import PADDING
+from ha2g_jax.features.unheard import HIDDEN_DB, heard_columns
 from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
 
 SKELETON = load_skeleton("ted_expressive")
 NUM_SPEAKERS = 3
+FPS = 15
 
 
 @pytest.fixture
@@ -115,11 +126,69 @@ def test_silence_stays_silence():
     np.testing.assert_array_equal(add_noise(silence, 10.0, np.random.default_rng(0)), silence)
 
 
-def test_random_numbers_decide_all(example):
+def _augmented(example, settings: Augmentation, seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    return augment(example, settings, SKELETON, NUM_SPEAKERS, rng, start_frame=0, fps=FPS)
+
+
+def _num_hidden(mel: np.ndarray) -> int:
+    """The number of hidden columns, which are all at the end."""
+    is_hidden = (mel == HIDDEN_DB).all(axis=0)
+    count = int(is_hidden.sum())
+    assert is_hidden[len(is_hidden) - count :].all()
+    return count
+
+
+@pytest.mark.parametrize("fps", [15, 24])
+@pytest.mark.parametrize("start_frame", [0, 1, 7, 24])
+def test_hidden_columns_are_those_that_need_later_samples(start_frame, fps):
+    """Other samples after the heard frames, at a fixed 0 dB, change hidden columns only, and each of these."""
+    rng = np.random.default_rng(0)
+    speech = rng.normal(0, 0.1, 5 * SAMPLE_RATE).astype(np.float32)
+    before = mel_window(log_mel(speech, 100.0), start_frame, 34, fps)
+    for heard in (0, 4, 5, 20, 33, 34):
+        end = (start_frame + heard) * SAMPLE_RATE // fps
+        other = np.concatenate([speech[:end], rng.normal(0, 0.1, len(speech) - end).astype(np.float32)])
+        after = mel_window(log_mel(other, 100.0), start_frame, 34, fps)
+        example = {"mel": before, "words": np.arange(34, dtype=np.int32)}
+        hidden = hide_end(example, start_frame, heard, fps)
+        np.testing.assert_array_equal((hidden["mel"] == HIDDEN_DB).all(axis=0), (before != after).any(axis=0))
+        count = before.shape[1] - _num_hidden(hidden["mel"])
+        np.testing.assert_array_equal(hidden["mel"][:, :count], before[:, :count])
+        np.testing.assert_array_equal(hidden["words"], [*range(heard), *[PADDING] * (34 - heard)])
+    np.testing.assert_array_equal(example["words"], np.arange(34))
+
+
+def test_the_heard_part_has_every_length(example):
+    settings = Augmentation(lookahead=1.0, least_heard=4)
+    lengths = {70 - _num_hidden(_augmented(example, settings, seed)["mel"]) for seed in range(400)}
+    assert lengths == {heard_columns(heard, FPS) for heard in range(4, 34)}
+
+
+def test_a_fraction_of_the_ends_is_hidden(example):
+    settings = Augmentation(lookahead=0.3)
+    hidden = [_num_hidden(_augmented(example, settings, seed)["mel"]) > 0 for seed in range(300)]
+    assert 0.2 < np.mean(hidden) < 0.4
+
+
+def test_a_hidden_end_leaves_the_other_changes_as_they_are(example):
+    """Noise and gain do not reach the hidden columns, and they are the same in the others, hidden end or not."""
     settings = Augmentation(mirror=0.5, gain_db=6.0, noise=0.5)
+    for seed in range(20):
+        expected = _augmented(example, settings, seed)
+        found = _augmented(example, settings._replace(lookahead=1.0), seed)
+        count = 70 - _num_hidden(found["mel"])
+        assert count < 70
+        np.testing.assert_array_equal(found["mel"][:, :count], expected["mel"][:, :count])
+        for name in ("directions", "speaker", "images"):
+            np.testing.assert_array_equal(found[name], expected[name])
+
+
+def test_random_numbers_decide_all(example):
+    settings = Augmentation(mirror=0.5, gain_db=6.0, noise=0.5, lookahead=0.5)
 
     def draw(seed):
-        return augment(example, settings, SKELETON, NUM_SPEAKERS, np.random.default_rng(seed))
+        return _augmented(example, settings, seed)
 
     for name, array in draw(0).items():
         np.testing.assert_array_equal(array, draw(0)[name])
@@ -134,11 +203,12 @@ def test_each_setting_alone(example):
         "mirror": ({"mirror": 1.0}, {"directions", "speaker", "images"}),
         "gain": ({"gain_db": 20.0}, {"mel"}),
         "noise": ({"noise": 1.0, "noise_snr_db": (0.0, 5.0)}, {"mel"}),
-        "nothing": ({"jitter": 3}, set()),
+        "lookahead": ({"lookahead": 1.0}, {"mel", "words"}),
+        "nothing": ({"jitter": 3, "least_heard": 4}, set()),
     }
     before = {name: array.copy() for name, array in example.items()}
     for settings, expected in changes.values():
-        after = augment(example, Augmentation(**settings), SKELETON, NUM_SPEAKERS, np.random.default_rng(0))
+        after = _augmented(example, Augmentation(**settings), 0)
         assert {name for name in example if not np.array_equal(after[name], before[name])} == expected
     for name, array in before.items():
         np.testing.assert_array_equal(example[name], array)

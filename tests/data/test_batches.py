@@ -20,7 +20,7 @@ from ha2g_jax.data.records import encode_clip
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 
-EVERYTHING = Augmentation(jitter=9, mirror=0.5, gain_db=6.0, noise=0.5)
+EVERYTHING = Augmentation(jitter=9, mirror=0.5, gain_db=6.0, noise=0.5, lookahead=0.5, least_heard=4)
 
 
 @pytest.fixture(scope="module")

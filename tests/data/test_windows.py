@@ -100,6 +100,13 @@ def test_past_the_end_of_the_clip_is_silence(windows):
     assert np.isfinite(windows[3]["mel"]).all() and windows[3]["mel"][:, -1].max() <= -79
 
 
+def test_the_first_frame_of_a_window_is_where_it_is_cut(windows):
+    assert [windows.start_frame(3, delay) for delay in (0, 5, 99)] == [26, 26, 26]
+    assert windows.start_frame(0, 3) == 3
+    later = windows.example(0, delay=99)
+    np.testing.assert_array_equal(later["directions"], windows.example(3)["directions"])
+
+
 def test_a_delay_shifts_everything(windows):
     delayed, later = windows.example(0, delay=10), windows[1]
     for name, array in later.items():

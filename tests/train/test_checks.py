@@ -3,10 +3,12 @@
 import pytest
 
 from ha2g_jax import config as configs
+from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.build import build
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import checks
 
@@ -71,6 +73,7 @@ def test_a_workdir_must_be_a_folder(tmp_path, config):
         ("train", "devices", 99),
         ("data", "workers", -1),
         ("data", "mirror", 2.0),
+        ("data", "lookahead", 1.5),
     ],
 )
 def test_settings_that_cannot_be_used_are_named(config, section, name, value):
@@ -78,3 +81,16 @@ def test_settings_that_cannot_be_used_are_named(config, section, name, value):
     config[section][name] = value
     with pytest.raises(UserError, match=name):
         checks.check_settings(config)
+
+
+@pytest.mark.parametrize(
+    ("method", "found"), [("ha2g", ""), ("trimodal", "takes audio, words"), ("seq2seq", "plain_w")]
+)
+def test_ends_are_hidden_only_where_a_model_reads_what_can_be_hidden(method, found):
+    config = presets.make("talk", "debug", method, {"data.lookahead": 0.5})
+    spec = build(config, load_skeleton(config.skeleton), 2, 2)
+    if not found:
+        checks.check_augmentation(config, spec)
+        return
+    with pytest.raises(UserError, match=rf"{found}.*data\.lookahead=0"):
+        checks.check_augmentation(config, spec)

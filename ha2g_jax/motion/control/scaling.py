@@ -62,6 +62,43 @@ def scale_about_mean(
     reference = rest_pose(skeleton).astype(np.float64)
     rotations = rotations_from(reference, directions, chosen)
     means = {bones: slow_mean(rotation, fps, seconds) for bones, rotation in rotations.items()}
+    return _scaled(reference, directions, rotations, means, scale, chosen)
+
+
+def scale_about_posture(
+    skeleton: Skeleton, posture: np.ndarray, directions: np.ndarray, scale: float, chosen: tuple[Part, ...]
+) -> np.ndarray:
+    """Scale the rotations of a motion from a pose that it moves about, as `scale_about_mean` from the slow mean pose.
+
+    Args:
+        skeleton: skeleton of the directions.
+        posture: (bones, 3) unit vectors.
+        directions: (T, bones, 3) unit vectors.
+        scale: factor of the angles, at least 0.
+        chosen: parts to move, including the parts that they are attached to.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors: the input itself in parts that are not chosen.
+    """
+    reference = rest_pose(skeleton).astype(np.float64)
+    both = rotations_from(reference, np.concatenate([posture[None], directions]), chosen)
+    rotations = {bones: rotation[1:] for bones, rotation in both.items()}
+    means = {}
+    for bones, rotation in both.items():  # of the two quaternions of a rotation, the nearer one
+        is_near = np.sum(rotation[:1] * rotation[1:], axis=-1, keepdims=True) >= 0
+        means[bones] = np.where(is_near, rotation[:1], -rotation[:1])
+    return _scaled(reference, directions, rotations, means, scale, chosen)
+
+
+def _scaled(
+    reference: np.ndarray,
+    directions: np.ndarray,
+    rotations: Rotations,
+    means: Rotations,
+    scale: float,
+    chosen: tuple[Part, ...],
+) -> np.ndarray:
+    """Return a motion (T, bones, 3) with its rotations scaled from their means."""
     scales = _scales(reference, rotations, means, scale, chosen)
     scaled = {
         bones: multiply(mean, power(multiply(conjugate(mean), rotations[bones]), scales[bones]))

@@ -1,0 +1,254 @@
+"""Motion from speech that arrives in pieces, while someone speaks.
+
+The generator runs on a window of N frames each time that `hop` more frames can be made. The M frames before the new ones
+are the seed pose, as the window before generated them, and the speech that has not been heard is hidden, see
+`features.unheard`. What is computed depends on the samples so far and not on how they were cut into pieces.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, window_column, window_columns
+from ha2g_jax.features.running_mel import RunningMel
+from ha2g_jax.features.unheard import hide_unheard
+from ha2g_jax.methods.method import Spec, Variables
+from ha2g_jax.motion.control.controls import NEUTRAL, Controls
+from ha2g_jax.motion.control.running import Ramp, RunningControls, check_running
+from ha2g_jax.motion.resample import num_frames
+from ha2g_jax.motion.windows import RunningJoin
+from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.synthesis.scan import generate_window
+from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
+
+_MAX_SKIP_SECONDS = 3600.0
+
+
+class Stream:
+    """Motion that follows speech, see `Model.stream`.
+
+    Frame k shows the time k / fps, as in `Model.generate`. Frames are made `hop` at a time: those of one hop use the
+    speech up to `look_ahead` frames after the last of them, and no later sample. With a hop of 1, frame k depends on no
+    sample after (k + look_ahead) / fps, and is returned by the first `feed` that reaches this time. Only without any
+    look-ahead a frame is returned half a frame later, because a shorter motion would not have it.
+
+    With a hop of N - M and a look-ahead of N, the windows are those of `Model.generate`, and so are the frames, if
+    `reference` is the maximum of the clip.
+
+    Attributes:
+        spec: networks and sizes of the model.
+        look_ahead: frames of speech that are heard beyond the last new frame.
+        hop: frames generated in one run.
+        muted: whether the arms rest; may be assigned at any time.
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        variables: Variables,
+        assets: Assets,
+        *,
+        look_ahead: int = 3,
+        hop: int = 1,
+        style: Style = FROM_PRIOR,
+        seed: int = 0,
+        controls: Controls = NEUTRAL,
+        reference: float | None = None,
+    ):
+        _check(spec, look_ahead, hop, reference)
+        self.spec, self.look_ahead, self.hop, self.muted = spec, look_ahead, hop, False
+        self._variables, self._assets, self._seed = variables, assets, seed
+        self.style, self.controls = style, controls
+        self._style_ramp = Ramp(self._f_id, self.fps)
+        self._running_controls = RunningControls(self.skeleton, self.fps, controls)
+        self._join = RunningJoin(spec.num_frames, spec.num_seed_frames, hop)
+        longest = spec.num_frames + look_ahead  # frames from the start of a window to what is heard
+        self._mel = RunningMel(window_columns(longest, self.fps) + 2, reference)
+        self._pose = assets.seed_poses[np.random.default_rng(seed).integers(len(assets.seed_poses))]
+        self._key = jax.random.key(seed)
+        self._num_samples = self._num_runs = self._num_returned = 0
+        self._held = np.zeros((0, spec.skeleton.num_bones, 3), np.float32)
+        self._is_ended = False
+        # The program is compiled here, so that the first frame is not late.
+        silence = self._mel.window(0, window_columns(spec.num_frames, self.fps))
+        generate_window(spec, variables, {"mel": silence}, self._f_id, self._pose, self._key, np.int32(0))
+
+    @property
+    def fps(self) -> int:
+        """Frames per second, those of the model."""
+        return self.spec.fps
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Skeleton of the frames."""
+        return self._assets.skeleton
+
+    @property
+    def latency(self) -> float:
+        """Seconds from a moment of the speech to its frame at most, without the time of the computation.
+
+        It is (look_ahead + hop) / fps, but not less than 1.5 / fps.
+        """
+        return max(self.look_ahead + self.hop, 1.5) / self.fps
+
+    @property
+    def controls(self) -> Controls:
+        """Energy, extent, handedness and mirror; a new value takes effect with the next frames, within half a second.
+
+        Raises:
+            UserError: a control is not valid, or is a pin or a mute.
+        """
+        return self._controls
+
+    @controls.setter
+    def controls(self, controls: Controls) -> None:
+        check_running(controls, self.skeleton)
+        self._controls = controls
+
+    @property
+    def style(self) -> Style:
+        """Requested style; a new value takes effect with the next frames, within half a second.
+
+        Raises:
+            UserError: the style cannot be used, see `choose_style`.
+        """
+        return self._style
+
+    @style.setter
+    def style(self, style: Style) -> None:
+        self._f_id, _ = choose_style(self.spec, self._variables, self._assets, style, self._seed)
+        self._style = style
+
+    def feed(self, samples: np.ndarray) -> np.ndarray:
+        """Take the next samples, and return the frames that became final.
+
+        Args:
+            samples: (samples,) float mono samples at 16 kHz, any number of them, within -1 and 1. Those that are NaN or
+                infinite are taken as silence, those beyond -1 and 1 are clipped.
+
+        Returns:
+            (n, bones, 3) float32 unit vectors, the frames after those that were returned before; n may be 0.
+
+        Raises:
+            UserError: the samples have another shape or type, the stream has ended, or the values of the model are not
+                finite.
+        """
+        samples = self._checked(samples)
+        frames = [self._held]
+        start = 0
+        while (end := start + self._needed() - self._num_samples) <= len(samples):
+            self._hear(samples[start:end])
+            frames.append(self._run()[: self.hop])
+            start = end
+        self._hear(samples[start:])
+        # A motion of the speech so far has this many frames; later ones wait, as the speech may end here.
+        return self._return(frames, round(self._num_samples / SAMPLE_RATE * self.fps))
+
+    def skip(self, seconds: float) -> np.ndarray:
+        """Bridge a gap in the speech with silence, and return the frames that became final.
+
+        Args:
+            seconds: length of the gap, 0 to an hour.
+
+        Raises:
+            UserError: see `feed`; or the gap is not between 0 and an hour.
+        """
+        if not 0 <= seconds <= _MAX_SKIP_SECONDS:
+            raise UserError(f"a gap of {seconds} s; expected 0 to {_MAX_SKIP_SECONDS:g}, or begin another stream")
+        count = round(seconds * SAMPLE_RATE)
+        lengths = [SAMPLE_RATE] * (count // SAMPLE_RATE) + [count % SAMPLE_RATE]
+        return np.concatenate([self.feed(np.zeros(length, np.float32)) for length in lengths])
+
+    def flush(self) -> np.ndarray:
+        """End the stream, and return the rest of the frames; after the end of the speech there is silence.
+
+        Returns:
+            (n, bones, 3) float32 unit vectors. All frames of the stream are round(duration x fps), at least 1.
+
+        Raises:
+            UserError: the stream has ended, or the values of the model are not finite.
+        """
+        self._check_open()
+        self._is_ended = True
+        self._mel.end()
+        count = num_frames(self._num_samples / SAMPLE_RATE, self.fps)
+        frames = [self._held]
+        while (missing := count - self._num_runs * self.hop) > 0:
+            shown = self._run()
+            frames.append(shown[: missing if missing <= len(shown) else self.hop])
+        return self._return(frames, count)
+
+    def _run(self) -> np.ndarray:
+        """Generate the next window, and return the frames from its first new one on."""
+        spec, index = self.spec, self._num_runs
+        start = index * self.hop - self._join.first
+        mel = self._mel.window(window_column(start, self.fps), window_columns(spec.num_frames, self.fps))
+        if not self._is_ended:
+            mel = hide_unheard(mel, start, self._heard() - start, self.fps)
+        for _ in range(self.hop):
+            f_id = self._style_ramp.step(self._f_id)
+        style = np.asarray(f_id, np.float32)
+        window = np.asarray(
+            generate_window(spec, self._variables, {"mel": mel}, style, self._pose, self._key, np.int32(index))
+        )
+        if not np.isfinite(window).all():
+            raise UserError(
+                f"model {self._assets.hash} generated values that are not finite; train or export it again"
+            )
+        self._pose = window[self.hop : self.hop + spec.num_seed_frames]
+        self._num_runs += 1
+        return self._join.add(window)
+
+    def _heard(self) -> int:
+        """Return the number of frames whose time must have passed before the next run."""
+        return (self._num_runs + 1) * self.hop - 1 + self.look_ahead
+
+    def _needed(self) -> int:
+        """Return the number of samples that the next run hears."""
+        return self._heard() * SAMPLE_RATE // self.fps
+
+    def _hear(self, samples: np.ndarray) -> None:
+        self._mel.add(samples)
+        self._num_samples += len(samples)
+
+    def _return(self, frames: list[np.ndarray], count: int) -> np.ndarray:
+        """Return the frames before frame `count` of the motion, with their controls, and hold the others."""
+        joined = np.concatenate(frames)
+        final = max(count - self._num_returned, 0)
+        self._held = joined[final:]
+        returned = self._running_controls.apply(joined[:final], self._controls, is_muted=self.muted)
+        self._num_returned += len(returned)
+        return returned
+
+    def _checked(self, samples: np.ndarray) -> np.ndarray:
+        self._check_open()
+        samples = np.asarray(samples)
+        if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
+            raise UserError(
+                f"samples are an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz"
+            )
+        return np.clip(np.where(np.isfinite(samples), samples, 0), -1, 1).astype(np.float32)
+
+    def _check_open(self) -> None:
+        if self._is_ended:
+            raise UserError("the stream has ended; begin another one with Model.stream")
+
+
+def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> None:
+    """Check the arguments of `Stream` but style and controls."""
+    if spec.inputs != ("mel",):
+        raise UserError(
+            f"{spec.method} reads {', '.join(spec.inputs)}, but a stream has only a mel spectrogram; load a model of HA2G "
+            "or Speech2Gesture"
+        )
+    window, overlap = spec.num_frames, spec.num_seed_frames
+    if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):
+        raise UserError(f"the look-ahead is {look_ahead}; expected 0 to {window} frames, the window of the model")
+    longest = window - 2 * overlap
+    if not (isinstance(hop, int) and (1 <= hop <= longest or hop == window - overlap)):
+        raise UserError(f"the hop is {hop}; expected 1 to {longest} frames, or {window - overlap}")
+    if reference is not None and not 0 <= reference < np.inf:
+        raise UserError(f"the mel power of 0 dB is {reference}; expected a number from 0 on")
