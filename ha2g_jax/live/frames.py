@@ -46,6 +46,8 @@ class Rigs:
         loaded = [rigs.load_rig(name) for name in sorted(set(names))]
         self._transfers = {rig.name: Transfer.between(own, rig) if rig.name != own.name else None for rig in loaded}
         self._last: dict[str, np.ndarray] = {}
+        # The solver imports large libraries when it is used first: here, so that the first frame is not late.
+        solver.Solver(skeleton, fps).animate(skeleton.mean_directions[None])
 
     def convert(self, directions: np.ndarray) -> dict[str, Animation]:
         """Convert the next frame.

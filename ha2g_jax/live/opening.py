@@ -74,8 +74,9 @@ def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN
         elif separator and scheme == "udp":
             senders.append(stack.enter_context(contextlib.closing(UdpSink(read_address(text), rig))))
         elif separator and scheme == "ws":
-            pages = WebSocketSink(rig)
-            stack.enter_context(serving(read_address(text), pages.serve))
+            address = read_address(text)
+            pages = WebSocketSink(address, rig)
+            stack.enter_context(serving(address, pages.serve))
             senders.append(stack.enter_context(contextlib.closing(pages)))
         elif not separator and text.lower().endswith(_RECORDING):
             recordings.append(Recording(stack.enter_context(whole_file(text))))

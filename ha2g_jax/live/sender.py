@@ -108,5 +108,5 @@ class Sender:
             except OSError as error:  # such as a network that is down for a while; reported once
                 if (fault := (sink, reason(error))) not in self._faults:
                     self._faults.add(fault)
-                    tqdm.write(f"frames for {sink} are lost: {fault[1].lower()}", file=sys.stderr)
+                    tqdm.write(f"{sink.name} misses frames: {fault[1].lower()}", file=sys.stderr)
         self._meter.sent += 1

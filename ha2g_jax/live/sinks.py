@@ -25,9 +25,11 @@ class Sink(Protocol):
     """A receiver of frames, at their times.
 
     Attributes:
+        name: its address, for messages.
         rig: name of the rig that its frames need.
     """
 
+    name: str
     rig: str
 
     def send(self, frame: Frame) -> None:
@@ -52,7 +54,7 @@ class UdpSink:
         Raises:
             UserError: the host is not known.
         """
-        self.rig = rig
+        self.name, self.rig = str(address), rig
         self._socket, self._target = udp_target(address)
         self._next_joints = 0.0
 
@@ -74,13 +76,14 @@ class WebSocketSink:
     A page that reads too slowly misses frames; neither the run nor other pages wait for it.
     """
 
-    def __init__(self, rig: str) -> None:
+    def __init__(self, address: Address, rig: str) -> None:
         """Start without pages.
 
         Args:
+            address: where pages connect.
             rig: name of the rig.
         """
-        self.rig = rig
+        self.name, self.rig = str(address), rig
         self._lock, self._pages = threading.Lock(), list[queue.Queue[str]]()
         self._joints, self._is_closed = "", False
 

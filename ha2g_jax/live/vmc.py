@@ -25,6 +25,7 @@ class VmcSink:
     """Sender of frames to a receiver of the VMC protocol.
 
     Attributes:
+        name: its address, for messages.
         rig: name of the rig of its frames.
     """
 
@@ -41,6 +42,7 @@ class VmcSink:
         """
         self._messages = import_extra("pythonosc.osc_message_builder", "python-osc")
         self._bundles = import_extra("pythonosc.osc_bundle_builder", "python-osc")
+        self.name = str(address)
         self._socket, self._target = udp_target(address)
 
     def send(self, frame: Frame) -> None:
