@@ -8,8 +8,8 @@ import numpy as np
 
 from ha2g_jax.features.audio import FFT_SIZE, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, decibels, mel_power
 
-# The loudest mel power of speech with a peak of about 0.2 (12 to 37 in recordings that were measured). 0 dB starts here,
-# so that the noise before the first word is not taken for speech, and louder speech raises it at once.
+# The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. 0 dB starts here, so that the
+# noise before the first word is not taken for speech, and louder speech raises it at once.
 TYPICAL_POWER = 15.0
 # 0 dB falls slowly while there is sound, so that one loud moment is forgotten after some minutes and a quiet voice is
 # heard; it does not fall in pauses, and not below the level of a peak of about 0.02.
@@ -45,11 +45,11 @@ class RunningMel:
         """
         self._samples = np.concatenate([self._samples, samples])
         while HOP_LENGTH * (self._num_columns + 1) <= self._first + len(self._samples):
-            start = HOP_LENGTH * (self._num_columns - 1) - self._first
-            if self._num_columns == 0:  # reflected; the Hann window makes nothing of the first sample
-                start, half = 0, self._samples[:HOP_LENGTH]
+            if self._num_columns == 0:  # the start is reflected; the weight of the first sample of a column is 0
+                half = self._samples[:HOP_LENGTH]
                 self._add_column(np.concatenate([half[:1], half[:0:-1], half]))
             else:
+                start = HOP_LENGTH * (self._num_columns - 1) - self._first
                 self._add_column(self._samples[start : start + FFT_SIZE])
         # The last column reflects the end of the speech, for which it needs one sample more.
         done = max(HOP_LENGTH * (self._num_columns - 1) - 1 - self._first, 0)

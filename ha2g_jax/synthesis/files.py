@@ -16,8 +16,9 @@ from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
-from ha2g_jax.synthesis.model import Audio, Model, Options, load, read_speech
+from ha2g_jax.synthesis.model import Model, Options, load
 from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
+from ha2g_jax.synthesis.speech import Audio, read_speech
 
 
 def generate_files(

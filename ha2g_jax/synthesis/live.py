@@ -1,7 +1,7 @@
 """Motion from speech that arrives in pieces, while someone speaks.
 
-The generator runs on a window of N frames each time that `hop` more frames can be made. The M frames before the new ones
-are the seed pose, as the window before generated them, and the speech that has not been heard is hidden, see
+The generator runs on a window of N frames each time that `hop` more frames can be made. The M frames before the new
+ones are the seed pose, as the window before generated them, and the speech that has not been heard is hidden, see
 `features.unheard`. What is computed depends on the samples so far and not on how they were cut into pieces.
 """
 
@@ -188,16 +188,12 @@ class Stream:
         mel = self._mel.window(window_column(start, self.fps), window_columns(spec.num_frames, self.fps))
         if not self._is_ended:
             mel = hide_unheard(mel, start, self._heard() - start, self.fps)
-        for _ in range(self.hop):
-            f_id = self._style_ramp.step(self._f_id)
-        style = np.asarray(f_id, np.float32)
+        style = np.asarray(self._style_ramp.step(self._f_id, self.hop), np.float32)
         window = np.asarray(
             generate_window(spec, self._variables, {"mel": mel}, style, self._pose, self._key, np.int32(index))
         )
         if not np.isfinite(window).all():
-            raise UserError(
-                f"model {self._assets.hash} generated values that are not finite; train or export it again"
-            )
+            raise UserError(f"model {self._assets.hash} generated values that are not finite; train or export it again")
         self._pose = window[self.hop : self.hop + spec.num_seed_frames]
         self._num_runs += 1
         return self._join.add(window)
@@ -241,8 +237,8 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     """Check the arguments of `Stream` but style and controls."""
     if spec.inputs != ("mel",):
         raise UserError(
-            f"{spec.method} reads {', '.join(spec.inputs)}, but a stream has only a mel spectrogram; load a model of HA2G "
-            "or Speech2Gesture"
+            f"{spec.method} reads {', '.join(spec.inputs)}, but a stream has only a mel spectrogram; load a model of "
+            "speech2gesture, or of ha2g with config.model.audio.kind=resnet_se"
         )
     window, overlap = spec.num_frames, spec.num_seed_frames
     if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):

@@ -5,7 +5,7 @@ import importlib.metadata
 import math
 import pathlib
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, TypedDict
 
 import jax
 import numpy as np
@@ -15,9 +15,8 @@ from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
 from ha2g_jax.data.speech import prepare
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import shown
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.methods import METHODS
@@ -30,27 +29,8 @@ from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
 from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.scan import encode_windows, sample_windows
 from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
+from ha2g_jax.synthesis.speech import Speech, read_speech
 from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
-
-
-class Audio(NamedTuple):
-    """Speech that has been read and checked.
-
-    Attributes:
-        samples: (samples,) float32 mono samples at 16 kHz.
-        name: name of the file, None for an array.
-    """
-
-    samples: np.ndarray
-    name: str | None = None
-
-    @property
-    def duration(self) -> float:
-        """Duration in seconds."""
-        return len(self.samples) / SAMPLE_RATE
-
-
-Speech = str | pathlib.Path | np.ndarray | Audio
 
 
 class Options(TypedDict, total=False):
@@ -216,25 +196,6 @@ class Model:
         check_width(smoothing)
         if seed_pose is not None:
             read_seed_pose(seed_pose, self.assets.skeleton, self.fps, self.spec.num_seed_frames)
-
-
-def read_speech(speech: Speech) -> Audio:
-    """Read and check speech; speech that was read before is returned unchanged.
-
-    Args:
-        speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
-
-    Raises:
-        UserError: the speech cannot be used, see `features.audio.read_audio`.
-    """
-    if isinstance(speech, Audio):
-        return speech
-    if isinstance(speech, str | pathlib.Path):
-        return Audio(read_audio(speech), shown(pathlib.Path(speech).name))
-    samples = np.asarray(speech)
-    if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
-        raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")
-    return Audio(check_samples(samples.astype(np.float32), SAMPLE_RATE, "the speech"))
 
 
 def load(source: str | pathlib.Path = "demo") -> Model:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
+from ha2g_jax.motion.windows import RunningJoin, ease_borders, join_windows, num_windows
 
 
 @pytest.mark.parametrize(
@@ -105,3 +105,39 @@ def test_borders_that_are_close_are_eased_one_by_one():
     for window, overlap in ((8, 4), (9, 4), (10, 7), (34, 1)):
         eased = ease_borders(motion, window, overlap, from_start=True)
         np.testing.assert_allclose(np.linalg.norm(eased, axis=-1), 1, atol=1e-5)
+
+
+def wandering(seed: int, windows: int = 4) -> np.ndarray:
+    """Windows of 34 frames of 3 bones that move at random and do not agree."""
+    steps = np.random.default_rng(seed).normal(0, 0.05, (windows, 34, 3, 3)).cumsum(axis=1) + 1
+    return (steps / np.linalg.norm(steps, axis=-1, keepdims=True)).astype(np.float32)
+
+
+@pytest.mark.parametrize("overlap", [1, 2, 4, 8])
+def test_windows_that_come_one_by_one_are_joined_as_all_at_once(overlap):
+    windows, hop = wandering(0), 34 - overlap
+    expected = ease_borders(join_windows(windows, overlap), 34, overlap)
+    join = RunningJoin(34, overlap, hop)
+    shown = [join.add(window) for window in windows]
+    assert join.first == 0
+    found = np.concatenate([*(frames[:hop] for frames in shown), shown[-1][hop:]])
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("hop", [1, 2, 3, 10, 26])
+def test_a_shorter_hop_goes_over_from_what_was_expected(hop):
+    """Windows that stand still at an angle: the step is spread over one frame more than the hop, but over 4 at most."""
+    join = RunningJoin(34, 4, hop)
+    angles = [0.0] + [0.5] * 12
+    shown = np.concatenate([join.add(np.repeat(circle(np.array([angle])), 34, axis=0))[:hop] for angle in angles])
+    found = np.arctan2(shown[:, 0, 1], shown[:, 0, 0])
+    assert join.first == 4
+    np.testing.assert_allclose(found[: hop + 1], [*[0] * hop, 0.5 / (min(hop + 1, 4) + 1)], atol=1e-6)
+    assert (np.diff(found) >= -1e-6).all() and abs(found[-1] - 0.5) < 0.01
+
+
+def test_a_short_hop_leaves_windows_that_agree_as_they_are():
+    motion = circle(np.arange(60) * 0.05)
+    join = RunningJoin(34, 4, 1)
+    shown = [join.add(motion[start : start + 34])[:1] for start in range(20)]
+    np.testing.assert_allclose(np.concatenate(shown), motion[4:24], atol=1e-6)

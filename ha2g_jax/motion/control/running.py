@@ -29,16 +29,17 @@ class Ramp:
         self._frames = math.ceil(EASE * fps)
         self._frame = 0
 
-    def step(self, target: np.ndarray) -> np.ndarray:
-        """Return the values (n,) one frame later.
+    def step(self, target: np.ndarray, frames: int = 1) -> np.ndarray:
+        """Return the values (n,) some frames later.
 
         Args:
             target: (n,) values to go to; where they are new, the way begins at the present values.
+            frames: number of frames.
         """
         if not np.array_equal(target, self._target):
             self._target, self._start, self._frame = np.asarray(target, np.float64), self._values, 0
-        self._frame = min(self._frame + 1, self._frames)
-        weight = minimum_jerk(np.float64(self._frame / self._frames))
+        self._frame = min(self._frame + frames, self._frames)
+        weight = minimum_jerk(np.asarray(self._frame / self._frames))
         self._values = self._start + weight * (self._target - self._start)
         return self._values
 
@@ -65,9 +66,9 @@ def check_running(controls: Controls, skeleton: Skeleton) -> None:
 class RunningControls:
     """The controls energy, extent, handedness and mirror, and a mute, of a motion that goes on.
 
-    Energy scales the movement about the mean of the poses so far, in which a pose counts for less after two seconds; in
-    `effects.energy` that mean is centred. The other controls do to a frame what they do in `controls.apply`. Changes are
-    eased over half a second.
+    Energy scales the movement about the mean of the poses so far, an exponential mean with a time constant of two
+    seconds; in `effects.energy` that mean is centred. The other controls do to a frame what they do in
+    `controls.apply`. Changes are eased over half a second.
 
     Args:
         skeleton: skeleton of the motion.
