@@ -74,8 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         from ha2g_jax.live.run import run as run_live
 
     stop = Stop()
+    source = open_source(arguments.source, arguments.rate, arguments.fast)
     with contextlib.ExitStack() as stack:
-        source = open_source(arguments.source, stack, arguments.rate, arguments.fast)
         sinks = open_sinks(arguments.sink, stack, arguments.rig)
         with stage("loading the model"):
             model = synthesis.load(arguments.checkpoint)

@@ -1,16 +1,17 @@
-"""Sources whose sound arrives by itself: standard input, the microphone, and a WebSocket that others send to.
+"""Sources whose sound arrives by itself: standard input, a WebSocket that others send to, and the microphone.
 
-A thread takes the sound from outside and puts it into a queue of bounded length, from which the run takes it. Where the
-sender can wait (a pipe, a WebSocket), it waits while the queue is full; the sound of a microphone is lost then. Sound
-that is sent is heard from the moment it arrives, or after the sound before it. Where nothing is sent, silence is heard,
-so that the motion goes on between two sentences.
+They are opened when the run begins to listen, so that no sound waits for the model to be loaded. A thread takes the
+sound from outside and puts it into a queue of bounded length, from which the run takes it. Where the sender can wait (a
+pipe, a WebSocket), it waits while the queue is full; the sound of a microphone is lost then. Sound that is sent is
+heard from the moment it arrives, or after the sound before it. Where nothing is sent, silence is heard, so that the
+motion goes on between two sentences.
 """
 
 import contextlib
 import queue
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,7 +19,7 @@ from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.live.addresses import import_extra, read_address
+from ha2g_jax.live.addresses import Address, import_extra
 from ha2g_jax.live.clock import Clock, Stop
 from ha2g_jax.live.servers import serving
 from ha2g_jax.live.sources import CHUNK_SECONDS, Chunk, Resampler
@@ -31,24 +32,16 @@ _BROKEN = 5.0  # seconds without sound after which a microphone is taken to be u
 _BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for text
 
 
-class Sent:
-    """Sound that is sent in pieces of any length, see the docstring of the module.
+class Inbox:
+    """Sound that is sent in pieces of any length, on its way from the thread that receives it to the run."""
 
-    Attributes:
-        name: description of the source.
-    """
-
-    is_timed = True
-    lost_seconds = 0.0
-
-    def __init__(self, name: str, rate: int) -> None:
+    def __init__(self, rate: int) -> None:
         """Start without sound.
 
         Args:
-            name: description of the source.
             rate: samples per second.
         """
-        self.name, self._rate = name, rate
+        self._rate = rate
         self._pieces: queue.Queue[np.ndarray | None] = queue.Queue(_QUEUE)
         self._is_closed = False
 
@@ -68,7 +61,8 @@ class Sent:
         """Let the thread that puts samples end."""
         self._is_closed = True
 
-    def chunks(self, clock: Clock, stop: Stop) -> Iterator[Chunk]:
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        """Yield the sound as it is heard, and silence where there is none."""
         resampler, end = Resampler(self._rate), clock.now()  # `end`: when the sound so far has been heard
         silence = np.zeros(round(CHUNK_SECONDS * self._rate), np.float32)
         is_silent = False
@@ -92,70 +86,78 @@ class Sent:
             yield chunk
 
 
-@contextlib.contextmanager
-def stdin(rate: int, file: BinaryIO | None = None) -> Iterator[Sent]:
-    """Provide the sound of standard input: raw PCM, 16 bits, little-endian, mono.
+class PipeSource:
+    """Standard input: raw PCM, 16 bits, little-endian, mono."""
 
-    Args:
-        rate: samples per second.
-        file: file to read instead.
+    name, is_timed, lost_seconds = "stdin", True, 0.0
 
-    Raises:
-        UserError: standard input is a terminal.
-    """
-    if file is None and (sys.stdin is None or sys.stdin.isatty()):
-        raise UserError("stdin is not a pipe; pipe raw PCM into it: 16 bits, little-endian, mono, at --rate")
-    source = Sent("stdin", rate)
-    read = (file or sys.stdin.buffer).read1  # type: ignore[union-attr]
+    def __init__(self, rate: int, file: BinaryIO | None = None) -> None:
+        """Prepare to read.
 
-    def pump() -> None:
+        Args:
+            rate: samples per second.
+            file: file to read instead of standard input.
+
+        Raises:
+            UserError: standard input is a terminal.
+        """
+        if file is None and (sys.stdin is None or sys.stdin.isatty()):
+            raise UserError("stdin is not a pipe; pipe raw PCM into it: 16 bits, little-endian, mono, at --rate")
+        self._rate, self._file = rate, file or sys.stdin.buffer
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        with contextlib.closing(Inbox(self._rate)) as inbox:
+            # It may wait for input for ever, and does not keep the program from ending.
+            threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
+            yield from inbox.chunks(clock, stop)
+
+    def _read(self, inbox: Inbox) -> None:
         decode = _decoder()
-        while data := read(_PIECE):
-            if not source.put(decode(data)):
+        while data := self._file.read1(_PIECE):  # type: ignore[attr-defined]
+            if not inbox.put(decode(data)):
                 return
-        source.put(None)
-
-    threading.Thread(target=pump, daemon=True).start()  # daemon: it may wait for input for ever
-    try:
-        yield source
-    finally:
-        source.close()
+        inbox.put(None)
 
 
-@contextlib.contextmanager
-def websocket(text: str, rate: int) -> Iterator[Sent]:
-    """Provide the sound that one client at a time sends to a WebSocket: binary messages of PCM as of `stdin`.
+class WebSocketSource:
+    """A WebSocket to which one client at a time sends binary messages of PCM as of `PipeSource`.
 
-    Args:
-        text: ws://HOST:PORT to listen on.
-        rate: samples per second.
-
-    Raises:
-        UserError: the address cannot be used, or the library is missing.
+    Attributes:
+        name: its address.
     """
-    source, one = Sent(shown(text), rate), threading.Lock()
 
-    def receive(connection: Any) -> None:
-        if not one.acquire(blocking=False):
+    is_timed, lost_seconds = True, 0.0
+
+    def __init__(self, address: Address, rate: int) -> None:
+        """Prepare to listen.
+
+        Args:
+            address: where to listen.
+            rate: samples per second.
+        """
+        self.name, self._address, self._rate = str(address), address, rate
+        self._sender = threading.Lock()
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        inbox = Inbox(self._rate)
+        with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
+            yield from inbox.chunks(clock, stop)
+
+    def _receive(self, connection: Any, inbox: Inbox) -> None:
+        """Take the messages of a client until it leaves or the run ends."""
+        if not self._sender.acquire(blocking=False):
             connection.close(_BUSY, "another sender is connected")
             return
-        with contextlib.closing(connection):
-            try:
-                decode = _decoder()
-                for message in connection:
-                    if isinstance(message, str):
-                        connection.close(_UNSUPPORTED, "send sound as binary messages of 16-bit PCM")
-                        return
-                    if not source.put(decode(message)):
-                        return
-            finally:
-                one.release()
-
-    with serving(read_address(text), receive):
         try:
-            yield source
+            decode = _decoder()
+            for message in connection:
+                if isinstance(message, str):
+                    connection.close(_UNSUPPORTED, "send sound as binary messages of 16-bit PCM")
+                    return
+                if not inbox.put(decode(message)):
+                    return
         finally:
-            source.close()
+            self._sender.release()
 
 
 def _decoder() -> Callable[[bytes], np.ndarray]:
@@ -172,23 +174,23 @@ def _decoder() -> Callable[[bytes], np.ndarray]:
     return decode
 
 
-class Captured:
-    """Sound of a microphone, heard while it is recorded.
+class MicrophoneSource:
+    """The default microphone, heard while it is recorded."""
 
-    Attributes:
-        name: description of the source.
-    """
+    name, is_timed = "microphone", True
 
-    is_timed = True
-
-    def __init__(self, name: str, rate: float) -> None:
-        """Start without sound.
+    def __init__(self, rate: int | None) -> None:
+        """Look for the microphone.
 
         Args:
-            name: description of the source.
-            rate: samples per second.
+            rate: samples per second; by default those of the device.
+
+        Raises:
+            UserError: the library is missing, or there is no microphone.
         """
-        self.name, self._rate = name, rate
+        self._library = import_extra("sounddevice", "sounddevice and PortAudio")
+        with self._device_errors():
+            self._rate = rate or round(self._library.query_devices(kind="input")["default_samplerate"])
         self._pieces: queue.Queue[tuple[np.ndarray, float]] = queue.Queue(_QUEUE)
         self._num_lost = 0
 
@@ -196,19 +198,25 @@ class Captured:
     def lost_seconds(self) -> float:
         return self._num_lost / self._rate
 
-    def put(self, piece: np.ndarray, heard: float) -> None:
-        """Append samples, unless the computation is a second behind; then they are lost.
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        def take(data: np.ndarray, frames: int, time: Any, status: Any) -> None:
+            del time, status
+            try:
+                self._pieces.put_nowait((data[:, 0].copy(), clock.now() - frames / self._rate))
+            except queue.Full:
+                self._num_lost += frames
 
-        Args:
-            piece: (samples,) float32.
-            heard: time of the clock at which the first of them was heard.
-        """
-        try:
-            self._pieces.put_nowait((piece, heard))
-        except queue.Full:
-            self._num_lost += len(piece)
+        size = round(CHUNK_SECONDS * self._rate)
+        with contextlib.ExitStack() as stack:
+            with self._device_errors():
+                stream = self._library.InputStream(
+                    samplerate=self._rate, channels=1, dtype="float32", blocksize=size, callback=take
+                )
+                stack.enter_context(contextlib.closing(stream))
+                stream.start()
+            yield from self._captured(clock, stop)
 
-    def chunks(self, clock: Clock, stop: Stop) -> Iterator[Chunk]:
+    def _captured(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
         resampler, last = Resampler(self._rate), clock.now()
         while not stop.is_asked():
             try:
@@ -222,31 +230,9 @@ class Captured:
             last = clock.now()
             yield resampler.resample(piece, heard)
 
-
-@contextlib.contextmanager
-def microphone(rate: int | None) -> Iterator[Captured]:
-    """Provide the sound of the default microphone.
-
-    Args:
-        rate: samples per second; by default those of the device.
-
-    Raises:
-        UserError: the library is missing, or there is no microphone that can be used.
-    """
-    device = import_extra("sounddevice", "sounddevice and PortAudio")
-    clock = Clock()
-    try:
-        rate = rate or round(device.query_devices(kind="input")["default_samplerate"])
-        source = Captured("microphone", rate)
-
-        def take(data: np.ndarray, frames: int, time: Any, status: Any) -> None:
-            del time, status
-            source.put(data[:, 0].copy(), clock.now() - frames / rate)
-
-        stream = device.InputStream(
-            samplerate=rate, channels=1, dtype="float32", blocksize=round(CHUNK_SECONDS * rate), callback=take
-        )
-    except (device.PortAudioError, ValueError) as error:
-        raise UserError(f"no microphone can be used ({shown(str(error))}); connect one, or use stdin") from error
-    with stream:
-        yield source
+    @contextlib.contextmanager
+    def _device_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except (self._library.PortAudioError, ValueError) as error:
+            raise UserError(f"no microphone can be used ({shown(str(error))}); connect one, or use stdin") from error

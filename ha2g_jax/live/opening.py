@@ -20,17 +20,16 @@ from ha2g_jax.motion.rigs import OWN, load_rig
 _RECORDING = ".npz"
 
 
-def open_source(text: str, stack: contextlib.ExitStack, rate: int | None = None, is_fast: bool = False) -> Source:
-    """Open a source.
+def open_source(text: str, rate: int | None = None, is_fast: bool = False) -> Source:
+    """Return a source, whose sound begins when it is asked for.
 
     Args:
         text: path of a file with sound, "stdin", "microphone" or ws://HOST:PORT.
-        stack: closes the source.
         rate: samples per second of "stdin", "microphone" or the WebSocket; by default that of the microphone, or 16000.
         is_fast: whether a file is taken as fast as it is computed.
 
     Raises:
-        UserError: the source is not known, cannot be opened or does not take these options, or its library is missing.
+        UserError: the source is not known, cannot be used or does not take these options, or its library is missing.
     """
     if rate is not None and not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
         raise UserError(f"the rate is {rate}; give {MIN_SOUND_RATE} to {MAX_SOUND_RATE} samples per second")
@@ -40,11 +39,11 @@ def open_source(text: str, stack: contextlib.ExitStack, rate: int | None = None,
     if not is_arriving and rate is not None:
         raise UserError("--rate is for stdin, the microphone and WebSockets; a file states its own rate")
     if text == "stdin":
-        return stack.enter_context(arriving.stdin(rate or SAMPLE_RATE))
+        return arriving.PipeSource(rate or SAMPLE_RATE)
     if text == "microphone":
-        return stack.enter_context(arriving.microphone(rate))
+        return arriving.MicrophoneSource(rate)
     if text.startswith("ws://"):
-        return stack.enter_context(arriving.websocket(text, rate or SAMPLE_RATE))
+        return arriving.WebSocketSource(read_address(text), rate or SAMPLE_RATE)
     if is_arriving:
         raise UserError(f"no source {shown(text)}; expected a file, stdin, microphone or ws://HOST:PORT")
     return FileSource(pathlib.Path(text), is_fast)

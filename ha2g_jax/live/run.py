@@ -1,9 +1,12 @@
 """A live run: sound of a source goes through the stream of a model, and its frames to the sinks."""
 
+import contextlib
 import importlib.metadata
+import sys
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -111,9 +114,10 @@ def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: St
             meter.compute_seconds += clock.now() - before
             sender.put(frame, stop)
 
-    with progress_bar("live") as bar:
+    tqdm.write(f"listening to {source.name}", file=sys.stderr)
+    with progress_bar("live") as bar, contextlib.closing(source.chunks(clock, stop)) as chunks:
         shown = clock.now()
-        for chunk in source.chunks(clock, stop):
+        for chunk in chunks:
             timeline.add(len(chunk.samples), chunk.heard)
             emit(_timed(meter, clock, stream.feed, chunk.samples))
             meter.sound_seconds, meter.lost_seconds = timeline.num_samples / SAMPLE_RATE, source.lost_seconds

@@ -1,7 +1,7 @@
 """Sources of sound: a file, standard input, the microphone, or a WebSocket that others send to."""
 
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -42,7 +42,7 @@ class Source(Protocol):
         """Seconds of sound that came while the computation was too far behind to take it."""
         ...
 
-    def chunks(self, clock: Clock, stop: Stop) -> Iterator[Chunk]:
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
         """Yield the sound as it is heard, until its end or until the run is to stop."""
         ...
 
@@ -65,7 +65,7 @@ class FileSource:
         self.name = shown(path.name)
         self._samples, self.is_timed = read_audio(path), not is_fast
 
-    def chunks(self, clock: Clock, stop: Stop) -> Iterator[Chunk]:
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
         size, start = round(CHUNK_SECONDS * SAMPLE_RATE), clock.now()
         for first in range(0, len(self._samples), size):
             samples = self._samples[first : first + size]

@@ -10,6 +10,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.live import sinks
+from ha2g_jax.live.clock import Clock, Stop
 from ha2g_jax.live.opening import open_sinks, open_source
 from ha2g_jax.motion.armature import world
 
@@ -106,7 +107,7 @@ def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
     with contextlib.ExitStack() as stack:
         open_sinks([url], stack)
         with pytest.raises(UserError, match="cannot listen on"):
-            open_source(url, stack)
+            next(open_source(url).chunks(Clock(), Stop()))
     with pytest.raises(UserError, match="no rig lego"), contextlib.ExitStack() as stack:
         open_sinks(["udp://127.0.0.1:9"], stack, "lego")
 
@@ -123,8 +124,8 @@ def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
     ],
 )
 def test_a_source_that_cannot_be_used_is_said_in_one_line(text, options, message):
-    with pytest.raises(UserError, match=message) as error, contextlib.ExitStack() as stack:
-        open_source(text, stack, **options)
+    with pytest.raises(UserError, match=message) as error:
+        open_source(text, **options)
     assert "\n" not in str(error.value)
 
 

@@ -1,15 +1,18 @@
 """Sound has the times at which it is heard; pauses become silence, and nothing waits without bound."""
 
-import contextlib
 import io
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
 import soundfile
 import soxr
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.live import arriving
+from ha2g_jax.live.addresses import read_address
 from ha2g_jax.live.clock import Clock, Stop, Timeline
 from ha2g_jax.live.sources import FileSource, Resampler
 
@@ -75,13 +78,13 @@ def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
         def read1(self, size=-1, /):
             return super().read1(min(size or 0, 333))
 
-    with arriving.stdin(16000, Pipe(pcm(tone(16000)) + b"x")) as source:
-        sound = joined(list(source.chunks(Clock(), Stop())))
+    source = arriving.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
+    sound = joined(list(source.chunks(Clock(), Stop())))
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
 def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
-    source = arriving.Sent("pipe", 16000)
+    source = arriving.Inbox(16000)
     source.put(tone(16000, 0.5))
     chunks = take(source, clock, 1.0)
     assert chunks[0].heard == 100
@@ -92,7 +95,7 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
 
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
-    source = arriving.Sent("pipe", 16000)
+    source = arriving.Inbox(16000)
     heard = source.chunks(clock, Stop())
     for _ in range(10):
         next(heard)
@@ -103,14 +106,14 @@ def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
 
 
 def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
-    source = arriving.Sent("pipe", 16000)
+    source = arriving.Inbox(16000)
     for _ in range(3):
         source.put(tone(16000, 0.5))
     assert [chunk.heard for chunk in take(source, clock, 1.5)] == [100, 100.5, 101]
 
 
 def test_a_sender_waits_while_the_queue_is_full():
-    source = arriving.Sent("pipe", 16000)
+    source = arriving.Inbox(16000)
     count = 0
 
     def send():
@@ -127,31 +130,95 @@ def test_a_sender_waits_while_the_queue_is_full():
     assert count == arriving._QUEUE
 
 
-def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, capsys):
-    source = arriving.Captured("microphone", 16000)
-    for piece in range(arriving._QUEUE + 25):
-        source.put(np.full(320, piece, np.float32), 100 + 0.02 * piece)
-    assert source.lost_seconds == pytest.approx(0.5)
+class Device:
+    """A stand-in for sounddevice, whose microphone gives `pieces` at once and then nothing."""
+
+    PortAudioError = type("PortAudioError", (Exception,), {})
+
+    def __init__(self, clock, pieces, fault=None):
+        self.clock, self.pieces, self.fault, self.is_closed = clock, pieces, fault, False
+
+    def query_devices(self, kind):
+        if self.fault:
+            raise self.PortAudioError(self.fault)
+        return {"default_samplerate": 16000.0}
+
+    def InputStream(self, *, samplerate, channels, dtype, blocksize, callback):
+        self.callback, self.size = callback, blocksize
+        return self
+
+    def start(self):
+        for piece in range(self.pieces):
+            self.clock.time += self.size / 16000
+            self.callback(np.full((self.size, 1), piece, np.float32), self.size, None, None)
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, monkeypatch, capsys):
+    device = Device(clock, arriving._QUEUE + 25)
+    monkeypatch.setitem(sys.modules, "sounddevice", device)
+    source = arriving.MicrophoneSource(None)
     chunks = list(source.chunks(clock, Stop()))  # ends, as there is no more sound
+    assert source.lost_seconds == pytest.approx(0.5)
     assert len(chunks) == arriving._QUEUE
     assert chunks[-1].heard == pytest.approx(100 + 0.02 * (arriving._QUEUE - 1))
+    assert chunks[-1].samples[0] == arriving._QUEUE - 1
+    assert device.is_closed
     assert "no sound from microphone" in capsys.readouterr().err
 
 
-def test_a_websocket_takes_binary_messages_of_one_sender(free_port):
-    url = f"ws://127.0.0.1:{free_port()}"
-    with arriving.websocket(url, 16000) as source:
-        with connect(url) as sender, connect(url) as other:
-            sender.send(pcm(tone(16000))[:1001])
-            sender.send(pcm(tone(16000))[1001:])
-            with pytest.raises(websockets.ConnectionClosed, match="another sender"):
-                other.recv(timeout=5)
-            sound = joined(take(source, Clock(), 1.0))
-        speech = np.flatnonzero(sound)[0]
-        np.testing.assert_allclose(sound[speech - 1 :][:16000], tone(16000)[: len(sound) - speech + 1], atol=1e-4)
-        with connect(url) as sender, pytest.raises(websockets.ConnectionClosed, match="binary"):
-            sender.send("text")
-            sender.recv(timeout=5)
+def test_a_microphone_that_is_missing_is_said_in_one_line(clock, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sounddevice", Device(clock, 0, "Error querying device -1"))
+    with pytest.raises(UserError, match=r"no microphone can be used \(Error querying device -1\)"):
+        arriving.MicrophoneSource(None)
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    with pytest.raises(UserError, match=r"needs sounddevice and PortAudio: pip install 'ha2g-jax\[live\]'"):
+        arriving.MicrophoneSource(None)
+
+
+@pytest.fixture
+def listening(free_port):
+    """The address of a WebSocket source, and the chunks that a thread takes from it."""
+    address, stop, chunks = read_address(f"ws://127.0.0.1:{free_port()}"), Stop(), []
+    source = arriving.WebSocketSource(address, 16000)
+    thread = threading.Thread(target=lambda: chunks.extend(source.chunks(Clock(), stop)), daemon=True)
+    thread.start()
+    yield address, chunks
+    stop.ask()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_a_websocket_takes_binary_messages_of_one_sender(listening):
+    address, chunks = listening
+    with connect_when_ready(address) as sender, connect(str(address)) as other:
+        sender.send(pcm(tone(16000))[:1001])
+        with pytest.raises(websockets.ConnectionClosed, match="another sender"):
+            other.recv(timeout=5)
+        sender.send(pcm(tone(16000))[1001:])
+    end = time.monotonic() + 10
+    while sum(np.count_nonzero(chunk.samples) for chunk in chunks) < 15_000 and time.monotonic() < end:
+        time.sleep(0.01)
+    sound = joined([chunk for chunk in chunks if chunk.samples.any()])  # silence may be heard between the messages
+    np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
+
+
+def test_a_websocket_refuses_text(listening):
+    with connect_when_ready(listening[0]) as sender, pytest.raises(websockets.ConnectionClosed, match="binary"):
+        sender.send("text")
+        sender.recv(timeout=5)
+
+
+def connect_when_ready(address):
+    """Connect to a server that is just starting."""
+    for _ in range(200):
+        try:
+            return connect(str(address))
+        except OSError:
+            time.sleep(0.02)
+    raise TimeoutError(address)
 
 
 def test_a_timeline_knows_when_a_sample_is_heard_across_a_pause():
@@ -167,13 +234,3 @@ def test_a_timeline_forgets():
         timeline.add(320, 0.02 * piece)
     assert len(timeline._pieces) < 60
     assert timeline.heard(199.5) == pytest.approx(199.5)
-
-
-def test_the_library_of_the_microphone_may_be_missing(monkeypatch):
-    import sys
-
-    from ha2g_jax.errors import UserError
-
-    monkeypatch.setitem(sys.modules, "sounddevice", None)
-    with pytest.raises(UserError, match=r"ha2g-jax\[live\]"), contextlib.ExitStack() as stack:
-        stack.enter_context(arriving.microphone(None))
