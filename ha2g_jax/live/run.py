@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.metadata
+import math
 import sys
 from typing import Any
 
@@ -10,6 +11,7 @@ from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.limits import MAX_MOTION_SECONDS
 from ha2g_jax.live.clock import Clock, Stop, Timeline, stop_signals
 from ha2g_jax.live.frames import Frame, Rigs
 from ha2g_jax.live.meter import Meter
@@ -38,7 +40,6 @@ def run(
     controls: control.Controls = control.NEUTRAL,
     delay: float | None = None,
     stop: Stop | None = None,
-    clock: Clock | None = None,
 ) -> Meter:
     """Generate motion for sound while it is heard, until its end or until Ctrl-C or SIGTERM.
 
@@ -52,8 +53,7 @@ def run(
         look_ahead, hop, style, seed, controls: see `Model.stream`.
         delay: seconds that the sound is played later than the source gives it; by default the latency of the stream,
             with which frames leave when they are computed.
-        stop: tells whether and by which signal the run was ended.
-        clock: clock of the run.
+        stop: tells afterwards by which signal the run was ended; may be asked to end it.
 
     Returns:
         Counts of the run.
@@ -62,16 +62,16 @@ def run(
         UserError: an argument cannot be used, or there was no sound.
         KeyboardInterrupt: Ctrl-C before there was sound.
     """
-    clock, stop = clock or Clock(), stop or Stop()
+    stop = stop or Stop()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
     if delay is not None and not stream.latency <= delay <= _LONGEST_DELAY:
         raise UserError(
-            f"the delay is {delay:g} s; give {stream.latency:.3f} s, the latency of this look-ahead and hop, to "
-            f"{_LONGEST_DELAY:g} s"
+            f"the delay is {delay:g} s; give {math.ceil(1000 * stream.latency) / 1000:g} s, the latency of this "
+            f"look-ahead and hop, to {_LONGEST_DELAY:g} s"
         )
     with stop_signals(stop):
-        meter = _follow(stream, source, sinks, stream.latency if delay is None else delay, stop, clock)
+        meter = _follow(stream, source, sinks, stream.latency if delay is None else delay, stop)
     if meter.sound_seconds == 0:
         if stop.signal:
             raise KeyboardInterrupt
@@ -81,7 +81,7 @@ def run(
         "model": model.config.name,
         "checkpoint": model.assets.hash,
         "speech": source.name,
-        "duration": meter.sound_seconds,
+        "duration": min(meter.sound_seconds, MAX_MOTION_SECONDS),
         "style": choose_style(model.spec, model.variables, model.assets, style, seed)[1],
         "seed": seed,
         "look_ahead": look_ahead,
@@ -93,18 +93,21 @@ def run(
     return meter
 
 
-def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: Stop, clock: Clock) -> Meter:
+def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: Stop) -> Meter:
     """Send and record the frames of all sound of a source."""
-    meter = Meter(stream.latency)
+    clock, meter = Clock(), Meter(stream.latency)
     rigs = Rigs(stream.skeleton, stream.fps, [sink.rig for sink in sinks.senders])
     timeline = Timeline(stream.latency + _REMEMBERED_SECONDS)
     sender = Sender(
         sinks.senders, stream.fps, delay if source.is_timed else None, stream.hop / stream.fps, clock, meter
     )
+    most = round(MAX_MOTION_SECONDS * stream.fps)  # frames of a recording
 
     def emit(directions: np.ndarray) -> None:
         for recording in sinks.recordings:
-            recording.add(directions)
+            recording.add(directions[: max(most - meter.computed, 0)])
+        if sinks.recordings and meter.computed < most <= meter.computed + len(directions):
+            tqdm.write(f"the recording is full at {MAX_MOTION_SECONDS} s; the run goes on", file=sys.stderr)
         for pose in directions:
             number, meter.computed = meter.computed, meter.computed + 1
             if stop.is_asked() or not sinks.senders:

@@ -13,6 +13,7 @@ import soundfile
 from live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
+from ha2g_jax.live import run
 from ha2g_jax.motion.motion import Motion
 
 
@@ -56,6 +57,14 @@ def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same
     assert [message["frame"] for message in messages[1:]] == list(range(11))
     assert live("--source", speech, "--fast", "--sink", tmp_path / "b.npz") == 0
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_a_recording_ends_where_files_of_motion_do(live, speech, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run, "MAX_MOTION_SECONDS", 0.4)
+    assert live("--source", speech, "--fast", "--sink", tmp_path / "a.npz") == 0
+    motion = Motion.load(tmp_path / "a.npz")
+    assert (motion.num_frames, motion.meta["duration"]) == (6, 0.4)
+    assert capsys.readouterr().err.count("the recording is full at 0.4 s") == 1
 
 
 def test_falling_behind_drops_frames_that_are_recorded_all_the_same(live, speech, tmp_path, monkeypatch, capsys):
