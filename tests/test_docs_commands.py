@@ -42,6 +42,8 @@ BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PARSED_ONLY = {
     "data build-video": "needs the environment of data install-pose; tests/data/video runs it",
     "data install-pose": "needs the network and 400 MB",
+    "live --source microphone": "needs a microphone",
+    "live --source ws": "runs until Ctrl-C; tests/live runs it",
 }
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}
@@ -74,6 +76,7 @@ DEBUG = (
     (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
     (r"^video .*", r"\g<0> --size 64x64"),
+    (r"^live (?!.*--checkpoint)(.*?)(?: --fast)?$", r"live \1 --checkpoint runs/talk --fast"),
 )
 
 

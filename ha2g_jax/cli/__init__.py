@@ -10,7 +10,7 @@ import sys
 import traceback
 
 from ha2g_jax import __version__
-from ha2g_jax.cli import data, evaluate, export, generate, view
+from ha2g_jax.cli import data, evaluate, export, generate, live, view
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
@@ -25,7 +25,8 @@ def main(argv: list[str] | None = None) -> int:
 
     Returns:
         0; 1 if `doctor` or `data validate` find an error, or for a fault of this program, whose traceback is printed; 2
-        for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C.
+        for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C, and 143 if `live` is
+        ended by SIGTERM.
     """
     argv = sys.argv[1:] if argv is None else argv
     _print_any_path()
@@ -77,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     generate.add_command(commands)
+    live.add_command(commands)
     export.add_commands(commands)
     view.add_command(commands)
 

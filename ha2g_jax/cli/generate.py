@@ -1,14 +1,19 @@
 """The command `ha2g generate`: arguments only; it calls one function of the package."""
 
 import argparse
+import dataclasses
 import pathlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
 from ha2g_jax.cli.export import read_size
 from ha2g_jax.cli.parser import read_seed
 from ha2g_jax.progress import stage
+
+if TYPE_CHECKING:
+    from ha2g_jax.motion.control import Controls
+    from ha2g_jax.synthesis import Style
 
 
 def add_command(commands: Any) -> None:
@@ -42,12 +47,13 @@ def add_command(commands: Any) -> None:
     command.add_argument(
         "--size", default="720", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"
     )
-    _add_style(command)
+    add_style(command)
     _add_controls(command)
     command.set_defaults(run=run)
 
 
-def _add_style(command: argparse.ArgumentParser) -> None:
+def add_style(command: argparse.ArgumentParser) -> None:
+    """Add the arguments that `read_style` reads."""
     style = command.add_argument_group("style of the motion").add_mutually_exclusive_group()
     style.add_argument("--speaker", help="name of a speaker of the training data")
     style.add_argument("--style", metavar="A:0.3,B:0.7", help="mixture of speakers, with weights")
@@ -60,14 +66,7 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
         "control of the motion",
         "Times are in seconds. The transitions before and after a pose or a mute take half a second each.",
     )
-    controls.add_argument("--energy", type=float, default=1.0, help="speed of the motion, 0 to 2: 0 still, 1 unchanged")
-    controls.add_argument(
-        "--extent", type=float, default=1.0, help="size of the gestures, 0 to 2: 0 at rest, 1 unchanged"
-    )
-    controls.add_argument(
-        "--handedness", choices=("left", "right", "both"), default="both", help="the other arm rests (default: both)"
-    )
-    controls.add_argument("--mirror", action="store_true", help="exchange left and right")
+    add_amounts(controls)
     controls.add_argument("--seed-pose", type=pathlib.Path, metavar="NPZ", help="motion to continue")
     controls.add_argument(
         "--pin",
@@ -84,32 +83,56 @@ def _add_controls(command: argparse.ArgumentParser) -> None:
     )
 
 
+def add_amounts(controls: Any) -> None:
+    """Add the arguments that `read_amounts` reads to a group."""
+    controls.add_argument("--energy", type=float, default=1.0, help="speed of the motion, 0 to 2: 0 still, 1 unchanged")
+    controls.add_argument(
+        "--extent", type=float, default=1.0, help="size of the gestures, 0 to 2: 0 at rest, 1 unchanged"
+    )
+    controls.add_argument(
+        "--handedness", choices=("left", "right", "both"), default="both", help="the other arm rests (default: both)"
+    )
+    controls.add_argument("--mirror", action="store_true", help="exchange left and right")
+
+
+def read_style(arguments: argparse.Namespace) -> "Style":
+    """Return the style that the arguments of `add_style` ask for."""
+    from ha2g_jax import synthesis
+
+    return synthesis.Style(
+        speaker=arguments.speaker,
+        mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
+        images=arguments.reference_image,
+        seed=arguments.style_seed,
+    )
+
+
+def read_amounts(arguments: argparse.Namespace) -> "Controls":
+    """Return the controls that the arguments of `add_amounts` ask for."""
+    from ha2g_jax.motion import control
+
+    return control.Controls(
+        energy=arguments.energy, extent=arguments.extent, handedness=arguments.handedness, mirror=arguments.mirror
+    )
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Generate the files that the arguments ask for, and print their paths."""
     with stage("starting"):
         from ha2g_jax import synthesis
         from ha2g_jax.motion import control
 
-    controls = control.Controls(
-        energy=arguments.energy,
-        extent=arguments.extent,
-        handedness=arguments.handedness,
-        mirror=arguments.mirror,
+    controls = dataclasses.replace(
+        read_amounts(arguments),
         pins=tuple(control.read_pin(pin) for pin in arguments.pin),
         mutes=tuple(control.read_mute(mute) for mute in arguments.mute),
-    )
-    style = synthesis.Style(
-        speaker=arguments.speaker,
-        mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
-        images=arguments.reference_image,
-        seed=arguments.style_seed,
     )
     synthesis.generate_files(
         arguments.speech,
         out=arguments.out,
         checkpoint=arguments.checkpoint,
         suffix=None if arguments.format is None else "." + arguments.format.lower().removeprefix("."),
-        style=style,
+        style=read_style(arguments),
         seed=arguments.seed,
         seed_pose=arguments.seed_pose,
         fps=arguments.fps,

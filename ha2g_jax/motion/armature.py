@@ -4,6 +4,7 @@ Axes in this module: metres, y up, the person faces +z, the person's left is at 
 """
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -76,14 +77,29 @@ def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
     armature, local = animation.armature, animation.rotations
     rotated = np.empty(local.shape)
     positions = np.empty((*local.shape[:2], 3))
-    for joint, parent in enumerate(armature.parents):
-        if parent < 0:
-            rotated[:, joint], positions[:, joint] = local[:, joint], animation.translation
-            continue
-        rotated[:, joint] = rotations.multiply(rotated[:, parent], local[:, joint])
-        offset = rotations.rotate(rotated[:, parent], armature.offsets[joint])
-        positions[:, joint] = positions[:, parent] + offset
+    rotated[:, 0], positions[:, 0] = local[:, 0], animation.translation
+    for joints, parents in generations(armature.parents)[1:]:
+        above = rotated[:, parents]
+        rotated[:, joints] = rotations.multiply(above, local[:, joints])
+        positions[:, joints] = positions[:, parents] + rotations.rotate(above, armature.offsets[joints])
     return rotated, positions
+
+
+@functools.lru_cache(maxsize=16)
+def generations(parents: tuple[int, ...]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Group the joints of a tree by the number of joints above them, so that a group is computed at once.
+
+    Args:
+        parents: index of each joint's parent, which comes before it, -1 for the root.
+
+    Returns:
+        The indices of the joints of each group and of their parents, the root first.
+    """
+    depths: list[int] = []
+    for parent in parents:
+        depths.append(depths[parent] + 1 if parent >= 0 else 0)
+    groups = [np.flatnonzero(np.array(depths) == depth) for depth in range(max(depths) + 1)]
+    return tuple((joints, np.array(parents)[joints]) for joints in groups)
 
 
 def export_axes(skeleton: Skeleton) -> np.ndarray:

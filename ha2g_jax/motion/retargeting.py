@@ -1,5 +1,7 @@
 """Transfer of an animation of the `ha2g` armature to another rig."""
 
+import dataclasses
+
 import numpy as np
 
 from ha2g_jax.motion import rotations
@@ -26,29 +28,86 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
     """
     if rig.name == animation.armature.name:
         return animation
-    places, to_rest, rest = _rest_pose(animation.armature, rig)
-    parents = tuple(joint.parent for joint in rig.joints)
-    armature = _armature(rig, places, rest)
-    sources, _ = world(animation)
-    found = [_source(animation.armature, joint.carries) for joint in rig.joints]
-    rotated = np.empty((animation.num_frames, len(rig.joints), 4))
-    local = np.empty_like(rotated)
-    # The rotation of the nearest joint above with weight 1, from which a smaller weight is counted.
-    whole: list[np.ndarray] = []
-    for index, (joint, parent, source) in enumerate(zip(rig.joints, parents, found)):
-        above = whole[parent] if parent >= 0 else rotations.IDENTITY
-        if source is None:
-            whole.append(above)
-            local[:, index] = armature.rest[index]
-        else:
-            full = sources[:, source]
-            rotation = full if joint.weight == 1 else rotations.slerp(above, full, np.array(joint.weight))
-            whole.append(rotation if joint.weight == 1 else np.broadcast_to(above, full.shape))
-            target = rotations.multiply(rotation, rotations.multiply(rotations.conjugate(to_rest[index]), rest[index]))
-            local[:, index] = _relative(rotated[:, parent], target) if parent >= 0 else target
-        rotated[:, index] = rotations.multiply(rotated[:, parent], local[:, index]) if parent >= 0 else local[:, index]
-    local = rotations.continuous(rotations.unit(local))
-    return Animation(armature, local, places[0] + animation.translation, animation.fps, animation.meta)
+    return Transfer.between(animation.armature, rig).apply(animation)
+
+
+@dataclasses.dataclass(frozen=True)
+class Transfer:
+    """The part of `retarget` that is the same for all frames, for motion that arrives frame by frame.
+
+    Attributes:
+        armature: armature of the rig, with J joints.
+        start: (3,) position of its root at rest, in metres.
+        carried: (K,) indices of the joints that carry a joint of the `ha2g` armature.
+        sources: (K,) indices of the joints that they carry.
+        weights: (K,) fractions of the rotations that they take.
+        above: (K,) indices of the `ha2g` joints from whose rotation these fractions are counted, -1 for no rotation.
+        from_source: (K, 4) orientations of the joints relative to those of the joints that they carry.
+    """
+
+    armature: Armature
+    start: np.ndarray
+    carried: np.ndarray
+    sources: np.ndarray
+    weights: np.ndarray
+    above: np.ndarray
+    from_source: np.ndarray
+
+    @classmethod
+    def between(cls, armature: Armature, rig: Rig) -> "Transfer":
+        """Prepare the transfer from the `ha2g` armature of a skeleton to a rig.
+
+        Args:
+            armature: `ha2g` armature.
+            rig: any other rig.
+        """
+        places, to_rest, rest = _rest_pose(armature, rig)
+        found = [_source(armature, joint.carries) for joint in rig.joints]
+        above: list[int] = []  # the source of the nearest joint above that takes a whole rotation
+        for joint in rig.joints:
+            source = found[joint.parent] if joint.parent >= 0 and rig.joints[joint.parent].weight == 1 else None
+            above.append(-1 if joint.parent < 0 else above[joint.parent] if source is None else source)
+        carried = np.array([index for index, source in enumerate(found) if source is not None])
+        return cls(
+            armature=_armature(rig, places, rest),
+            start=places[0],
+            carried=carried,
+            sources=np.array([source for source in found if source is not None]),
+            weights=np.array([rig.joints[index].weight for index in carried]),
+            above=np.array(above)[carried],
+            from_source=rotations.multiply(rotations.conjugate(to_rest), rest)[carried],
+        )
+
+    def apply(self, animation: Animation, before: np.ndarray | None = None) -> Animation:
+        """Transfer an animation of the `ha2g` armature.
+
+        Args:
+            animation: animation of the armature that the transfer was prepared for.
+            before: (J, 4) rotations of the frame before, which the signs of the quaternions continue.
+
+        Returns:
+            Animation of `armature`.
+        """
+        sources, _ = world(animation)
+        rotation = sources[:, self.sources]
+        for index in np.flatnonzero(self.weights < 1):
+            above = sources[:, self.above[index]] if self.above[index] >= 0 else rotations.IDENTITY
+            rotation[:, index] = rotations.slerp(above, rotation[:, index], self.weights[index])
+        local = np.tile(self.armature.rest, (animation.num_frames, 1, 1))
+        rotated = np.empty_like(local)
+        rotated[:, self.carried] = rotations.multiply(rotation, self.from_source)
+        is_carried = np.zeros(len(self.armature.joints), bool)
+        is_carried[self.carried] = True
+        parents = np.array(self.armature.parents)
+        for index in np.flatnonzero(~is_carried):
+            above = rotated[:, parents[index]] if index else rotations.IDENTITY
+            rotated[:, index] = rotations.multiply(above, local[:, index])
+        backs = rotations.conjugate(rotated[:, parents[self.carried]])
+        local[:, self.carried] = rotations.multiply(backs, rotated[:, self.carried])
+        if is_carried[0]:
+            local[:, 0] = rotated[:, 0]
+        local = rotations.continuous(rotations.unit(local), before)
+        return Animation(self.armature, local, self.start + animation.translation, animation.fps, animation.meta)
 
 
 def _rest_pose(armature: Armature, rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,7 +166,3 @@ def _source(armature: Armature, name: str | None) -> int | None:
     """Return the index of the joint that rotates as the `ha2g` joint `name`, or None without such a joint."""
     name = OTHER_NAMES.get(name or "", name) if OTHER_NAMES.get(name or "") in armature.joints else name
     return armature.joint(name) if name in armature.joints else None
-
-
-def _relative(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    return rotations.multiply(rotations.conjugate(parent), child)

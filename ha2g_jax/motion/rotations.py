@@ -80,7 +80,9 @@ def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     u, v = np.broadcast_arrays(unit(u), unit(v))
     half = u + v
     is_opposite = np.linalg.norm(half, axis=-1, keepdims=True) < 1e-7
-    middle = np.where(is_opposite, perpendicular(u), unit(half))
+    middle = unit(half)
+    if is_opposite.any():
+        middle = np.where(is_opposite, perpendicular(u), middle)
     return unit(np.concatenate([cross(u, middle), np.sum(u * middle, axis=-1, keepdims=True)], axis=-1))
 
 
@@ -156,18 +158,19 @@ def from_vector(vectors: np.ndarray) -> np.ndarray:
     return about(unit(vectors), angle)
 
 
-def continuous(q: np.ndarray) -> np.ndarray:
+def continuous(q: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
     """Choose the signs of quaternions so that they are continuous over time.
 
     Args:
         q: (T, ..., 4) rotations.
+        before: (..., 4) the rotations of the frame before, which the signs continue.
 
     Returns:
-        (T, ..., 4) the same rotations, with w >= 0 in the first frame.
+        (T, ..., 4) the same rotations; without `before`, w >= 0 in the first frame.
     """
     q = np.array(q, np.float64)
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
-    first = q[:1, ..., 3] < 0
+    first = q[:1, ..., 3] < 0 if before is None else np.sum(q[:1] * before, axis=-1) < 0
     sign = np.where(np.cumsum(np.concatenate([first, flips]), axis=0) % 2 == 1, -1.0, 1.0)
     return q * sign[..., None]
 

@@ -3,13 +3,14 @@
 import json
 import pathlib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import Animation, world
+from ha2g_jax.motion.armature import Animation, Armature, world
 
 _AXES = {"units": "metres", "x": "the figure's left", "y": "up", "z": "ahead of the figure"}
 _QUATERNIONS = "x, y, z, w, relative to the parent's axes, the rest rotation included"
@@ -32,26 +33,12 @@ def write_json(path: str | pathlib.Path, animation: Animation) -> None:
     Raises:
         UserError: the file cannot be written.
     """
-    armature = animation.armature
-    rows = zip(armature.joints, armature.parents, _rounded(armature.offsets), _rounded(armature.rest), strict=True)
-    head = {
-        "rig": armature.name,
-        "fps": animation.fps,
-        "axes": _AXES,
-        "quaternions": _QUATERNIONS,
-        "meta": animation.meta,
-        "joints": [dict(zip(("name", "parent", "offset", "rest"), row, strict=True)) for row in rows],
-    }
+    head = describe_joints(animation.armature, animation.fps) | {"meta": animation.meta}
     start = json.dumps(head, indent=1, sort_keys=True).removesuffix("\n}")
     with whole_file(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write(f'{start},\n "frames": [')
-        for index, (positions, directions, local) in enumerate(_frames(animation)):
-            frame = {
-                "time": round(index / animation.fps, _MILLIONTHS),
-                "positions": positions,
-                "directions": directions,
-                "rotations": local,
-            }
+        for index, pose in enumerate(describe_poses(animation)):
+            frame = {"time": round(index / animation.fps, _MILLIONTHS), **pose}
             file.write(",\n  " if index else "\n  ")
             file.write(json.dumps(frame, separators=(",", ":")))
         file.write("\n ]\n}\n")
@@ -75,14 +62,35 @@ def write_csv(path: str | pathlib.Path, animation: Animation) -> None:
     names = ["frame", "time", *(f"{joint}_{field}" for joint in animation.armature.joints for field in fields)]
     with whole_file(path) as temporary, temporary.open("w", newline="\n") as file:
         file.write(",".join(names) + "\n")
-        for index, frame in enumerate(_frames(animation)):
-            values = [str(value) for joint in zip(*frame, strict=True) for part in joint for value in part]
+        for index, pose in enumerate(describe_poses(animation)):
+            values = [str(value) for joint in zip(*pose.values(), strict=True) for part in joint for value in part]
             time = round(index / animation.fps, _MILLIONTHS)
             file.write(",".join([str(index), str(time), *values]) + "\n")
 
 
-def _frames(animation: Animation) -> Iterator[tuple[list, list, list]]:
-    """Yield lists of the positions, directions and rotations of each frame, rounded to six decimals."""
+def describe_joints(armature: Armature, fps: float) -> dict[str, Any]:
+    """Return `rig`, `fps`, `axes`, `quaternions` and `joints` of `write_json`.
+
+    Args:
+        armature: armature of any rig.
+        fps: frames per second.
+    """
+    rows = zip(armature.joints, armature.parents, _rounded(armature.offsets), _rounded(armature.rest), strict=True)
+    return {
+        "rig": armature.name,
+        "fps": fps,
+        "axes": _AXES,
+        "quaternions": _QUATERNIONS,
+        "joints": [dict(zip(("name", "parent", "offset", "rest"), row, strict=True)) for row in rows],
+    }
+
+
+def describe_poses(animation: Animation) -> Iterator[dict[str, list]]:
+    """Yield `positions`, `directions` and `rotations` of each frame as `write_json` has them, rounded to six decimals.
+
+    Args:
+        animation: animation of any rig.
+    """
     _, positions = world(animation)
     parents = np.array([max(parent, 0) for parent in animation.armature.parents])
     starts = range(0, animation.num_frames, _BLOCK)
@@ -92,7 +100,8 @@ def _frames(animation: Animation) -> Iterator[tuple[list, list, list]]:
         # A bone of length 0 has no direction; forward kinematics leaves rounding errors of it.
         bones = np.where(np.linalg.norm(bones, axis=-1, keepdims=True) > 1e-9, bones, 0.0)
         parts = (positions[frames], rotations.unit(bones), animation.rotations[frames])
-        yield from zip(*(_rounded(part) for part in parts), strict=True)
+        for pose in zip(*(_rounded(part) for part in parts), strict=True):
+            yield dict(zip(("positions", "directions", "rotations"), pose, strict=True))
 
 
 def _rounded(values: np.ndarray) -> list:

@@ -7,9 +7,10 @@ from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver.frames import solve
 from ha2g_jax.motion.solver.limits import clamp, without_jumps
+from ha2g_jax.motion.solver.twist import FrameByFrame, WholeMotion
 from ha2g_jax.skeleton import Skeleton
 
-__all__ = ["animate", "directions_of"]
+__all__ = ["Solver", "animate", "directions_of"]
 
 
 def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
@@ -34,11 +35,55 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     skeleton = motion.skeleton
     armature = armatures.ha2g_armature(skeleton)
     directions = rotations.unit(motion.directions) * armatures.export_axes(skeleton)
-    local = solve(skeleton, armature, directions, motion.fps)
+    local = solve(skeleton, armature, directions, WholeMotion(motion.fps))
     if limits:
         local = without_jumps(local, clamp(armature, local))
     local = rotations.continuous(rotations.unit(local))
     return armatures.Animation(armature, local, np.zeros((len(local), 3)), motion.fps, motion.meta)
+
+
+class Solver:
+    """The conversion of `animate` for frames that arrive one after the other; a frame does not depend on later ones.
+
+    A frame is as it is as the last frame of a motion that ends with it. `animate` also uses the frames after it, where
+    a twist is not seen clearly.
+
+    Attributes:
+        armature: `ha2g` armature of the skeleton.
+    """
+
+    def __init__(self, skeleton: Skeleton, fps: float) -> None:
+        """Start before the first frame.
+
+        Args:
+            skeleton: skeleton of the direction vectors.
+            fps: frames per second.
+        """
+        self.armature = armatures.ha2g_armature(skeleton)
+        self._skeleton, self._fps = skeleton, fps
+        self._axes = armatures.export_axes(skeleton)
+        self._twists = FrameByFrame(fps)
+        self._last: np.ndarray | None = None  # (3, J, 4) of the last frame: free, within the limits, returned
+
+    def animate(self, directions: np.ndarray) -> armatures.Animation:
+        """Convert the next frames.
+
+        Args:
+            directions: (n, bones, 3) unit vectors, at least one frame.
+
+        Returns:
+            An animation of these frames; the signs of its quaternions continue those of the frames before.
+        """
+        free = solve(self._skeleton, self.armature, rotations.unit(directions) * self._axes, self._twists)
+        kept = clamp(self.armature, free)
+        if self._last is None:
+            kept, before = without_jumps(free, kept), None
+        else:
+            free_before, kept_before, before = self._last
+            kept = without_jumps(np.stack([free_before, *free]), np.stack([kept_before, *kept]))[1:]
+        local = rotations.continuous(rotations.unit(kept), before)
+        self._last = np.stack([free[-1], kept[-1], local[-1]])
+        return armatures.Animation(self.armature, local, np.zeros((len(local), 3)), self._fps, {})
 
 
 def directions_of(animation: armatures.Animation, skeleton: Skeleton) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, UP
 from ha2g_jax.motion.solver.fitting import fit
-from ha2g_jax.motion.solver.twist import apply_twist, observe, swing, transport
+from ha2g_jax.motion.solver.twist import Twists, apply_twist, observe, swing
 
 FORWARD = np.array([0.0, 0.0, 1.0])
 
@@ -30,7 +30,7 @@ _SLIGHT = (0.34, 0.57)
 _ELBOW_WEIGHT = 1.1
 
 
-def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, fps: float) -> Vectors:
+def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
     """Compute rotations in the world of the joints of one arm whose twist can be estimated.
 
     Args:
@@ -38,38 +38,42 @@ def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, fps: 
         seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
         rest: (3,) unit vectors of the same bones at rest.
         trunk: (T, 4) rotations of the trunk.
-        fps: frames per second.
+        twists: estimates of the twists over time.
 
     Returns:
         (T, 4) rotations by the name of the joint: shoulder, elbow and, where there are fingers, wrist and knuckles.
     """
     out = LEFT if side == "left" else -LEFT
     upper, fore = seen[f"{side}_elbow"], seen[f"{side}_wrist"]
-    shoulder = _upper_arm(trunk, out, upper, fore, fps)
+    shoulder = _upper_arm(f"{side}_shoulder", trunk, out, upper, fore, twists)
     neutral = _bend_elbow(shoulder, out, fore)
     if f"{side}_index_1" not in rest:
         return {f"{side}_shoulder": shoulder, f"{side}_elbow": neutral}
     bones = [f"{side}_{finger}_1" for finger in FOUR_FINGERS]
     palm, certainty = fit([seen[bone] for bone in bones], [rest[bone] for bone in bones])
-    hand = _hand(neutral, out, palm, certainty, fps)
-    elbow = _forearm(neutral, out, fore, hand, fps)
+    hand = _hand(f"{side}_wrist", neutral, out, palm, certainty, twists)
+    elbow = _forearm(f"{side}_elbow", neutral, out, fore, hand, twists)
     frames = {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": hand}
     for finger in FOUR_FINGERS:
         first, second = seen[f"{side}_{finger}_2"], seen[f"{side}_{finger}_3"]
-        frames[f"{side}_{finger}_1"] = _knuckle(hand, out, first, second, fps)
+        knuckle = f"{side}_{finger}_1"
+        frames[knuckle] = _knuckle(knuckle, hand, out, first, second, twists)
     return frames
 
 
-def _upper_arm(trunk: np.ndarray, out: np.ndarray, upper: np.ndarray, fore: np.ndarray, fps: float) -> np.ndarray:
+def _upper_arm(
+    joint: str, trunk: np.ndarray, out: np.ndarray, upper: np.ndarray, fore: np.ndarray, twists: Twists
+) -> np.ndarray:
     """Rotate the upper arm so that the elbow bends forward; a straight arm as if raised from beside the trunk."""
-    frames = transport(trunk, out, upper)
+    frames = twists.transport(joint, trunk, out, upper)
     hanging = rotations.multiply(trunk, rotations.between(out, -UP))
     front = rotations.rotate(swing(hanging, out, upper), FORWARD)
     bend, sine = _bend(upper, fore)
     is_slight = 1 - _step(sine, *_SLIGHT)
     is_backward = _step(-np.sum(bend * front, axis=-1), -0.3, 0.2)
     seen = observe(frames, out, FORWARD, bend, sine**4 * (1 - is_slight * is_backward))
-    return apply_twist(frames, out, seen + observe(frames, out, FORWARD, front, _HANGING), fps)
+    seen = seen + observe(frames, out, FORWARD, front, _HANGING)
+    return apply_twist(frames, out, twists.smooth(joint, seen))
 
 
 def _bend_elbow(shoulder: np.ndarray, out: np.ndarray, fore: np.ndarray) -> np.ndarray:
@@ -80,14 +84,18 @@ def _bend_elbow(shoulder: np.ndarray, out: np.ndarray, fore: np.ndarray) -> np.n
     return swing(bent, out, fore)
 
 
-def _hand(neutral: np.ndarray, out: np.ndarray, palm: np.ndarray, certainty: np.ndarray, fps: float) -> np.ndarray:
+def _hand(
+    joint: str, neutral: np.ndarray, out: np.ndarray, palm: np.ndarray, certainty: np.ndarray, twists: Twists
+) -> np.ndarray:
     """Rotate the hand as the palm where its bones are spread, and hold its twist where they are not."""
     frames = swing(neutral, out, rotations.rotate(palm, out))
     seen = observe(frames, out, FORWARD, rotations.rotate(palm, FORWARD), certainty**2)
-    return apply_twist(frames, out, seen + _HANGING, fps)
+    return apply_twist(frames, out, twists.smooth(joint, seen + _HANGING))
 
 
-def _forearm(neutral: np.ndarray, out: np.ndarray, fore: np.ndarray, hand: np.ndarray, fps: float) -> np.ndarray:
+def _forearm(
+    joint: str, neutral: np.ndarray, out: np.ndarray, fore: np.ndarray, hand: np.ndarray, twists: Twists
+) -> np.ndarray:
     """Twist the forearm half-way from the elbow to the hand.
 
     A hand bends up and down about its axis to the thumb, which stays at right angles to the forearm, and only little to
@@ -96,16 +104,18 @@ def _forearm(neutral: np.ndarray, out: np.ndarray, fore: np.ndarray, hand: np.nd
     thumb = rotations.rotate(hand, FORWARD)
     sine_squared = 1 - np.sum(thumb * fore, axis=-1) ** 2
     seen = (observe(neutral, out, FORWARD, thumb, 1.0) + _ELBOW_WEIGHT) * sine_squared
-    return apply_twist(neutral, out, seen + _HANGING, fps)
+    return apply_twist(neutral, out, twists.smooth(joint, seen + _HANGING))
 
 
-def _knuckle(hand: np.ndarray, out: np.ndarray, first: np.ndarray, second: np.ndarray, fps: float) -> np.ndarray:
+def _knuckle(
+    joint: str, hand: np.ndarray, out: np.ndarray, first: np.ndarray, second: np.ndarray, twists: Twists
+) -> np.ndarray:
     """Rotate the first bone of a finger so that the next joint, a hinge, bends towards the palm."""
     frames = swing(hand, out, first)
     bend, sine = _bend(first, second)
     is_palmward = _step(np.sum(bend * rotations.rotate(frames, -UP), axis=-1), 0.0, 0.5)
     seen = observe(frames, out, -UP, bend, sine**4 * is_palmward)
-    return apply_twist(frames, out, seen + _STRAIGHT, fps)
+    return apply_twist(frames, out, twists.smooth(joint, seen + _STRAIGHT))
 
 
 def _bend(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -62,19 +62,36 @@ def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
         (T, J, 4) rotations relative to the parents.
     """
     clamped = local.copy()
-    for joint, name in enumerate(armature.joints):
-        if not (limits := limits_of(name)):
-            continue
-        angles = joint_angles(name, local[:, joint])
-        low, high = np.deg2rad([limits.get(angle, (-np.inf, np.inf)) for angle in angles]).T
-        found = np.stack(list(angles.values()), axis=-1)
-        kept = _reduce_near_reversal(found, np.clip(found, low, high))
-        is_out = (found != kept).any(axis=-1)
-        if "angle" in limits:
-            fraction = kept[is_out, 0] / found[is_out, 0]
-            clamped[is_out, joint] = rotations.slerp(rotations.IDENTITY, local[is_out, joint], fraction)
-        else:
-            clamped[is_out, joint] = from_angles(name, kept[is_out])
+    for name, joints in _alike(armature.joints):
+        clamped[:, joints] = _clamp(name, local[:, joints].reshape(-1, 4)).reshape(len(local), len(joints), 4)
+    return clamped
+
+
+@functools.lru_cache(maxsize=16)
+def _alike(joints: tuple[str, ...]) -> tuple[tuple[str, list[int]], ...]:
+    """Group the joints that have the same limits, as the fingers of a hand; each group has the name of its first."""
+    groups: dict[tuple[bool, tuple], list[int]] = {}
+    for index, name in enumerate(joints):
+        if limits := limits_of(name):
+            groups.setdefault((name.startswith("right_"), tuple(limits.items())), []).append(index)
+    return tuple((joints[group[0]], group) for group in groups.values())
+
+
+def _clamp(name: str, local: np.ndarray) -> np.ndarray:
+    """Clamp rotations (n, 4) of a joint, or of joints that have the same limits."""
+    limits, angles = limits_of(name), joint_angles(name, local)
+    low, high = np.deg2rad([limits.get(angle, (-np.inf, np.inf)) for angle in angles]).T
+    found = np.stack(list(angles.values()), axis=-1)
+    kept = _reduce_near_reversal(found, np.clip(found, low, high))
+    is_out = (found != kept).any(axis=-1)
+    if not is_out.any():
+        return local
+    clamped = local.copy()
+    if "angle" in limits:
+        fraction = kept[is_out, 0] / found[is_out, 0]
+        clamped[is_out] = rotations.slerp(rotations.IDENTITY, local[is_out], fraction)
+    else:
+        clamped[is_out] = from_angles(name, kept[is_out])
     return clamped
 
 

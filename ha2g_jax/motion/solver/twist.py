@@ -1,4 +1,11 @@
-"""Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time."""
+"""Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time.
+
+What a frame owes to other frames is in two functions, `transport` and `smooth_angle`. `WholeMotion` applies them to all
+frames of a motion. `FrameByFrame` applies them to frames as they arrive: each frame is then as it is as the last frame
+of a motion that ends with it, and does not change any more.
+"""
+
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -10,7 +17,65 @@ _STIFFNESS = 4e-5
 _NOTHING = 1e-12  # weight of a frame without an observation
 
 
-def transport(above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+class Twists(Protocol):
+    """Estimates of what depends on other frames, of each bone under the name of the joint that rotates it."""
+
+    def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Return the (T, 4) rotations of the function `transport`."""
+        ...
+
+    def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
+        """Return (T,) angles in radians for (T,) observations, see `smooth_angle`."""
+        ...
+
+
+class WholeMotion:
+    """Twists of a motion whose frames are all known.
+
+    Attributes:
+        fps: frames per second.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self.fps = fps
+
+    def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+        del joint
+        return transport(above, axis, along)
+
+    def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
+        del joint
+        return smooth_angle(observations, self.fps)
+
+
+class FrameByFrame:
+    """Twists of frames that arrive in order, in any number at a time; a frame does not depend on later ones.
+
+    Attributes:
+        fps: frames per second.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self.fps = fps
+        self._ends: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._known: dict[str, Known] = {}
+
+    def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+        frames = transport(above, axis, along, self._ends.get(joint))
+        self._ends[joint] = above[-1], frames[-1]
+        return frames
+
+    def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
+        angles = []
+        for observation in observations:
+            self._known[joint] = continue_angle(complex(observation), self.fps, self._known.get(joint))
+            angles.append(self._known[joint].angle)
+        return np.array(angles)
+
+
+def transport(
+    above: np.ndarray, axis: np.ndarray, along: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None = None
+) -> np.ndarray:
     """Transport a bone along its path without twist relative to its parent (parallel transport).
 
     Unlike the shortest rotations from the rest direction, these rotations have no direction at which they jump.
@@ -19,12 +84,15 @@ def transport(above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndar
         above: (T, 4) rotations of the parent.
         axis: (3,) unit vector of the bone at rest.
         along: (T, 3) unit vectors of the bone over time.
+        before: (4,) rotations of the parent and of the bone in the frame before; by default the bone is at rest there.
 
     Returns:
         (T, 4) rotations that take `axis` to `along`, each continued from the frame before by the shortest rotation.
     """
     path = rotations.rotate(rotations.conjugate(above), along)
-    steps = np.concatenate([rotations.between(axis, path[:1]), rotations.between(path[:-1], path[1:])])
+    start = rotations.IDENTITY if before is None else rotations.multiply(rotations.conjugate(before[0]), before[1])
+    first = rotations.between(rotations.rotate(start, axis), path[:1])
+    steps = np.concatenate([rotations.multiply(first, start), rotations.between(path[:-1], path[1:])])
     shift = 1
     while shift < len(steps):  # the product of all steps up to each, by doubling
         steps[shift:] = rotations.unit(rotations.multiply(steps[shift:], steps[:-shift]))
@@ -61,30 +129,29 @@ def observe(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.nda
         (T,) complex numbers whose angle is the twist in radians and whose absolute value is the weight.
     """
     local = rotations.rotate(rotations.conjugate(frames), seen)
-    across = local @ mark + 1j * (local @ np.cross(axis, mark))
+    across = local @ mark + 1j * (local @ rotations.cross(axis, mark))
     return weight * across / np.maximum(np.abs(across), 1e-9)
 
 
-def apply_twist(frames: np.ndarray, axis: np.ndarray, observations: np.ndarray, fps: float) -> np.ndarray:
-    """Rotate a bone by the smooth twist that fits its observations.
+def apply_twist(frames: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Rotate a bone about its own length.
 
     Args:
         frames: (T, 4) rotations of the bone without the twist.
         axis: (3,) unit vector of the bone at rest.
-        observations: (T,) complex numbers, the sum of results of `observe`.
-        fps: frames per second.
+        angles: (T,) angles of the twist in radians.
 
     Returns:
         (T, 4) rotations of the bone.
     """
-    return rotations.multiply(frames, rotations.about(axis, smooth_angle(observations, fps)))
+    return rotations.multiply(frames, rotations.about(axis, angles))
 
 
 def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
     """Fit angles over time that minimise the integral of w (angle - seen)^2 + stiffness (rate of the angle)^2.
 
     Args:
-        observations: (T,) complex numbers w exp(i seen).
+        observations: (T,) complex numbers w exp(i seen), each the sum of results of `observe`.
         fps: frames per second.
 
     Returns:
@@ -106,3 +173,48 @@ def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
     near = np.unwrap(np.arctan2(point[:, 1], point[:, 0]))
     seen = near + np.angle(observations * np.exp(-1j * near))
     return solveh_banded(bands, weight * seen)
+
+
+class Known(NamedTuple):
+    """What the observations up to a frame say of an angle.
+
+    Attributes:
+        weight: weight of all of them, as of one observation in this frame.
+        point: their weighted mean, as a complex number.
+        near: angle of `point` in radians, continuous over time.
+        angle: the angle in this frame, in radians.
+    """
+
+    weight: float
+    point: complex
+    near: float
+    angle: float
+
+
+def continue_angle(observation: complex, fps: float, before: Known | None = None) -> Known:
+    """Fit the angle of one further frame, the last angle of `smooth_angle` with the observations up to it.
+
+    This is the elimination of the banded system of `smooth_angle`, frame by frame: a Kalman filter of a random walk.
+
+    Args:
+        observation: w exp(i seen).
+        fps: frames per second.
+        before: result for the frame before; None for the first frame.
+
+    Returns:
+        The angle of this frame, and what the next frame needs.
+    """
+    weight, direction = max(abs(observation), _NOTHING), float(np.angle(observation))
+    if before is None:
+        return Known(weight, observation / weight, direction, direction)
+    stiffness = _STIFFNESS * fps**2
+    held = before.weight * stiffness / (before.weight + stiffness)
+    total = held + weight
+    point = (held * before.point + observation) / total
+    near = before.near + _wrapped(float(np.angle(point)) - before.near)
+    seen = near + _wrapped(direction - near)
+    return Known(total, point, near, (held * before.angle + weight * seen) / total)
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,99 @@
+"""The command `ha2g live`: arguments only; it calls one function of the package."""
+
+import argparse
+import contextlib
+import json
+import signal
+import sys
+from typing import Any
+
+from ha2g_jax.cli import generate
+from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.progress import stage
+
+
+def add_command(commands: Any) -> None:
+    """Add `live` to the commands of a parser."""
+    command = commands.add_parser("live", help="generate motion while someone speaks, and send it to other programs")
+    command.description = (
+        "Generate motion for sound while it is heard, and send each frame at its time, until the sound ends or Ctrl-C. "
+        "docs/live.md describes the messages, and receivers in Unity, Unreal, Blender, Godot and browsers."
+    )
+    command.add_argument(
+        "--source",
+        required=True,
+        metavar="SOURCE",
+        help="a file with sound, heard in real time; stdin, raw PCM (16 bits, little-endian, mono); microphone; or "
+        "ws://HOST:PORT to listen on, for a program that sends such PCM as binary messages",
+    )
+    command.add_argument(
+        "--sink",
+        action="append",
+        required=True,
+        metavar="SINK",
+        help="vmc://HOST:PORT, the VMC protocol (port 39539 by default); udp://HOST:PORT, JSON; ws://HOST:PORT to "
+        "listen on, JSON for pages that connect; or a file .npz, written at the end; give several for several sinks",
+    )
+    command.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    command.add_argument(
+        "--rate", type=int, metavar="HZ", help="samples per second of PCM (default: 16000, or those of the microphone)"
+    )
+    command.add_argument("--fast", action="store_true", help="take a file as fast as it is computed, not in real time")
+    command.add_argument(
+        "--delay",
+        type=float,
+        metavar="SECONDS",
+        help="seconds from a moment of the sound to its frame, if you play the sound that much later (default: the "
+        "least, (look-ahead + hop) / fps)",
+    )
+    command.add_argument(
+        "--look-ahead", type=int, default=3, metavar="FRAMES", help="frames of sound after a frame that it may use"
+    )
+    command.add_argument("--hop", type=int, default=1, metavar="FRAMES", help="frames computed at once (default: 1)")
+    command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
+    command.add_argument("--rig", default="ha2g", help="joints of JSON, as of ha2g export (default: ha2g)")
+    command.add_argument("--json", action="store_true", help="print the counts of the run as JSON at its end")
+    generate.add_style(command)
+    generate.add_amounts(command.add_argument_group("control of the motion"))
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until the sound ends, and print the counts.
+
+    Returns:
+        0; the code of the signal if the run was ended by SIGTERM.
+
+    Raises:
+        KeyboardInterrupt: the run was ended by Ctrl-C; its recording is written.
+    """
+    with stage("starting"):
+        from ha2g_jax import synthesis
+        from ha2g_jax.live.clock import Stop
+        from ha2g_jax.live.opening import open_sinks, open_source
+        from ha2g_jax.live.run import run as run_live
+
+    stop = Stop()
+    source = open_source(arguments.source, arguments.rate, arguments.fast)
+    with contextlib.ExitStack() as stack:
+        sinks = open_sinks(arguments.sink, stack, arguments.rig)
+        with stage("loading the model"):
+            model = synthesis.load(arguments.checkpoint)
+        meter = run_live(
+            model,
+            source,
+            sinks,
+            look_ahead=arguments.look_ahead,
+            hop=arguments.hop,
+            style=generate.read_style(arguments),
+            seed=arguments.seed,
+            controls=generate.read_amounts(arguments),
+            delay=arguments.delay,
+            stop=stop,
+        )
+    print(f"ha2g live: {meter.line()}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps(meter.summary(), indent=1), flush=True)
+    if stop.signal == signal.SIGINT:
+        raise KeyboardInterrupt
+    return 128 + stop.signal if stop.signal else 0

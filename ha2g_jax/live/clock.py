@@ -1,0 +1,124 @@
+"""Time of a live run: the clock of the computer, requests to stop, and the times at which sound is heard."""
+
+import collections
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from types import FrameType
+
+from ha2g_jax.features.audio import SAMPLE_RATE
+
+_LONGEST_SLEEP = 0.05  # seconds until a request to stop is noticed
+
+
+class Clock:
+    """The monotonic clock of the computer, in seconds."""
+
+    def now(self) -> float:
+        """Return the time."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for some seconds."""
+        time.sleep(seconds)
+
+
+class Stop:
+    """Request to end a run; a flag that a signal handler may set at any moment.
+
+    Attributes:
+        signal: number of the signal that asked for it, 0 without one.
+    """
+
+    def __init__(self) -> None:
+        self.signal = 0
+        self._is_asked = False
+
+    def ask(self, number: int = 0) -> None:
+        """Request the end of the run."""
+        self.signal, self._is_asked = self.signal or number, True
+
+    def is_asked(self) -> bool:
+        """Return whether the end of the run was requested."""
+        return self._is_asked
+
+
+@contextlib.contextmanager
+def stop_signals(stop: Stop) -> Iterator[None]:
+    """Turn Ctrl-C and SIGTERM into a request to stop; a second Ctrl-C interrupts at once.
+
+    Args:
+        stop: takes the request.
+    """
+    if threading.current_thread() is not threading.main_thread():  # Python allows signal handlers only there
+        yield
+        return
+    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def handle(number: int, _: FrameType | None) -> None:
+        stop.ask(number)
+        signal.signal(number, previous[signal.Signals(number)])
+
+    for number in previous:
+        signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def wait_until(moment: float, clock: Clock, stop: Stop) -> bool:
+    """Wait until a time.
+
+    Args:
+        moment: time of the clock in seconds.
+        clock: clock to wait on.
+        stop: request that ends the wait early.
+
+    Returns:
+        Whether the time has come; False if the run is to stop.
+    """
+    while not stop.is_asked():
+        if (left := moment - clock.now()) <= 0:
+            return True
+        clock.sleep(min(left, _LONGEST_SLEEP))
+    return False
+
+
+class Timeline:
+    """The times at which the samples of a run are heard; it remembers the last ones only."""
+
+    def __init__(self, seconds: float) -> None:
+        """Start without samples.
+
+        Args:
+            seconds: how much sound is remembered.
+        """
+        self._pieces: collections.deque[tuple[int, float]] = collections.deque()
+        self._remembered = round(seconds * SAMPLE_RATE)
+        self.num_samples = 0
+
+    def add(self, num_samples: int, heard: float) -> None:
+        """Append sound.
+
+        Args:
+            num_samples: number of samples at 16 kHz.
+            heard: time of the clock at which the first of them is heard.
+        """
+        self._pieces.append((self.num_samples, heard))
+        self.num_samples += num_samples
+        while len(self._pieces) > 1 and self._pieces[1][0] < self.num_samples - self._remembered:
+            self._pieces.popleft()
+
+    def heard(self, seconds: float) -> float:
+        """Return the time of the clock at which a moment of the sound is heard.
+
+        Args:
+            seconds: time since the first sample, without the pauses of the source.
+        """
+        sample = seconds * SAMPLE_RATE
+        start, heard = next((piece for piece in reversed(self._pieces) if piece[0] <= sample), self._pieces[0])
+        return heard + (sample - start) / SAMPLE_RATE

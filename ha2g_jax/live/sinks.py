@@ -1,0 +1,169 @@
+"""Sinks: where the frames of a live run go; JSON over UDP and WebSockets, and recordings."""
+
+import contextlib
+import json
+import pathlib
+import queue
+import threading
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ha2g_jax.live.addresses import Address, udp_target
+from ha2g_jax.live.frames import Frame
+from ha2g_jax.motion.armature import Animation
+from ha2g_jax.motion.formats.tables import describe_joints, describe_poses
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.skeleton import Skeleton
+
+_WAITING = 30  # messages that a page may be behind before it misses some
+_POLL = 0.1  # seconds until a connection notices that the run has ended
+_AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
+
+
+class Sink(Protocol):
+    """A receiver of frames, at their times.
+
+    Attributes:
+        name: its address, for messages.
+        rig: name of the rig that its frames need.
+    """
+
+    name: str
+    rig: str
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame without waiting.
+
+        Raises:
+            OSError: the frame cannot be sent; a later one may be.
+        """
+        ...
+
+
+class UdpSink:
+    """Sender of JSON in datagrams: the joints once a second, and each frame."""
+
+    def __init__(self, address: Address, rig: str) -> None:
+        """Prepare a socket; nothing is sent yet.
+
+        Args:
+            address: where the receiver listens.
+            rig: name of the rig.
+
+        Raises:
+            UserError: the host is not known.
+        """
+        self.name, self.rig = str(address), rig
+        self._socket, self._target = udp_target(address)
+        self._next_joints = 0.0
+
+    def send(self, frame: Frame) -> None:
+        animation = frame.animations[self.rig]
+        if frame.seconds >= self._next_joints:
+            self._next_joints = frame.seconds + _AGAIN
+            self._socket.sendto(joints_message(animation).encode(), self._target)
+        self._socket.sendto(frame_message(frame, animation).encode(), self._target)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class WebSocketSink:
+    """Server that sends JSON to every page that connects: the joints first, then the frames.
+
+    A page that reads too slowly misses frames; neither the run nor other pages wait for it.
+    """
+
+    def __init__(self, address: Address, rig: str) -> None:
+        """Start without pages.
+
+        Args:
+            address: where pages connect.
+            rig: name of the rig.
+        """
+        self.name, self.rig = str(address), rig
+        self._lock, self._pages = threading.Lock(), list[queue.Queue[str]]()
+        self._joints, self._is_closed = "", False
+
+    def serve(self, connection: Any) -> None:
+        """Send messages to a page until it leaves or the run ends."""
+        messages: queue.Queue[str] = queue.Queue(_WAITING)
+        is_greeted = False
+        with self._lock:
+            self._pages.append(messages)
+        try:
+            while connection.close_code is None and not (self._is_closed and messages.empty()):
+                with contextlib.suppress(queue.Empty):
+                    message = messages.get(timeout=_POLL)
+                    if not is_greeted:
+                        connection.send(self._joints)
+                        is_greeted = True
+                    connection.send(message)
+        finally:
+            with self._lock:
+                self._pages.remove(messages)
+
+    def send(self, frame: Frame) -> None:
+        animation = frame.animations[self.rig]
+        self._joints = self._joints or joints_message(animation)
+        with self._lock:
+            pages = tuple(self._pages)
+        message = frame_message(frame, animation) if pages else ""
+        for messages in pages:
+            with contextlib.suppress(queue.Full):
+                messages.put_nowait(message)
+
+    def close(self) -> None:
+        """Let the connections end when they have sent what waits."""
+        self._is_closed = True
+
+
+def joints_message(animation: Animation) -> str:
+    """Return {"type": "joints", ...} with the fields of `formats.tables.describe_joints`, in JSON."""
+    return _json({"type": "joints", **describe_joints(animation.armature, animation.fps)})
+
+
+def frame_message(frame: Frame, animation: Animation) -> str:
+    """Return {"type": "frame", "frame": number, "time": seconds, ...} with the fields of a pose of `formats.tables`."""
+    head = {"type": "frame", "frame": frame.number, "time": round(frame.seconds, 6)}
+    return _json(head | next(describe_poses(animation)))
+
+
+def _json(message: dict[str, Any]) -> str:
+    return json.dumps(message, separators=(",", ":"))
+
+
+class Recording:
+    """All frames of a run, for an `.npz` that is written at its end.
+
+    Attributes:
+        temporary: path that the file is written to, and renamed from when it is complete.
+    """
+
+    def __init__(self, temporary: pathlib.Path) -> None:
+        """Start without frames."""
+        self.temporary = temporary
+        self._frames: list[np.ndarray] = []
+
+    def add(self, directions: np.ndarray) -> None:
+        """Append frames (n, bones, 3)."""
+        self._frames.append(directions)
+
+    def save(self, skeleton: Skeleton, fps: float, meta: dict[str, Any]) -> None:
+        """Write the motion of all frames.
+
+        Args:
+            skeleton: skeleton of the frames.
+            fps: frames per second.
+            meta: entries of `Motion.meta`.
+        """
+        Motion.from_directions(skeleton, np.concatenate(self._frames), fps, meta).save(self.temporary)
+
+
+class Sinks(NamedTuple):
+    """Where the frames go: senders take them one by one at their times, recordings all of them."""
+
+    senders: tuple[Sink, ...]
+    recordings: tuple[Recording, ...]
