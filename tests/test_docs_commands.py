@@ -42,6 +42,7 @@ BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PARSED_ONLY = {
     "data build-video": "needs the environment of data install-pose; tests/data/video runs it",
     "data install-pose": "needs the network and 400 MB",
+    "serve": "runs until it is stopped; tests/serve runs it",
 }
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}

@@ -21,8 +21,9 @@ import soundfile
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+import ha2g_jax
 from ha2g_jax import cli
-from ha2g_jax import serve as service_package
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.motion import formats
@@ -90,7 +91,7 @@ def running(model: Any, **settings: Any):
         thread = threading.Thread(target=asyncio.run, args=(server.serve(sockets=[bound]),))
         thread.start()
         try:
-            while not server.started:
+            while thread.is_alive() and not server.started:
                 time.sleep(0.01)
             yield Client(service, bound.getsockname()[1])
         finally:
@@ -225,9 +226,8 @@ def test_a_stream_gives_the_frames_of_the_model(client, debug_model):
         for part in np.split(pcm, [3, 9000, 20000]):
             websocket.send(part.tobytes())
         frames, last = finish(websocket)
-        with pytest.raises(ConnectionClosed) as closed:
-            websocket.recv(timeout=20)
-    assert last == {"end": True, "count": len(expected)} and closed.value.rcvd.code == 1000
+        assert closing(websocket) == ([], 1000)
+    assert last == {"end": True, "count": len(expected)}
     np.testing.assert_allclose(frames, expected, atol=5.1e-5)
 
 
@@ -240,6 +240,17 @@ def test_another_rate_and_changes_on_the_way(client):
             websocket.send(bytes(24_000))
         frames, last = finish(websocket)
     assert len(frames) == last["count"] == 15
+
+
+def closing(websocket: Any) -> tuple[list[dict[str, Any]], int]:
+    """The messages up to the close of a stream, and its code."""
+    received: list[dict[str, Any]] = []
+    try:
+        while True:
+            received.append(json.loads(websocket.recv(timeout=20)))
+    except ConnectionClosed as closed:
+        assert closed.rcvd is not None
+        return received, closed.rcvd.code
 
 
 BAD_MESSAGES = {
@@ -268,11 +279,8 @@ def test_a_bad_message_closes_the_stream_with_one_line(client, name):
     with client.stream() as websocket:
         for message in messages:
             websocket.send(message)
-        with pytest.raises(ConnectionClosed) as closed:
-            received = [json.loads(websocket.recv(timeout=20))]
-            while True:
-                received.append(json.loads(websocket.recv(timeout=20)))
-    assert closed.value.rcvd.code == 1007
+        received, code = closing(websocket)
+    assert code == 1007
     assert text in received[-1]["error"] and "\n" not in received[-1]["error"]
 
 
@@ -280,9 +288,7 @@ def test_a_message_that_is_too_large_closes_the_stream(client):
     with client.stream() as websocket:
         begin(websocket)
         websocket.send(bytes(40_002))
-        with pytest.raises(ConnectionClosed) as closed:
-            websocket.recv(timeout=20)
-    assert closed.value.rcvd.code == 1009
+        assert closing(websocket) == ([], 1009)
 
 
 def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
@@ -308,12 +314,9 @@ def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
 @pytest.mark.parametrize(("limit", "text"), [("idle_seconds", "no message for"), ("session_seconds", "has lasted")])
 def test_a_stream_that_takes_too_long_is_ended(debug_model, limit, text):
     with running(debug_model, **{limit: 0.3}) as client, client.stream() as websocket:
-        message = begin(websocket)
-        message = message if "error" in message else json.loads(websocket.recv(timeout=20))
-        assert text in message["error"]
-        with pytest.raises(ConnectionClosed) as closed:
-            websocket.recv(timeout=20)
-    assert closed.value.rcvd.code == 1008
+        websocket.send("{}")
+        received, code = closing(websocket)
+    assert code == 1008 and text in received[-1]["error"]
 
 
 def test_every_route_but_health_needs_the_token(debug_model):
@@ -329,8 +332,8 @@ def test_every_route_but_health_needs_the_token(debug_model):
             with pytest.raises(InvalidStatus) as refused, client.stream(query):
                 pass
             assert refused.value.response.status_code == 401
-        for options in ({"query": f"?token={TOKEN}"}, {"additional_headers": right}):
-            with client.stream(**options) as websocket:
+        for query, headers in ((f"?token={TOKEN}", {}), ("", right)):
+            with client.stream(query, additional_headers=headers) as websocket:
                 assert begin(websocket)["fps"] == 15
 
 
@@ -403,29 +406,35 @@ def test_a_port_that_is_taken_is_one_line(capsys):
 
 def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
     """In a process of its own: no further connection is taken, what runs is answered, and the exit code is 0."""
-    command = [sys.executable, "-m", "ha2g_jax.cli", "serve", "--port", "0", "--grace", "60"]
-    environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(service_package.__file__).parents[2])}
+    model = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
+    command = [sys.executable, "-m", "ha2g_jax.cli", "serve", "--port", "0", "--checkpoint", str(model)]
+    environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(ha2g_jax.__file__).parents[1])}
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
         try:
             assert process.stderr is not None
-            line = next(line for line in process.stderr if "ready at" in line)
-            client = Client(Service(debug_model, Settings()), int(line.rsplit(":", 1)[1]))
-            answers: list[Answer] = []
-            with client.stream() as websocket:
+            port = int(next(line for line in process.stderr if "ready at" in line).rsplit(":", 1)[1])
+            client = Client(Service(debug_model, Settings()), port)
+            form = (
+                b'--x\r\nContent-Disposition: form-data; name="speech"; filename="a"\r\n\r\n'
+                + wav(1)
+                + b"\r\n--x--\r\n"
+            )
+            head = f"Content-Length: {len(form)}\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
+            with client.stream() as websocket, socket.create_connection(("127.0.0.1", port), timeout=20) as upload:
                 begin(websocket)
-                asking = threading.Thread(target=lambda: answers.append(client.post("format=npz", wav(30))))
-                asking.start()
-                while "ha2g_requests_running 1.0" not in client.ask("GET", "/metrics").body.decode() and not answers:
+                upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode() + form[:1000])
+                while "ha2g_requests_running 1.0" not in client.ask("GET", "/metrics").body.decode():
                     time.sleep(0.01)
                 process.send_signal(signal.SIGTERM)
                 with pytest.raises(OSError):
                     while True:
                         client.ask("GET", "/health")
                         time.sleep(0.01)
+                upload.sendall(form[1000:])
                 websocket.send(speech(0.5).tobytes())
                 frames, last = finish(websocket)
-                asking.join()
-            assert len(frames) == last["count"] == 8 and answers[0].status == 200
+                assert upload.recv(100).startswith(b"HTTP/1.1 200 ")
+            assert len(frames) == last["count"] == 8
             assert process.wait(30) == 0 and process.stderr.read() == ""
         finally:
             process.kill()
