@@ -34,7 +34,7 @@ def add_command(commands: Any) -> None:
         "--origin", action="append", default=[], metavar="URL", help="web page of another host that may use the service"
     )
     limits = serve.add_argument_group("limits")
-    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 4)")
+    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 8)")
     limits.add_argument(
         "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
     )

@@ -18,7 +18,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.motion import formats
 from ha2g_jax.serve.guard import refusal
 from ha2g_jax.serve.messages import MotionQuery
-from ha2g_jax.serve.service import Full, Service
+from ha2g_jax.serve.service import Full, Service, Stopped
 from ha2g_jax.synthesis.model import Audio
 
 TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
@@ -68,7 +68,9 @@ def router(service: Service) -> APIRouter:
         """Generate motion for a file with sound."""
         try:
             with service.motions.take():
-                return await _answer(service, request, query)
+                return await service.run(_answer(service, request, query))
+        except Stopped:
+            return refusal(503, "the service has been stopped; try again later", service.settings.grace)
         except Full:
             return refusal(503, f"{service.settings.requests} requests are running; try again later", _RETRY_SECONDS)
 

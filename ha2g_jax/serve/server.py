@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import os
 import pathlib
 import signal
@@ -27,6 +28,11 @@ from ha2g_jax.synthesis.model import Model, load
 _TICK = 0.05  # seconds between two looks at what is running
 
 
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Return whether a line of the log says more than that a stream was refused with a status, as uvicorn does."""
+    return "without completing handshake" not in record.getMessage()
+
+
 def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """Load and compile a model, then answer requests until SIGTERM or Ctrl-C.
 
@@ -45,7 +51,7 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
             warm_up(model)
         service = Service(model, settings)
         Server(service, announce=True).run(sockets=[bound])
-    if not service.is_idle:
+    if service.is_computing:
         # The grace is over; Python would wait for the threads that still compute.
         sys.stderr.flush()
         os._exit(0)
@@ -68,6 +74,9 @@ class Server(uvicorn.Server):
     Args:
         service: service to run.
         announce: whether to print the address when requests are taken.
+
+    Attributes:
+        service: the same service.
     """
 
     def __init__(self, service: Service, *, announce: bool = False):
@@ -86,7 +95,8 @@ class Server(uvicorn.Server):
             timeout_graceful_shutdown=1,
         )
         super().__init__(config)
-        self._service, self._announce = service, announce
+        logging.getLogger("uvicorn.error").addFilter(_is_fault)
+        self.service, self._announce = service, announce
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to take requests."""
@@ -98,14 +108,15 @@ class Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Take no more requests, wait up to the grace for those that run, and end."""
-        self._service.is_stopping = True
+        self.service.is_stopping = True
         for server in self.servers:
             server.close()
-        end = time.monotonic() + self._service.settings.grace
-        while not self._service.is_idle and time.monotonic() < end and not self.force_exit:
+        end = time.monotonic() + self.service.settings.grace
+        while not self.service.is_idle and time.monotonic() < end and not self.force_exit:
             await asyncio.sleep(_TICK)
+        self.service.close()
+        await asyncio.sleep(_TICK)  # for what is still running to be answered
         await super().shutdown(sockets)
-        self._service.close()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Stop; after SIGTERM the process ends with code 0, a second signal ends it at once."""

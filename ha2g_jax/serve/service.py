@@ -2,9 +2,9 @@
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
 
 from prometheus_client import Gauge
 
@@ -17,6 +17,10 @@ Result = TypeVar("Result")
 
 class Full(Exception):
     """There is no free place for a request."""
+
+
+class Stopped(Exception):
+    """The service has been stopped, and a request did not end in time."""
 
 
 class Places:
@@ -68,6 +72,8 @@ class Service:
         self.sessions = Places(settings.sessions, self.counters.sessions)
         self.is_stopping = False
         # As many threads as places: no stream waits for the thread of a long motion.
+        self._stopped = asyncio.Event()
+        self._work: set[Future] = set()
         self._threads = ThreadPoolExecutor(max(settings.requests + settings.sessions, 1), "ha2g-serve")
 
     @property
@@ -75,14 +81,42 @@ class Service:
         """Whether nothing is running."""
         return not (self.motions.taken or self.sessions.taken)
 
+    @property
+    def is_computing(self) -> bool:
+        """Whether a thread is computing, maybe for a request that has ended."""
+        return any(not work.done() for work in tuple(self._work))
+
+    async def run(self, answer: Coroutine[Any, Any, Result]) -> Result:
+        """Return the result of a coroutine, which is cancelled when the service is stopped.
+
+        Args:
+            answer: what a request or a stream does.
+
+        Raises:
+            Stopped: the service was stopped first.
+        """
+        task, stopped = asyncio.ensure_future(answer), asyncio.ensure_future(self._stopped.wait())
+        try:
+            await asyncio.wait({task, stopped}, return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                raise Stopped
+            return task.result()
+        finally:
+            stopped.cancel()
+            task.cancel()
+
     async def compute(self, function: Callable[[], Result]) -> Result:
         """Return the result of a function that runs in a thread.
 
         Args:
             function: function without arguments.
         """
-        return await asyncio.get_running_loop().run_in_executor(self._threads, function)
+        work = self._threads.submit(function)
+        self._work.add(work)
+        work.add_done_callback(self._work.discard)
+        return await asyncio.wrap_future(work)
 
     def close(self) -> None:
-        """Begin no further computation."""
+        """End all requests and streams that are still running, and begin no further computation."""
+        self._stopped.set()
         self._threads.shutdown(wait=False, cancel_futures=True)

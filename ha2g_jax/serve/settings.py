@@ -35,7 +35,7 @@ class Settings:
     port: int = 8000
     token: str | None = None
     origins: tuple[str, ...] = ()
-    sessions: int = 4
+    sessions: int = 8
     requests: int = 2
     rate: float = 120
     max_bytes: int = 64 << 20

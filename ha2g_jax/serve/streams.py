@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.serve.guard import refusal
 from ha2g_jax.serve.messages import Begin, Change, read_begin, read_change
-from ha2g_jax.serve.service import Full, Service
+from ha2g_jax.serve.service import Full, Service, Stopped
 from ha2g_jax.synthesis.live import Stream
 
 _RETRY_SECONDS = 10
@@ -27,7 +27,7 @@ _DECIMALS = 4
 _CLOSE_SECONDS = 5
 
 # Codes of the close of a WebSocket (RFC 6455).
-DONE, BAD_MESSAGE, LIMIT, FAULT = 1000, 1007, 1008, 1011
+DONE, BAD_MESSAGE, LIMIT, FAULT, STOPPED = 1000, 1007, 1008, 1011, 1012
 
 _logger = logging.getLogger(__name__)
 
@@ -117,7 +117,7 @@ async def _converse(service: Service, websocket: WebSocket) -> None:
     code, text = DONE, None
     try:
         async with asyncio.timeout(service.settings.session_seconds):
-            await _run(service, websocket)
+            await service.run(_run(service, websocket))
     except WebSocketDisconnect:
         return
     except UserError as error:
@@ -126,6 +126,8 @@ async def _converse(service: Service, websocket: WebSocket) -> None:
         code, text = LIMIT, str(error)
     except TimeoutError:
         code, text = LIMIT, f"the stream has lasted {service.settings.session_seconds:g} s; begin another one"
+    except Stopped:
+        code, text = STOPPED, "the service has been stopped; begin another stream later"
     except Exception:
         _logger.exception("a stream has failed")
         code, text = FAULT, "a fault of the service; begin another stream"

@@ -63,8 +63,8 @@ class Answer(NamedTuple):
 class Client:
     """A running service and how to reach it."""
 
-    def __init__(self, service: Service, port: int):
-        self.service, self.port = service, port
+    def __init__(self, server: Server, port: int):
+        self.server, self.service, self.port = server, server.service, port
 
     def ask(self, method: str, path: str, body: Any = None, headers: dict[str, str] | None = None) -> Answer:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
@@ -93,7 +93,7 @@ def running(model: Any, **settings: Any):
         try:
             while thread.is_alive() and not server.started:
                 time.sleep(0.01)
-            yield Client(service, bound.getsockname()[1])
+            yield Client(server, bound.getsockname()[1])
         finally:
             server.should_exit = True
             thread.join()
@@ -413,7 +413,7 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
         try:
             assert process.stderr is not None
             port = int(next(line for line in process.stderr if "ready at" in line).rsplit(":", 1)[1])
-            client = Client(Service(debug_model, Settings()), port)
+            client = Client(Server(Service(debug_model, Settings())), port)
             form = (
                 b'--x\r\nContent-Disposition: form-data; name="speech"; filename="a"\r\n\r\n'
                 + wav(1)
@@ -438,6 +438,21 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
             assert process.wait(30) == 0 and process.stderr.read() == ""
         finally:
             process.kill()
+
+
+def test_after_the_grace_what_still_runs_is_ended(debug_model):
+    with running(debug_model, grace=0.0) as client, contextlib.ExitStack() as stack:
+        websocket = stack.enter_context(client.stream())
+        begin(websocket)
+        upload = stack.enter_context(socket.create_connection(("127.0.0.1", client.port), timeout=20))
+        head = "Content-Length: 100\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
+        upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode())
+        while not client.service.motions.taken:
+            time.sleep(0.01)
+        client.server.should_exit = True
+        received, code = closing(websocket)
+        assert code == 1012 and "has been stopped" in received[-1]["error"]
+        assert upload.recv(100).startswith(b"HTTP/1.1 503 ")
 
 
 def test_a_sound_is_read_up_to_its_limit_only(tmp_path):
