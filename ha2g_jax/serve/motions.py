@@ -119,7 +119,7 @@ def _limited(request: Request, max_bytes: int) -> Callable[[], Awaitable[Any]]:
 
 def _file(service: Service, sound: BinaryIO, name: str, suffix: str, options: Any) -> bytes:
     """Return the file of the motion for an uploaded file of sound."""
-    with tempfile.TemporaryDirectory(prefix="ha2g-serve-") as folder:
+    with tempfile.TemporaryDirectory(dir=service.folder) as folder:
         path = pathlib.Path(folder) / "speech"
         with path.open("wb") as copy:
             shutil.copyfileobj(sound, copy)

@@ -8,6 +8,7 @@ import pathlib
 import signal
 import socket
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from types import FrameType
@@ -45,11 +46,12 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
     check(settings)
-    with _bound(settings) as bound:
+    folder = tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True)
+    with _bound(settings) as bound, folder:
         with stage("loading and compiling the model"):
             model = load(checkpoint)
             warm_up(model)
-        service = Service(model, settings)
+        service = Service(model, settings, folder.name)
         Server(service, announce=True).run(sockets=[bound])
     if service.is_computing:
         # The grace is over; Python would wait for the threads that still compute.

@@ -58,6 +58,7 @@ class Service:
     Args:
         model: trained model.
         settings: limits.
+        folder: folder of temporary files, that of the system by default.
 
     Attributes:
         counters: what the service counts.
@@ -66,7 +67,8 @@ class Service:
         is_stopping: whether new requests are refused, as the process ends.
     """
 
-    def __init__(self, model: Model, settings: Settings):
+    def __init__(self, model: Model, settings: Settings, folder: str | None = None):
+        self.folder = folder
         self.model, self.settings, self.counters = model, settings, Counters()
         self.motions = Places(settings.requests, self.counters.running)
         self.sessions = Places(settings.sessions, self.counters.sessions)
