@@ -46,12 +46,14 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
     check(settings)
-    folder = tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True)
-    with _bound(settings) as bound, folder:
+    with (
+        _bound(settings) as bound,
+        tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True) as folder,
+    ):
         with stage("loading and compiling the model"):
             model = load(checkpoint)
             warm_up(model)
-        service = Service(model, settings, folder.name)
+        service = Service(model, settings, folder)
         Server(service, announce=True).run(sockets=[bound])
     if service.is_computing:
         # The grace is over; Python would wait for the threads that still compute.
