@@ -44,6 +44,7 @@ PARSED_ONLY = {
     "data install-pose": "needs the network and 400 MB",
     "live --source microphone": "needs a microphone",
     "live --source ws": "runs until Ctrl-C; tests/live runs it",
+    "serve": "runs until it is stopped; tests/serve runs it",
 }
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}

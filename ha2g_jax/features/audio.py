@@ -33,7 +33,7 @@ _INFINITE = 1e30  # greater samples would overflow in sums of them
 _logger = logging.getLogger(__name__)
 
 
-def read_audio(path: str | pathlib.Path) -> np.ndarray:
+def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS) -> np.ndarray:
     """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
     Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; audio with a peak above
@@ -41,13 +41,14 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
 
     Args:
         path: path of the file.
+        max_seconds: seconds of sound at most; no more than these are decoded.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
 
     Raises:
-        UserError: the file does not exist, has no audio, only NaN, is not between 0.2 s and 65 minutes long, or is
-            beyond another limit of sound in docs/limits.md.
+        UserError: the file does not exist, has no audio, only NaN, is shorter than 0.2 s or longer than `max_seconds`,
+            or is beyond another limit of sound in docs/limits.md.
     """
     path = pathlib.Path(path)
     with reading(path, "an audio file"):
@@ -61,16 +62,16 @@ def read_audio(path: str | pathlib.Path) -> np.ndarray:
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:
-            samples = _collect(sound_files.libsndfile_blocks(path), shown(path))
+            samples = _collect(sound_files.libsndfile_blocks(path), shown(path), max_seconds)
         except sound_files.SOUNDFILE_ERRORS:
-            samples = _collect(sound_files.ffmpeg_blocks(path), shown(path))
+            samples = _collect(sound_files.ffmpeg_blocks(path), shown(path), max_seconds)
     peak = max(samples.max(), -samples.min())
     if peak > 1:
         samples /= peak
     return samples
 
 
-def _collect(blocks: Iterator[Block], name: str) -> np.ndarray:
+def _collect(blocks: Iterator[Block], name: str, max_seconds: float) -> np.ndarray:
     """Return the sound of blocks, (samples,) float32 at 16 kHz; it is resampled block by block, which gives the same
     samples as to resample all of it at once."""
     parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
@@ -79,7 +80,7 @@ def _collect(blocks: Iterator[Block], name: str) -> np.ndarray:
             rate = block.rate
             resampler = soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
         num_samples += len(block.samples)
-        _check_most(max(num_samples, block.declared), rate, block.channels, name)
+        _check_most(max(num_samples, block.declared), rate, block.channels, name, max_seconds)
         samples, bad = _finite(block.samples)
         num_bad += bad
         parts.append(samples if resampler is None else resampler.resample_chunk(samples))
@@ -107,7 +108,7 @@ def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
         UserError: the audio is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
     """
     _check_least(len(samples), rate, name)
-    _check_most(len(samples), rate, 1, name)
+    _check_most(len(samples), rate, 1, name, MAX_SOUND_SECONDS)
     samples, num_bad = _finite(samples)
     _report(num_bad, len(samples), name)
     return samples
@@ -118,11 +119,9 @@ def _check_least(num_samples: int, rate: int, name: str) -> None:
         raise UserError(f"{name} has {seconds:.3f} s of sound; expected at least {MIN_SECONDS} s of speech")
 
 
-def _check_most(num_samples: int, rate: int, channels: int, name: str) -> None:
-    if num_samples / rate > MAX_SOUND_SECONDS:
-        raise UserError(
-            f"{name} has more than {MAX_SOUND_SECONDS / 60:.0f} minutes of sound; cut it into parts of at most an hour"
-        )
+def _check_most(num_samples: int, rate: int, channels: int, name: str, max_seconds: float) -> None:
+    if num_samples / rate > max_seconds:
+        raise UserError(f"{name} has more than {max_seconds / 60:.3g} minutes of sound; cut it into shorter parts")
     if num_samples * max(channels, 2) > MAX_SOUND_VALUES:  # to resample them takes as long as to decode a channel
         raise UserError(
             f"{name} is too long for a recording of {channels} channels at {rate} Hz; convert it to mono at 48 kHz"

@@ -1,0 +1,79 @@
+"""The command `ha2g serve`: arguments only."""
+
+import argparse
+import os
+from typing import Any
+
+from ha2g_jax.cli.data import positive
+from ha2g_jax.serve.settings import Settings
+
+_DEFAULT = Settings()
+_MEBIBYTE = 1 << 20
+
+
+def add_command(commands: Any) -> None:
+    """Add the command `serve` to a parser.
+
+    Args:
+        commands: subparsers of the parser of `ha2g`.
+    """
+    serve = commands.add_parser("serve", help="answer requests for motion over HTTP and WebSocket")
+    serve.description = (
+        "Answer requests for motion over HTTP (POST /v1/motion) and streams over WebSocket (/v1/stream); see "
+        "docs/serving.md. SIGTERM ends it when the running requests are done."
+    )
+    serve.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder (default: demo)")
+    serve.add_argument("--host", default=_DEFAULT.host, help="address to listen at (default: this machine only)")
+    serve.add_argument("--port", type=int, default=_DEFAULT.port, help="port, 0 for a free one (default: 8000)")
+    serve.add_argument(
+        "--token",
+        help="secret that requests must have, needed for a --host that other machines reach (default: the variable "
+        "HA2G_TOKEN, which other users of the machine do not see)",
+    )
+    serve.add_argument(
+        "--origin", action="append", default=[], metavar="URL", help="web page of another host that may use the service"
+    )
+    limits = serve.add_argument_group("limits")
+    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 8)")
+    limits.add_argument(
+        "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
+    )
+    limits.add_argument(
+        "--rate", type=float, default=_DEFAULT.rate, help="requests a minute of one client, 0 for any (default: 120)"
+    )
+    limits.add_argument(
+        "--max-mebibytes", type=positive, default=_DEFAULT.max_bytes // _MEBIBYTE, help="size of a file (default: 64)"
+    )
+    limits.add_argument(
+        "--max-seconds", type=float, default=_DEFAULT.max_seconds, help="length of the sound (default: 600)"
+    )
+    limits.add_argument(
+        "--session-seconds", type=float, default=_DEFAULT.session_seconds, help="length of a stream (default: 3600)"
+    )
+    limits.add_argument(
+        "--idle-seconds", type=float, default=_DEFAULT.idle_seconds, help="a silent stream is ended (default: 30)"
+    )
+    limits.add_argument(
+        "--grace", type=float, default=_DEFAULT.grace, help="seconds for running requests after SIGTERM (default: 30)"
+    )
+    serve.set_defaults(run=_serve)
+
+
+def _serve(arguments: argparse.Namespace) -> None:
+    from ha2g_jax import serve
+
+    settings = serve.Settings(
+        host=arguments.host,
+        port=arguments.port,
+        token=arguments.token or os.environ.get("HA2G_TOKEN") or None,
+        origins=tuple(arguments.origin),
+        sessions=arguments.sessions,
+        requests=arguments.requests,
+        rate=arguments.rate,
+        max_bytes=arguments.max_mebibytes * _MEBIBYTE,
+        max_seconds=arguments.max_seconds,
+        session_seconds=arguments.session_seconds,
+        idle_seconds=arguments.idle_seconds,
+        grace=arguments.grace,
+    )
+    serve.serve(arguments.checkpoint, settings)

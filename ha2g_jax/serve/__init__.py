@@ -1,0 +1,33 @@
+"""Motion over HTTP and WebSocket: `serve` runs the service of `ha2g serve`, see docs/serving.md."""
+
+import pathlib
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.serve.settings import Settings
+
+__all__ = ["Settings", "serve"]
+
+
+def serve(checkpoint: str | pathlib.Path, settings: Settings) -> None:
+    """Load a model and answer requests until SIGTERM or Ctrl-C.
+
+    Args:
+        checkpoint: model, see `synthesis.load`.
+        settings: address, token and limits of the service.
+
+    Raises:
+        UserError: a library of the extra `serve` is missing, the settings or the model cannot be used, or the address
+            is taken.
+        KeyboardInterrupt: Ctrl-C, after the running requests.
+    """
+    try:
+        import fastapi  # noqa: F401
+        import prometheus_client  # noqa: F401
+        import python_multipart  # noqa: F401
+        import uvicorn  # noqa: F401
+        import websockets  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UserError(f"ha2g serve needs {error.name}: pip install 'ha2g-jax[serve]'") from None
+    from ha2g_jax.serve import server
+
+    server.run(checkpoint, settings)

@@ -1,0 +1,146 @@
+"""What clients may ask for, checked: the query of a motion, and the JSON messages of a stream.
+
+Paths are no part of them: a request reads no file of the machine.
+"""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_SEED
+from ha2g_jax.motion.control import Controls, read_mute
+from ha2g_jax.motion.formats import SUFFIXES
+from ha2g_jax.synthesis.model import Options
+from ha2g_jax.synthesis.style import Style, read_mixture
+
+FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
+_MAX_LETTERS = 200  # of a message about a mistake
+
+
+class MotionQuery(BaseModel):
+    """Query of `POST /v1/motion`; the names and their meaning are those of the flags of `ha2g generate`."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    format: Literal["npz", "json", "bvh", "glb", "vrma", "csv"] = "npz"
+    seed: int = Field(0, ge=0, le=MAX_SEED, description="seed of all random choices")
+    fps: float | None = Field(None, description="frames per second, 1 to 240; by default those of the model")
+    speaker: str | None = Field(None, description="name of a speaker of the training data")
+    style: str | None = Field(None, description="mixture of speakers, such as A:0.3,B:0.7")
+    style_seed: int | None = Field(None, ge=0, le=MAX_SEED, description="draw a style with this seed")
+    energy: float = Field(1.0, description="speed of the motion, 0 to 2")
+    extent: float = Field(1.0, description="size of the gestures, 0 to 2")
+    handedness: Literal["left", "right", "both"] = Field("both", description="the other arm rests")
+    mirror: bool = Field(False, description="exchange left and right")
+    mute: list[str] = Field([], max_length=100, description="START:END in seconds, without gestures; may be repeated")
+    smooth: float = Field(0.0, description="average poses over a window of this length in seconds")
+
+    def options(self) -> Options:
+        """Return the keyword arguments of `Model.generate`.
+
+        Raises:
+            UserError: a mixture or a mute has another form.
+        """
+        mixture = None if self.style is None else read_mixture(self.style)
+        controls = Controls(
+            energy=self.energy,
+            extent=self.extent,
+            handedness=self.handedness,
+            mirror=self.mirror,
+            mutes=tuple(read_mute(mute) for mute in self.mute),
+        )
+        style = Style(speaker=self.speaker, mixture=mixture, seed=self.style_seed)
+        return {"style": style, "seed": self.seed, "fps": self.fps, "smoothing": self.smooth, "controls": controls}
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class StyleMessage(_Message):
+    """A style: at most one of a speaker, a mixture and a seed; without any, it is drawn from the prior."""
+
+    speaker: str | None = None
+    mixture: dict[str, float] | None = None
+    seed: int | None = None
+
+    def style(self) -> Style:
+        """Return the style."""
+        return Style(speaker=self.speaker, mixture=self.mixture, seed=self.seed)
+
+
+class ControlsMessage(_Message):
+    """Controls of a stream; those that are left out are neutral."""
+
+    energy: float = 1.0
+    extent: float = 1.0
+    handedness: Literal["left", "right", "both"] = "both"
+    mirror: bool = False
+
+    def controls(self) -> Controls:
+        """Return the controls."""
+        return Controls(**self.model_dump())
+
+
+class Begin(_Message):
+    """First message of a stream."""
+
+    look_ahead: int = 3
+    hop: int = 1
+    seed: int = 0
+    style: StyleMessage = StyleMessage()
+    controls: ControlsMessage = ControlsMessage()
+    muted: bool = False
+    rate: int = Field(16000, ge=8000, le=192000)
+
+
+class Change(_Message):
+    """Later message of a stream: what is given is changed, or the stream ends."""
+
+    style: StyleMessage | None = None
+    controls: ControlsMessage | None = None
+    muted: bool | None = None
+    end: Literal[True] | None = None
+
+
+def read_begin(text: str) -> Begin:
+    """Parse the first message of a stream.
+
+    Args:
+        text: JSON.
+
+    Raises:
+        UserError: the text has another form.
+    """
+    try:
+        return Begin.model_validate_json(text)
+    except ValidationError as error:
+        raise UserError(one_line(error.errors())) from None
+
+
+def read_change(text: str) -> Change:
+    """Parse a later message of a stream.
+
+    Args:
+        text: JSON.
+
+    Raises:
+        UserError: the text has another form.
+    """
+    try:
+        return Change.model_validate_json(text)
+    except ValidationError as error:
+        raise UserError(one_line(error.errors())) from None
+
+
+def one_line(errors: list) -> str:
+    """Return the first of the errors of pydantic as one line.
+
+    Args:
+        errors: errors, each with "loc" and "msg".
+    """
+    first = errors[0]
+    where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
+    return shown(f"{where}: {first['msg']}" if where else first["msg"])[: 2 * _MAX_LETTERS]

@@ -1,0 +1,205 @@
+"""The route `/v1/stream`: a WebSocket on which sound comes in and frames go out, see docs/serving.md.
+
+A message is computed and its frames are sent before the next one is received, so that nothing piles up: a client that
+sends faster than the machine computes, or does not read its frames, is held up by TCP.
+"""
+
+import asyncio
+import json
+import logging
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+import soxr
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.serve.guard import refusal
+from ha2g_jax.serve.messages import Begin, Change, read_begin, read_change
+from ha2g_jax.serve.service import Full, Service, Stopped
+from ha2g_jax.synthesis.live import Stream
+
+_RETRY_SECONDS = 10
+_PIECE_SECONDS = 0.2  # of sound that is computed at once, so that streams take turns
+_DECIMALS = 4
+_CLOSE_SECONDS = 5
+
+# Codes of the close of a WebSocket (RFC 6455).
+DONE, BAD_MESSAGE, LIMIT, FAULT, STOPPED = 1000, 1007, 1008, 1011, 1012
+
+_logger = logging.getLogger(__name__)
+
+
+class _Limit(Exception):
+    """A limit of a session is reached; the message says which."""
+
+
+def router(service: Service) -> APIRouter:
+    """Return the route of a service.
+
+    Args:
+        service: model and limits.
+    """
+    routes = APIRouter()
+
+    @routes.websocket("/v1/stream")
+    async def stream(websocket: WebSocket) -> None:
+        try:
+            with service.sessions.take():
+                await websocket.accept()
+                await _converse(service, websocket)
+        except Full:
+            text = f"{service.settings.sessions} streams are running; try again later"
+            await websocket.send_denial_response(refusal(503, text, _RETRY_SECONDS))
+
+    return routes
+
+
+class Session(NamedTuple):
+    """A stream and the sound that goes into it.
+
+    Attributes:
+        stream: stream of the model.
+        resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
+        rate: samples per second of the client.
+    """
+
+    stream: Stream
+    resampler: soxr.ResampleStream | None
+    rate: int
+
+    @classmethod
+    def begin(cls, service: Service, asked: Begin) -> "Session":
+        """Begin a session; the generator is compiled before this returns.
+
+        Raises:
+            UserError: the model cannot be streamed from, or a value cannot be used.
+        """
+        style, controls = asked.style.style(), asked.controls.controls()
+        stream = service.model.stream(
+            look_ahead=asked.look_ahead, hop=asked.hop, seed=asked.seed, style=style, controls=controls
+        )
+        stream.muted = asked.muted
+        is_equal = asked.rate == SAMPLE_RATE
+        resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
+        return cls(stream, resampler, asked.rate)
+
+    def feed(self, pcm: np.ndarray) -> np.ndarray:
+        """Return the frames that became final with samples (samples,) of 16 bits."""
+        samples = pcm.astype(np.float32) / 32768
+        return self.stream.feed(samples if self.resampler is None else self.resampler.resample_chunk(samples))
+
+    def flush(self) -> np.ndarray:
+        """Return the rest of the frames."""
+        if self.resampler is None:
+            return self.stream.flush()
+        rest = self.stream.feed(self.resampler.resample_chunk(np.zeros(0, np.float32), last=True))
+        return np.concatenate([rest, self.stream.flush()])
+
+    def change(self, asked: Change) -> None:
+        """Change style and controls.
+
+        Raises:
+            UserError: a value cannot be used.
+        """
+        if asked.style is not None:
+            self.stream.style = asked.style.style()
+        if asked.controls is not None:
+            self.stream.controls = asked.controls.controls()
+        if asked.muted is not None:
+            self.stream.muted = asked.muted
+
+
+async def _converse(service: Service, websocket: WebSocket) -> None:
+    """Serve a stream to its end, and close it with a code that says how it ended."""
+    code, text = DONE, None
+    try:
+        async with asyncio.timeout(service.settings.session_seconds):
+            await service.run(_run(service, websocket))
+    except WebSocketDisconnect:
+        return
+    except UserError as error:
+        code, text = BAD_MESSAGE, str(error)
+    except _Limit as error:
+        code, text = LIMIT, str(error)
+    except TimeoutError:
+        code, text = LIMIT, f"the stream has lasted {service.settings.session_seconds:g} s; begin another one"
+    except Stopped:
+        code, text = STOPPED, "the service has been stopped; begin another stream later"
+    except Exception:
+        _logger.exception("a stream has failed")
+        code, text = FAULT, "a fault of the service; begin another stream"
+    if text is not None:
+        service.counters.errors.labels(code).inc()
+    try:
+        async with asyncio.timeout(_CLOSE_SECONDS):
+            if text is not None:
+                await websocket.send_text(json.dumps({"error": text}))
+            await websocket.close(code)
+    except (TimeoutError, RuntimeError, WebSocketDisconnect):  # the client is gone, or does not read
+        return
+
+
+async def _run(service: Service, websocket: WebSocket) -> None:
+    first = await _receive(service, websocket)
+    if isinstance(first, bytes):
+        raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
+    asked = read_begin(first)
+    session = await service.compute(lambda: Session.begin(service, asked))
+    stream, sent = session.stream, 0
+    facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
+    timing = {"look_ahead": stream.look_ahead, "hop": stream.hop, "latency": round(stream.latency, 4)}
+    await _send(service, websocket, facts | timing)
+    while True:
+        message = await _receive(service, websocket)
+        if isinstance(message, str):
+            change = read_change(message)
+            await service.compute(lambda change=change: session.change(change))
+            if change.end:
+                break
+            continue
+        if len(message) % 2:
+            raise UserError(f"a message of {len(message)} bytes; expected whole samples of 16 bits")
+        pcm = np.frombuffer(message, "<i2")
+        length = round(session.rate * _PIECE_SECONDS)
+        for start in range(0, len(pcm), length):
+            begun = time.monotonic()
+            frames = await service.compute(lambda piece=pcm[start : start + length]: session.feed(piece))
+            service.counters.feed_seconds.observe(time.monotonic() - begun)
+            sent = await _send_frames(service, websocket, sent, frames)
+    sent = await _send_frames(service, websocket, sent, await service.compute(session.flush))
+    await _send(service, websocket, {"end": True, "count": sent})
+
+
+async def _receive(service: Service, websocket: WebSocket) -> str | bytes:
+    """Return the next message."""
+    idle = service.settings.idle_seconds
+    try:
+        async with asyncio.timeout(idle):
+            message = await websocket.receive()
+    except TimeoutError:
+        raise _Limit(f"no message for {idle:g} s; send silence to keep a stream") from None
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message.get("code", 1005))
+    text = message.get("text")
+    return message["bytes"] if text is None else text
+
+
+async def _send(service: Service, websocket: WebSocket, message: dict[str, Any]) -> None:
+    idle = service.settings.idle_seconds
+    try:
+        async with asyncio.timeout(idle):
+            await websocket.send_text(json.dumps(message, separators=(",", ":")))
+    except TimeoutError:
+        raise _Limit(f"frames were not read for {idle:g} s") from None
+
+
+async def _send_frames(service: Service, websocket: WebSocket, sent: int, frames: np.ndarray) -> int:
+    """Send frames (n, bones, 3) if there are any, and return the number of all that were sent."""
+    if len(frames):
+        rows = np.round(frames.reshape(len(frames), -1).astype(np.float64), _DECIMALS).tolist()
+        await _send(service, websocket, {"first": sent, "frames": rows})
+        service.counters.frames.inc(len(frames))
+    return sent + len(frames)
