@@ -19,7 +19,7 @@ from ha2g_jax.motion import formats
 from ha2g_jax.serve.guard import refusal
 from ha2g_jax.serve.messages import MotionQuery
 from ha2g_jax.serve.service import Full, Service, Stopped
-from ha2g_jax.synthesis.model import Audio
+from ha2g_jax.synthesis import Audio
 
 TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
 _BINARY = "model/gltf-binary"  # glb and vrma
