@@ -40,6 +40,8 @@ def paper(skeleton: str) -> Config:
     config.data.image_size = 224
     config.data.jitter = 0  # largest number of frames by which a training window starts late, at random
     config.data.mirror = 0.0  # fraction of training windows that are mirrored left to right, with another identity
+    config.data.equalizer_db = 0.0  # largest number of dB by which a band is made louder or quieter, at random
+    config.data.reverb = 0.0  # fraction of training windows with the reverberation of a room
     config.data.gain_db = 0.0  # largest number of dB by which a training window is made quieter, at random
     config.data.noise = 0.0  # fraction of training windows with noise in the speech
     config.data.noise_snr_db = (10.0, 40.0)  # range of the signal-to-noise ratio in dB

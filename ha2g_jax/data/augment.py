@@ -1,4 +1,4 @@
-"""Data augmentation of a training window: mirrored motion, quieter speech, added noise, an end that is not heard.
+"""Data augmentation of a training window: mirrored motion, other microphones and rooms, noise, a hidden end.
 
 Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
 """
@@ -8,13 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import FLOOR_DB, NUM_MELS, SAMPLE_RATE, log_mel
+from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, log_mel
 from ha2g_jax.features.spectrum import mel_frequencies
 from ha2g_jax.features.text import PADDING
 from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
+_EQUALIZER_POINTS = 6  # of a random frequency response, evenly spaced in mel
+_REVERBERATION_SECONDS = (0.2, 0.9)  # time in which the sound of a room falls by 60 dB
+_DIRECT_DB = (0.0, 15.0)  # power of the direct sound over that of its reverberation
 
 
 class Augmentation(NamedTuple):
@@ -23,6 +26,8 @@ class Augmentation(NamedTuple):
     Attributes:
         jitter: maximum number of frames by which the window starts late.
         mirror: probability that the window is mirrored.
+        equalizer_db: maximum by which a band of the spectrum is made louder or quieter than flat, in dB.
+        reverb: probability that the speech is heard in a room.
         gain_db: maximum by which the speech is made quieter, in dB.
         noise: probability that noise is added to the speech.
         noise_snr_db: minimum and maximum level of the speech over the noise, in dB.
@@ -32,6 +37,8 @@ class Augmentation(NamedTuple):
 
     jitter: int = 0
     mirror: float = 0.0
+    equalizer_db: float = 0.0
+    reverb: float = 0.0
     gain_db: float = 0.0
     noise: float = 0.0
     noise_snr_db: tuple[float, float] = (10.0, 40.0)
@@ -71,6 +78,10 @@ def augment(
     if "mel" not in example:
         return example
     mel = example["mel"]
+    if augmentation.equalizer_db:
+        mel = equalize(mel, augmentation.equalizer_db, rng)
+    if augmentation.reverb and rng.random() < augmentation.reverb:
+        mel = reverberate(mel, rng.uniform(*_REVERBERATION_SECONDS), rng.uniform(*_DIRECT_DB))
     if augmentation.noise and rng.random() < augmentation.noise:
         mel = add_noise(mel, rng.uniform(*augmentation.noise_snr_db), rng)
     if augmentation.gain_db:
@@ -104,6 +115,47 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
     if "images" in example:
         mirrored["images"] = example["images"][:, :, ::-1]
     return example | mirrored
+
+
+def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.ndarray:
+    """Change the frequency response of a spectrogram, as another microphone does.
+
+    The response is interpolated between random values at six points, evenly spaced in mel. Its maximum is 0 dB, because
+    0 dB is the maximum of the clip (D11).
+
+    Args:
+        mel: (128, columns) dB.
+        most_db: maximum of the random values in dB, up or down.
+        rng: generator of the random values.
+
+    Returns:
+        (128, columns) float32 dB, not below -80.
+    """
+    points = rng.uniform(-most_db, most_db, _EQUALIZER_POINTS)
+    response = np.interp(np.linspace(0, _EQUALIZER_POINTS - 1, len(mel)), np.arange(_EQUALIZER_POINTS), points)
+    return np.maximum(mel + (response - response.max())[:, None], FLOOR_DB).astype(np.float32)
+
+
+def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray:
+    """Add the reverberation of a room to the speech of a spectrogram.
+
+    To the power p of each column is added r sum_k d^k p[t - k] / sum_k d^k over the columns before it, where d^k falls
+    by 60 dB in `seconds`. Powers add, as in `add_noise`; what was spoken before the window leaves no trace.
+
+    Args:
+        mel: (128, columns) dB of a window.
+        seconds: reverberation time.
+        direct_db: power of the direct sound over that of its reverberation, -10 log10 r.
+
+    Returns:
+        (128, columns) float32 in [-80, 0].
+    """
+    decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
+    power = np.power(10, mel.astype(np.float64) / 10)
+    tail = np.zeros_like(power)
+    for column in range(1, power.shape[1]):
+        tail[:, column] = decay * tail[:, column - 1] + (1 - decay) * power[:, column - 1]
+    return np.clip(10 * np.log10(power + tail * 10 ** (-direct_db / 10)), FLOOR_DB, 0).astype(np.float32)
 
 
 def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:

@@ -86,13 +86,14 @@ def check_augmentation(config: Config, spec: Spec) -> None:
         spec: networks and sizes.
 
     Raises:
-        UserError: noise or gain are switched on, but the model takes no mel spectrogram; or ends of windows are
+        UserError: the sound is to be changed, but the model takes no mel spectrogram; or ends of windows are
             hidden, but the model takes an input whose end cannot be hidden.
     """
-    if (config.data.noise or config.data.gain_db) and "mel" not in spec.training_inputs:
+    changes = [name for name in ("equalizer_db", "reverb", "noise", "gain_db") if config.data[name]]
+    if changes and "mel" not in spec.training_inputs:
         raise UserError(
-            f"{config.method} takes no mel spectrogram, which noise and gain change: "
-            "set --config.data.noise=0 --config.data.gain_db=0"
+            f"{config.method} takes no mel spectrogram, which {', '.join(changes)} would change: set "
+            + " ".join(f"--config.data.{name}=0" for name in changes)
         )
     inputs = set(spec.training_inputs)
     if config.data.lookahead and ("mel" not in inputs or inputs - {"mel", "words"}):
@@ -107,6 +108,8 @@ def _check_data(data: Config) -> None:
     expected = {
         "jitter": ("0 or more", data.jitter >= 0),
         "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
+        "equalizer_db": ("0 or more", data.equalizer_db >= 0),
+        "reverb": ("from 0 to 1", 0 <= data.reverb <= 1),
         "gain_db": ("0 or more", data.gain_db >= 0),
         "noise": ("from 0 to 1", 0 <= data.noise <= 1),
         "lookahead": ("from 0 to 1", 0 <= data.lookahead <= 1),

@@ -108,6 +108,8 @@ def training_batches(
         augmentation=Augmentation(
             jitter=data.jitter,
             mirror=data.mirror,
+            equalizer_db=data.equalizer_db,
+            reverb=data.reverb,
             gain_db=data.gain_db,
             noise=data.noise,
             noise_snr_db=tuple(data.noise_snr_db),

@@ -9,9 +9,11 @@ from ha2g_jax.data.augment import (
     Augmentation,
     add_noise,
     augment,
+    equalize,
     hide_end,
     make_quieter,
     mirror_example,
+    reverberate,
     sound_power,
 )
 from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window
@@ -121,9 +123,31 @@ def test_noise_is_that_of_a_waveform():
     assert np.abs(difference).max() < 3
 
 
+def test_an_equalizer_changes_all_columns_alike():
+    """Its response is smooth over the bands, as large as asked for and nowhere above 0 dB."""
+    mel = np.random.default_rng(0).uniform(-40, 0, (128, 70)).astype(np.float32)
+    response = equalize(mel, 10.0, np.random.default_rng(1)) - mel
+    assert response.dtype == np.float32
+    np.testing.assert_allclose(response, response[:, :1].repeat(70, axis=1), atol=1e-5)
+    assert response.max() == pytest.approx(0, abs=1e-5) and -20 < response.min() < -3
+    assert np.abs(np.diff(response[:, 0])).max() < 1
+
+
+def test_reverberation_falls_by_60_db_in_its_time():
+    """The tail of a click, and its power, that of the click less the ratio that was asked for."""
+    mel = np.full((4, 70), FLOOR_DB, np.float32)
+    mel[:, 10] = 0
+    heard = reverberate(mel, 1.0, 3.0)
+    np.testing.assert_allclose(np.diff(heard[:, 11:30]), -60 * 512 / SAMPLE_RATE, atol=0.01)
+    np.testing.assert_allclose(heard[:, :11], mel[:, :11], atol=2)  # the floor reverberates too
+    assert 10 * np.log10(np.power(10, heard[0, 11:] / 10).sum()) == pytest.approx(-3, abs=0.1)
+
+
 def test_silence_stays_silence():
     silence = np.full((128, 70), FLOOR_DB, np.float32)
     np.testing.assert_array_equal(add_noise(silence, 10.0, np.random.default_rng(0)), silence)
+    np.testing.assert_array_equal(equalize(silence, 10.0, np.random.default_rng(0)), silence)
+    np.testing.assert_allclose(reverberate(silence, 0.5, 15.0), silence, atol=0.2)
 
 
 def _augmented(example, settings: Augmentation, seed: int) -> dict[str, Any]:
@@ -185,7 +209,7 @@ def test_a_hidden_end_leaves_the_other_changes_as_they_are(example):
 
 
 def test_random_numbers_decide_all(example):
-    settings = Augmentation(mirror=0.5, gain_db=6.0, noise=0.5, lookahead=0.5)
+    settings = Augmentation(mirror=0.5, equalizer_db=6.0, reverb=0.5, gain_db=6.0, noise=0.5, lookahead=0.5)
 
     def draw(seed):
         return _augmented(example, settings, seed)
@@ -201,6 +225,8 @@ def test_each_setting_alone(example):
     """A probability of 1 changes every example, and only the arrays that it is about."""
     changes = {
         "mirror": ({"mirror": 1.0}, {"directions", "speaker", "images"}),
+        "equalizer": ({"equalizer_db": 6.0}, {"mel"}),
+        "reverb": ({"reverb": 1.0}, {"mel"}),
         "gain": ({"gain_db": 20.0}, {"mel"}),
         "noise": ({"noise": 1.0, "noise_snr_db": (0.0, 5.0)}, {"mel"}),
         "lookahead": ({"lookahead": 1.0}, {"mel", "words"}),

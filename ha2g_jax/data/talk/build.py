@@ -28,9 +28,9 @@ FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
 DEFAULT = "talk"  # name of the default corpus in configs and commands
-_VERSION = "talk-v1"
+_VERSION = "talk-v2"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
-_DEFAULT_SPEAKERS, _DEFAULT_MINUTES, _DEFAULT_SEED = 24, 120, 0
+_DEFAULT_SPEAKERS, _DEFAULT_MINUTES, _DEFAULT_SEED = 48, 144, 0
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
 _MEAN_CLIP_SECONDS = 17.6
 _CLIPS_PER_RECORDING = 2

@@ -12,8 +12,8 @@ import numpy as np
 
 from ha2g_jax.data.talk.patterns import CARRIERS, RULES
 
-# Probability that a clause carries a gesture-bearing word; gives about one such word in two and a half seconds.
-_CARRIER_PROBABILITY = 0.97
+# Probability that a clause carries a gesture-bearing word; gives about one such word in four seconds.
+_CARRIER_PROBABILITY = 0.6
 _OPENER_PROBABILITY = 0.25
 _CLAUSES = (1, 1, 2, 2, 2, 3)
 

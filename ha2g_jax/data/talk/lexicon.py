@@ -55,16 +55,16 @@ class ArmPath(NamedTuple):
 
 
 ARM_PATHS: dict[str, ArmPath] = {
-    "one": ArmPath(False, (0.06, -0.15, 0.25), (0.08, -0.07, 0.29), 60, 5),
-    "two": ArmPath(False, (0.04, -0.16, 0.26), (0.11, -0.09, 0.30), 70, 8),
-    "three": ArmPath(False, (0.08, -0.17, 0.24), (0.13, -0.11, 0.31), 75, 12),
-    "open": ArmPath(True, (0.00, -0.22, 0.32), (0.16, -0.14, 0.32), -20, 25),
-    "small": ArmPath(False, (0.04, -0.18, 0.27), (0.04, -0.09, 0.31), 55, 0),
-    "point": ArmPath(False, (0.05, -0.14, 0.26), (0.04, -0.14, 0.50), 60, 12),
-    "fist": ArmPath(False, (0.05, -0.04, 0.28), (0.04, -0.17, 0.34), 10, -10),
-    "round": ArmPath(True, (0.06, -0.14, 0.30), (-0.03, -0.17, 0.36), 20, -5),
-    "negation": ArmPath(False, (-0.10, -0.20, 0.34), (0.15, -0.22, 0.35), 80, 28),
-    "approve": ArmPath(False, (0.03, -0.24, 0.26), (0.05, -0.14, 0.38), -20, -8),
+    "one": ArmPath(False, (0.06, -0.16, 0.25), (0.12, 0.00, 0.30), 60, 5),
+    "two": ArmPath(False, (0.04, -0.17, 0.26), (0.16, -0.03, 0.30), 70, 8),
+    "three": ArmPath(False, (0.08, -0.18, 0.24), (0.20, -0.05, 0.31), 75, 12),
+    "open": ArmPath(True, (-0.02, -0.22, 0.32), (0.26, -0.08, 0.30), -20, 25),
+    "small": ArmPath(False, (0.04, -0.20, 0.27), (0.02, -0.03, 0.31), 55, 0),
+    "point": ArmPath(False, (0.05, -0.16, 0.24), (0.06, -0.08, 0.52), 60, 12),
+    "fist": ArmPath(False, (0.08, 0.04, 0.26), (0.06, -0.20, 0.36), 10, -10),
+    "round": ArmPath(True, (0.12, -0.08, 0.28), (-0.03, -0.17, 0.36), 20, -5),
+    "negation": ArmPath(False, (-0.14, -0.20, 0.34), (0.26, -0.22, 0.34), 80, 28),
+    "approve": ArmPath(False, (0.03, -0.26, 0.26), (0.08, -0.06, 0.40), -20, -8),
 }
 
 _CLASS_OF_WORD = {word: name for name, words in WORD_CLASSES.items() for word in words}

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.data.talk import lexicon
-from ha2g_jax.data.talk.cues import Cues
+from ha2g_jax.data.talk.cues import RATE, Cues
 from ha2g_jax.features.text import Word
 
 LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
@@ -23,11 +23,13 @@ class Beat(NamedTuple):
         apex: time at which the hand is highest, in seconds.
         hit: time at which the hand is lowest, in seconds.
         loudness: loudness of the syllable that causes the beat.
+        pitch: pitch of this syllable, in semitones above the speaker's middle pitch.
     """
 
     apex: float
     hit: float
     loudness: float
+    pitch: float
 
 
 class WordGesture(NamedTuple):
@@ -91,7 +93,8 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
         hit = moment + latency
         # A stroke soon after another is quicker, but never too quick for the frame rate to show it.
         stroke = np.clip(0.48 * (hit - last), 0.20, 0.24)
-        beats.append(Beat(hit - stroke, hit, loudness))
+        pitch = float(cues.pitch[min(round(moment * RATE), len(cues.pitch) - 1)])
+        beats.append(Beat(hit - stroke, hit, loudness, pitch))
         last = hit
     return tuple(beats)
 

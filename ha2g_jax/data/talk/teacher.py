@@ -27,8 +27,12 @@ SKELETON = "ted_expressive"
 _RATE = 60  # frames per second at which movement is composed
 _JITTER = 0.008  # standard deviation of the random part of the latency, in seconds
 _FOREARM = 0.33  # metres from elbow to wrist
-_AVERAGE_BEAT = 0.10  # metres that the wrist is raised
-_AVERAGE_NOD = 5.0  # degrees
+_LOUD = 1.03  # loudness from which a syllable moves both hands
+_LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
+_WIDE_PITCH = 3.0  # semitones at which a beat goes as far to the side as up
+_RAISED_ARM = np.array([22.0, 14.0, 30.0, 44.0, 12.0, 10.0, 0.0])  # what loud speech adds to the angles of a resting arm
+_AVERAGE_BEAT = 0.13  # metres that the wrist is raised
+_AVERAGE_NOD = 7.5  # degrees
 
 
 class Movement(NamedTuple):
@@ -73,6 +77,25 @@ def hand_gains(style: Style) -> np.ndarray:
     return np.minimum(1.0, 4.0 ** (np.array([-1.0, 1.0]) * style.handedness))
 
 
+def beat_hands(beats: Sequence[strokes.Beat], style: Style) -> np.ndarray:
+    """Choose the hands that make each beat.
+
+    A loud syllable moves both hands, another one of low pitch the hand that is not dominant, and the rest the dominant
+    hand.
+
+    Args:
+        beats: beats in order of time.
+        style: style of the speaker.
+
+    Returns:
+        (beats, 2) whether the left and the right hand make the beat.
+    """
+    is_loud = np.array([beat.loudness >= _LOUD for beat in beats], bool)
+    is_low = np.array([beat.pitch <= _LOW_PITCH for beat in beats], bool)
+    by_dominant, by_other = is_loud | ~is_low, is_loud | is_low
+    return np.stack([by_other, by_dominant] if style.handedness >= 0 else [by_dominant, by_other], axis=-1)
+
+
 def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Stroke]]:
     found = cues.find_cues(audio)
     times = np.arange(int(np.ceil(len(audio) / cues.SAMPLE_RATE * _RATE)) + 2) / _RATE
@@ -95,37 +118,48 @@ def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Str
 def _arms(skeleton, times, found, beats, gestures, style) -> tuple[np.ndarray, list[Stroke]]:
     """Compute the angles (T, 2, 7) of the arms: rest and lift, blended with the word gestures, plus beats."""
     gains = hand_gains(style)
-    size = 2.0 ** (0.6 * style.amplitude)
-    beat_size = 2.0 ** (0.4 * style.mixing) * size
+    beat_size = 2.0 ** (0.5 * style.amplitude + 0.25 * style.mixing)
     # Low-level causes: each syllable's loudness sets the size of its beat, and smoothed loudness lifts the arms.
-    heights = [
-        beat_size * (0.05 + 0.11 * np.clip((beat.loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1)) for beat in beats
-    ]
-    height = strokes.track(times, strokes.beat_keys(beats, heights))
-    lift = _sample(ndimage.gaussian_filter1d(found.loudness, 0.25 * cues.RATE), times * cues.RATE)
-    lift = np.minimum(1.2 * lift, 1.2)
+    loudness = np.array([beat.loudness for beat in beats])
+    heights = beat_size * (0.06 + 0.16 * np.clip((loudness - strokes.WEAKEST_BEAT) / 0.35, 0, 1))
+    sideways = heights * np.clip([beat.pitch / _WIDE_PITCH for beat in beats], -1, 1)
+    hands = beat_hands(beats, style)
+    lift = _lift(found, times, style)
     arms = np.zeros((len(times), 2, len(anatomy.ARM_LIMITS)))
-    performed = []
     for side, gain in enumerate(gains):
-        arm = _rest_arm(style)[None] + (0.35 + 0.65 * gain) * lift[:, None] * np.array([7, 6, 13, 24, 10, 8, 0])[None]
+        arm = _rest_arm(style)[None] + lift[:, side, None] * _RAISED_ARM[None]
         arm = _blend_gestures(skeleton, arm, times, gestures, style, side)
-        arms[:, side] = arm + _beat_angles(gain * height)
-    dominant = int(style.handedness >= 0)
+        sizes = np.where(hands[:, side], np.sqrt(gain), 0.3 * gain)
+        height, outward = (strokes.track(times, strokes.beat_keys(beats, sizes * size)) for size in (heights, sideways))
+        arms[:, side] = arm + _beat_angles(height, outward)
     names = ("left", "right")
-    hand = names[dominant] if gains.min() < 0.5 else "both"
-    performed += [
-        Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, float(height / _AVERAGE_BEAT), "")
-        for beat, height in zip(beats, heights, strict=True)
-    ]
+    performed = []
+    for beat, height, made in zip(beats, heights, hands, strict=True):
+        hand = "both" if made.all() else names[int(made[1])]
+        size = float(height / _AVERAGE_BEAT)
+        performed.append(Stroke(beat.hit, beat.apex - 0.2, beat.hit + 0.08, "beat", hand, size, ""))
+    dominant = names[int(style.handedness >= 0)]
     for gesture in gestures:
-        hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else names[dominant]
+        hand = "both" if lexicon.ARM_PATHS[gesture.word_class].both else dominant
         performed.append(Stroke(gesture.peak, gesture.start, gesture.end, "semantic", hand, 1.0, gesture.word_class))
     return arms, performed
 
 
+def _lift(found: cues.Cues, times: np.ndarray, style: Style) -> np.ndarray:
+    """Return how far each arm is raised (T, 2), 0 at rest: loudness over a phrase, and half as much over a moment.
+
+    A phrase of high pitch raises the dominant hand more, one of low pitch the other hand.
+    """
+    phrase, moment = (ndimage.gaussian_filter1d(found.loudness, width * cues.RATE) for width in (0.6, 0.2))
+    pitch = ndimage.gaussian_filter1d(found.pitch, 0.6 * cues.RATE)
+    dominant = 0.4 * np.clip(pitch / 2, -1, 1) * (1 if style.handedness >= 0 else -1)
+    sides = 0.35 + 0.65 * hand_gains(style) + np.stack([-dominant, dominant], axis=-1)
+    return np.minimum(_sample(1.4 * ((2 * phrase + moment) / 3)[:, None] * sides, times * cues.RATE), 1.4)
+
+
 def _rest_arm(style: Style) -> np.ndarray:
     """Return the angles (7,) of a resting arm: bent in front of the trunk, higher and wider with the style's elbow."""
-    rest = np.array([-3.0, 13.0, -15.0, 84.0, 10.0, -12.0, 3.0])
+    rest = np.array([-12.0, 12.0, -30.0, 56.0, 10.0, -12.0, 3.0])
     return rest + style.elbow * np.array([3.0, 7.0, -5.0, 9.0, 14.0, 0.0, 0.0])
 
 
@@ -145,20 +179,18 @@ def _blend_gestures(skeleton, arm, times, gestures, style, side) -> np.ndarray:
     return arm + np.minimum(weight, 1) * (strokes.track(times, value) - arm)
 
 
-def _beat_angles(height: np.ndarray) -> np.ndarray:
-    """Return offsets (T, 7) in degrees that raise the wrist by `height` (T,) metres; the hand lags by 3 steps.
+def _beat_angles(height: np.ndarray, outward: np.ndarray) -> np.ndarray:
+    """Return offsets (T, 7) in degrees that raise the wrist by `height` (T,) metres and move it outward by `outward`.
 
-    Small beats come from the elbow, large ones also move the upper arm.
+    Small beats come from the elbow, large ones also move the upper arm; the hand lags by 3 steps.
     """
-    bend = np.rad2deg(height / _FOREARM)
+    bend, turn = np.rad2deg(height / _FOREARM), np.rad2deg(outward / _FOREARM)
     large = np.abs(height) / 0.12
     behind = np.roll(bend, 3)
     behind[:3] = bend[0]
     zeros = np.zeros_like(bend)
-    return np.stack(
-        [0.25 * bend * large, 0.15 * bend, -0.5 * bend, 0.75 * bend, -0.5 * bend, 1.8 * (behind - bend), zeros],
-        axis=-1,
-    )
+    offsets = [0.25 * bend * large, 0.15 * bend + 0.2 * turn, -0.5 * bend + turn, 0.75 * bend, -0.5 * bend]
+    return np.stack([*offsets, 1.8 * (behind - bend), zeros], axis=-1)
 
 
 def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[Stroke]]:
@@ -170,7 +202,7 @@ def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarra
     performed = []
     for moment, rise in found.accents:
         hit = moment + latency
-        depth = size * (2.0 + 1.2 * rise)
+        depth = size * (3.0 + 1.8 * rise)
         if hit - 0.3 < nods[-1][0]:
             nods.pop()
         nods += [(hit - 0.28, 0.0), (hit, depth), (hit + 0.4, 0.0)]
@@ -181,9 +213,9 @@ def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarra
     for start, end in zip(keys[1::2], keys[2::2], strict=True):
         performed.append(Stroke(end[0], start[0], end[0], "posture", "", float(size), ""))
     excited = np.clip(pitch, -3, 6)
-    trunk = size * np.stack([-0.3 * excited, 4.0 * side, 2.2 * side], axis=-1)
-    head = np.stack([nod - size * 1.0 * excited, 7.0 * size * side, -4.0 * size * side], axis=-1)
-    shrug = np.stack([size * (0.7 * excited + 1.2 * side), size * (0.7 * excited - 1.2 * side)], axis=-1)
+    trunk = size * np.stack([-0.6 * excited, 7.0 * side, 3.5 * side], axis=-1)
+    head = np.stack([nod - size * 1.6 * excited, 12.0 * size * side, -5.0 * size * side], axis=-1)
+    shrug = np.stack([size * (1.0 * excited + 1.5 * side), size * (1.0 * excited - 1.5 * side)], axis=-1)
     return trunk, head, shrug, performed
 
 

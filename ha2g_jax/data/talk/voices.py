@@ -4,9 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-LANGUAGES = ("en-us", "en-us", "en-us", "en", "en-gb-x-rp", "en-gb-scotland")
-MALE_VARIANTS = ("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "adam", "david", "edward", "robert", "paul", "Gene")
-FEMALE_VARIANTS = ("f1", "f2", "f3", "f4", "f5", "steph", "linda", "belinda", "Annie", "anika")
+LANGUAGES = ("en-us", "en-us", "en-us", "en-us-nyc", "en", "en-029", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-scotland")
+MALE_VARIANTS = (
+    *("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "adam", "david", "edward", "robert", "paul", "Gene"),
+    *("Alex", "Andy", "Lee", "Michael", "benjamin", "john", "max", "miguel", "quincy", "victor", "klatt", "klatt4"),
+)
+FEMALE_VARIANTS = (
+    *("f1", "f2", "f3", "f4", "f5", "steph", "linda", "belinda", "Annie", "anika"),
+    *("Alicia", "Andrea", "aunty", "grandma", "shelby", "steph2"),
+)
 
 
 class Voice(NamedTuple):
@@ -38,7 +44,7 @@ def sample_voice(rng: np.random.Generator) -> Voice:
         language=str(rng.choice(LANGUAGES)),
         variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
         # The female variants are tuned high already.
-        pitch=int(rng.integers(25, 76) if is_male else rng.integers(15, 51)),
-        pitch_range=int(rng.integers(45, 100)),
-        rate=int(rng.integers(150, 196)),
+        pitch=int(rng.integers(15, 81) if is_male else rng.integers(10, 56)),
+        pitch_range=int(rng.integers(40, 100)),
+        rate=int(rng.integers(135, 211)),
     )

@@ -42,7 +42,7 @@ def test_same_seed_same_bytes_and_frames_as_long_as_the_audio():
     assert first.strokes == second.strokes
     assert first.positions.shape == (SECONDS * 15, 43, 3)
     assert first.positions.dtype == np.float32
-    assert np.abs(first.positions - other.positions).max() < 0.05  # noise is small: motion follows from its causes
+    assert np.abs(first.positions - other.positions).max() < 0.06  # noise is small: motion follows from its causes
 
 
 def test_bones_keep_their_lengths():
