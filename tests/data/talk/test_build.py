@@ -62,17 +62,17 @@ def test_splits_share_no_recording_and_no_unseen_speaker(tiny_talk):
 
 def test_default_plan():
     """At the default size most seen speakers are tested, all unseen ones are, and no split is tiny."""
-    plans = build._plan(24, 120, 0)
+    plans = build._plan(48, 144, 0)
     clips, speakers = collections.Counter(), collections.defaultdict(set)
     for plan in plans:
         clips[plan.split] += plan.num_clips
         speakers[plan.split].add(plan.speaker)
-    assert [len(speakers[split]) for split in ("train", "test_unseen_speakers")] == [20, 4]
-    assert len(speakers["test"]) >= 16
+    assert [len(speakers[split]) for split in ("train", "test_unseen_speakers")] == [40, 8]
+    assert len(speakers["test"]) >= 20
     fraction = {split: count / clips.total() for split, count in clips.items()}
     assert fraction["train"] > 0.75
     assert min(fraction.values()) > 0.055
-    assert len({plan.speaker.voice for plan in plans}) == 24
+    assert len({plan.speaker.voice for plan in plans}) == 48
 
 
 def test_unseen_styles_lie_between_seen_ones():
@@ -114,7 +114,7 @@ def test_it_says_how_long_a_long_corpus_takes(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(build, "CorpusWriter", lambda *_, **__: contextlib.nullcontext())
     build.make_talk(tmp_path / "long")
     assert capsys.readouterr().err == (
-        "making 120 minutes of speech and gestures, 204 MB: about 2 min with 2 processes if the machine is otherwise "
+        "making 144 minutes of speech and gestures, 245 MB: about 3 min with 2 processes if the machine is otherwise "
         "idle\n"
     )
     build.make_talk(tmp_path / "short", speakers=4, minutes=4)
@@ -131,8 +131,8 @@ def test_talk_path(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setattr(build, "make_talk", make)
-    assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / "talk-v1"
+    assert build.talk_path("talk") == build.talk_path("talk") == tmp_path / "talk-v2"
     assert len(calls) == 1
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and "is made once" in lines[0] and f"kept in {tmp_path / 'talk-v1'}" in lines[0]
+    assert len(lines) == 1 and "is made once" in lines[0] and f"kept in {tmp_path / 'talk-v2'}" in lines[0]
     assert str(build.talk_path("some/folder")) == "some/folder"
