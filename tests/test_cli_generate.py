@@ -48,7 +48,7 @@ def test_writes_motion_and_video(checkpoint, speech, tmp_path, capsys):
         assert arrays["joint_names"].shape == (43,)
         meta = json.loads(str(arrays["meta"]))
     assert meta["speech"] == "speech.wav"
-    assert meta["style"] == {"kind": "speaker", "speaker": "ada"}
+    assert meta["style"] == {"kind": "speaker", "speaker": "ada", "variation": 0.3}
     with av.open(f"{out}.mp4") as container:
         assert (container.duration or 0) / av.time_base == pytest.approx(1, abs=0.04)
 
@@ -62,7 +62,7 @@ def test_controls_reach_the_motion_and_its_record(checkpoint, speech, tmp_path):
     options += ["--pin", f"0.5:0.6:{tmp_path / 'still.npz'}@0.3", "--pin", "0.8:0.8:rest", "--mute", "0.1:0.2"]
     assert generate(speech, "-o", tmp_path / "out", "--size", "64x32", *options) == 0
     motion = Motion.load(tmp_path / "out.npz")
-    assert motion.meta["style"] == {"kind": "mixture", "speakers": {"ada": 0.3, "ben": 0.7}}
+    assert motion.meta["style"] == {"kind": "mixture", "speakers": {"ada": 0.3, "ben": 0.7}, "variation": 0.3}
     assert motion.meta["seed_pose"] == "still.npz"
     assert motion.meta["smoothing"] == 0.2
     assert motion.meta["controls"] == {

@@ -192,17 +192,33 @@ def test_the_style_comes_from_one_source(debug_model, tmp_path):
     styles = {name: chosen(debug_model, choice) for name, choice in choices.items()}
     assert all(f_id.shape == (18,) for f_id, _ in styles.values())
     assert len({f_id.tobytes() for f_id, _ in styles.values()}) == len(choices)
-    assert styles["images"][1] == {"kind": "images", "images": ["wide.png", "tall.jpg"]}
+    assert styles["images"][1] == {
+        "kind": "images",
+        "images": ["wide.png", "tall.jpg"],
+        "variation": 0.3,
+    }
     assert debug_model.generate(speech(1), style=Style(speaker="ada")).meta["style"] == {
         "kind": "speaker",
         "speaker": "ada",
+        "variation": 0.3,
     }
     np.testing.assert_array_equal(styles["seed"][0], chosen(debug_model, seed=7)[0])
     with pytest.raises(UserError, match="more than one source"):
         chosen(debug_model, Style(speaker="ada", seed=1))
 
 
+def test_another_seed_is_another_take_of_a_speaker(debug_model):
+    exact, described = chosen(debug_model, Style(speaker="ada", variation=0), seed=3)
+    np.testing.assert_array_equal(exact, debug_model.assets.speakers["ada"])
+    assert described == {"kind": "speaker", "speaker": "ada", "variation": 0}
+    takes = np.stack([chosen(debug_model, Style(speaker="ada", variation=0.5), seed=seed)[0] for seed in range(200)])
+    np.testing.assert_array_equal(takes[7], chosen(debug_model, Style(speaker="ada", variation=0.5), seed=7)[0])
+    np.testing.assert_allclose(takes.mean(axis=0), exact, atol=0.15)
+    np.testing.assert_allclose(takes.std(axis=0), 0.5, atol=0.1)
+
+
 BAD_ARGUMENTS = {
+    "variation": ({"style": Style(speaker="ada", variation=-1)}, "expected 0 to 2"),
     "speaker": ({"style": Style(speaker="eve")}, "expected one of: ada, ben"),
     "negative seed": ({"seed": -1}, "negative"),
     "negative style seed": ({"style": Style(seed=-1)}, "negative"),

@@ -35,10 +35,11 @@ def test_neutral_settings_change_no_byte(debug_model, tmp_path):
 def test_a_mixture_lies_between_its_speakers(debug_model):
     ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
     parts = (debug_model.spec, debug_model.variables, debug_model.assets)
-    f_id, described = synthesis.choose_style(*parts, Style(mixture={"ada": 3, "ben": 1}))
+    f_id, described = synthesis.choose_style(*parts, Style(mixture={"ada": 3, "ben": 1}, variation=0))
     np.testing.assert_allclose(f_id, 0.75 * ada + 0.25 * ben, atol=1e-6)
-    assert described == {"kind": "mixture", "speakers": {"ada": 0.75, "ben": 0.25}}
-    np.testing.assert_array_equal(synthesis.choose_style(*parts, Style(mixture={"ada": 0.3, "ben": 0}))[0], ada)
+    assert described == {"kind": "mixture", "speakers": {"ada": 0.75, "ben": 0.25}, "variation": 0}
+    alone = Style(mixture={"ada": 0.3, "ben": 0}, variation=0)
+    np.testing.assert_array_equal(synthesis.choose_style(*parts, alone)[0], ada)
 
 
 def test_a_mixture_moves_in_a_style_of_its_own(debug_model):

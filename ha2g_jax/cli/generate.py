@@ -54,11 +54,17 @@ def add_command(commands: Any) -> None:
 
 def add_style(command: argparse.ArgumentParser) -> None:
     """Add the arguments that `read_style` reads."""
-    style = command.add_argument_group("style of the motion").add_mutually_exclusive_group()
+    group = command.add_argument_group("style of the motion")
+    style = group.add_mutually_exclusive_group()
     style.add_argument("--speaker", help="name of a speaker of the training data")
     style.add_argument("--style", metavar="A:0.3,B:0.7", help="mixture of speakers, with weights")
     style.add_argument("--reference-image", type=pathlib.Path, nargs="+", metavar="PNG", help="images of a person")
     style.add_argument("--style-seed", type=read_seed, help="draw a style from the prior with this seed")
+    group.add_argument(
+        "--variation",
+        type=float,
+        help="how much another --seed changes the style of a speaker or of images, 0 to 2 (default: 0.3)",
+    )
 
 
 def _add_controls(command: argparse.ArgumentParser) -> None:
@@ -99,12 +105,13 @@ def read_style(arguments: argparse.Namespace) -> "Style":
     """Return the style that the arguments of `add_style` ask for."""
     from ha2g_jax import synthesis
 
-    return synthesis.Style(
+    style = synthesis.Style(
         speaker=arguments.speaker,
         mixture=synthesis.read_mixture(arguments.style) if arguments.style else None,
         images=arguments.reference_image,
         seed=arguments.style_seed,
     )
+    return style if arguments.variation is None else style._replace(variation=arguments.variation)
 
 
 def read_amounts(arguments: argparse.Namespace) -> "Controls":

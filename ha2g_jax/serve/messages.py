@@ -13,7 +13,7 @@ from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.formats import SUFFIXES
 from ha2g_jax.synthesis.model import Options
-from ha2g_jax.synthesis.style import Style, read_mixture
+from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
 _MAX_LETTERS = 200  # of a message about a mistake
@@ -30,6 +30,7 @@ class MotionQuery(BaseModel):
     speaker: str | None = Field(None, description="name of a speaker of the training data")
     style: str | None = Field(None, description="mixture of speakers, such as A:0.3,B:0.7")
     style_seed: int | None = Field(None, ge=0, le=MAX_SEED, description="draw a style with this seed")
+    variation: float = Field(VARIATION, description="how much a seed changes the style of a speaker, 0 to 2")
     energy: float = Field(1.0, description="speed of the motion, 0 to 2")
     extent: float = Field(1.0, description="size of the gestures, 0 to 2")
     handedness: Literal["left", "right", "both"] = Field("both", description="the other arm rests")
@@ -51,7 +52,7 @@ class MotionQuery(BaseModel):
             mirror=self.mirror,
             mutes=tuple(read_mute(mute) for mute in self.mute),
         )
-        style = Style(speaker=self.speaker, mixture=mixture, seed=self.style_seed)
+        style = Style(speaker=self.speaker, mixture=mixture, seed=self.style_seed, variation=self.variation)
         return {"style": style, "seed": self.seed, "fps": self.fps, "smoothing": self.smooth, "controls": controls}
 
 
@@ -60,15 +61,16 @@ class _Message(BaseModel):
 
 
 class StyleMessage(_Message):
-    """A style: at most one of a speaker, a mixture and a seed; without any, it is drawn from the prior."""
+    """A style: at most one of a speaker, a mixture and a seed; without any, it is drawn from the prior; see `Style`."""
 
     speaker: str | None = None
     mixture: dict[str, float] | None = None
     seed: int | None = None
+    variation: float = VARIATION
 
     def style(self) -> Style:
         """Return the style."""
-        return Style(speaker=self.speaker, mixture=self.mixture, seed=self.seed)
+        return Style(speaker=self.speaker, mixture=self.mixture, seed=self.seed, variation=self.variation)
 
 
 class ControlsMessage(_Message):

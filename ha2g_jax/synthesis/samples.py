@@ -68,7 +68,7 @@ def _style(model: Model, clip: Clip) -> np.ndarray:
     """Return the style (style_dim,) to generate a clip in."""
     spec, parts = model.spec, (model.spec, model.variables, model.assets)
     if len(model.assets.speakers.get(clip.speaker, ())):
-        return choose_style(*parts, Style(speaker=clip.speaker))[0]
+        return choose_style(*parts, Style(speaker=clip.speaker, variation=0))[0]
     if spec.identity == "images" and clip.reference_images is not None:
         images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
         return np.asarray(encode_identity(spec, model.variables, images))

@@ -14,14 +14,20 @@ from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec, Variables
 
+VARIATION = 0.3  # of the style of a speaker between two takes
+
 ImagePaths = str | pathlib.Path | Sequence[str | pathlib.Path]
 
 
 _NAMES_SHOWN, _LETTERS_SHOWN = 40, 500
+_MOST_VARIATION = 2.0
 
 
 class Style(NamedTuple):
-    """A requested style, by at most one of the five fields; without any, it is drawn from the prior N(0, I).
+    """A requested style, by at most one of the first five fields; without any, it is drawn from the prior N(0, I).
+
+    People do not speak twice in the same manner: the style of a speaker, a mixture or images is varied with the seed of
+    the motion, so that another seed is another take.
 
     Attributes:
         speaker: name of a speaker of the training data.
@@ -29,6 +35,8 @@ class Style(NamedTuple):
         images: path of one or more images of a person, of the kind that the model was trained with.
         seed: seed of a random style; by default the seed of the motion.
         values: (style_dim,) the values f_id themselves.
+        variation: standard deviation of what is added to each value of the style of a speaker, a mixture or images, 0
+            to 2; 0 for their exact style.
     """
 
     speaker: str | None = None
@@ -36,6 +44,7 @@ class Style(NamedTuple):
     images: ImagePaths | None = None
     seed: int | None = None
     values: np.ndarray | None = None
+    variation: float = VARIATION
 
 
 FROM_PRIOR = Style()
@@ -50,19 +59,19 @@ def choose_style(
         spec, variables: generator.
         assets: assets of the model, with the styles of the speakers.
         style: requested style.
-        seed: seed of a random style if `style` has none.
+        seed: seed of the variation, and of a random style if `style` has none.
 
     Returns:
         (style_dim,) float32 values f_id, and plain values that describe the style.
 
     Raises:
         UserError: more than one style is requested, a speaker is unknown, a weight is impossible, an image cannot be
-            read, a seed is negative or above `MAX_SEED`, values are of another number or not finite, or the model has
-            no styles.
+            read, a seed is negative or above `MAX_SEED`, values are of another number or not finite, the variation is
+            not within 0 and 2, or the model has no styles.
     """
     if not isinstance(style, Style):
         raise UserError(f"the style is {style!r}; give a Style, such as Style(speaker='ada')")
-    if sum(part is not None for part in style) > 1:
+    if sum(part is not None for part in style[:5]) > 1:
         raise UserError(
             "the style has more than one source; give only a speaker, a mixture, reference images, values or a style "
             "seed"
@@ -71,16 +80,22 @@ def choose_style(
         raise UserError(f"seed {min(seed, style.seed or 0)} is negative; give 0 or more")
     if max(seed, style.seed or 0) > MAX_SEED:
         raise UserError(f"a seed is above {MAX_SEED}; give a smaller one")
+    if not 0 <= style.variation <= _MOST_VARIATION:
+        raise UserError(f"the variation of the style is {style.variation:g}; expected 0 to {_MOST_VARIATION:g}")
     if style.speaker is not None:
-        return _speaker(assets, style.speaker), {"kind": "speaker", "speaker": style.speaker}
+        exact, described = _speaker(assets, style.speaker), {"kind": "speaker", "speaker": style.speaker}
+        return _varied(exact, style.variation, seed), described | {"variation": style.variation}
     if style.mixture is not None:
         weights = _normalized(style.mixture)
-        f_id = sum(weight * _speaker(assets, name).astype(np.float64) for name, weight in weights.items())
-        return np.asarray(f_id, np.float32), {"kind": "mixture", "speakers": weights}
+        exact = sum(weight * _speaker(assets, name).astype(np.float64) for name, weight in weights.items())
+        described = {"kind": "mixture", "speakers": weights, "variation": style.variation}
+        return _varied(np.asarray(exact, np.float32), style.variation, seed), described
     if style.images is not None:
         images = [style.images] if isinstance(style.images, str | pathlib.Path) else style.images
+        exact = _encode_images(spec, variables, assets, images)
         names = [shown(pathlib.Path(path).name) for path in images]
-        return _encode_images(spec, variables, assets, images), {"kind": "images", "images": names}
+        described = {"kind": "images", "images": names, "variation": style.variation}
+        return _varied(exact, style.variation, seed), described
     if style.values is not None:
         return _checked(style.values, spec.style_dim), {"kind": "values"}
     if not spec.style_dim:
@@ -126,6 +141,12 @@ def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
         found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
         raise UserError(f"the weights of the style are {found}; expected numbers from 0 on, not all of them 0")
     return {name: weight / total for name, weight in weights.items()}
+
+
+def _varied(f_id: np.ndarray, variation: float, seed: int) -> np.ndarray:
+    """Add normal noise, whose seed is not that of a style from the prior, to the values of a style."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    return f_id + np.float32(variation) * rng.standard_normal(f_id.shape, np.float32)
 
 
 def _checked(values: np.ndarray, style_dim: int) -> np.ndarray:

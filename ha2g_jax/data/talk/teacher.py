@@ -30,7 +30,7 @@ _FOREARM = 0.33  # metres from elbow to wrist
 _LOUD = 1.03  # loudness from which a syllable moves both hands
 _LOW_PITCH = -0.3  # semitones from which down a beat is made by the other hand
 _WIDE_PITCH = 3.0  # semitones at which a beat goes as far to the side as up
-_RAISED_ARM = np.array([22.0, 14.0, 30.0, 44.0, 12.0, 10.0, 0.0])  # what loud speech adds to the angles of a resting arm
+_RAISED_ARM = np.array([22.0, 14.0, 30.0, 44.0, 12.0, 10.0, 0.0])  # degrees that loud speech adds to a resting arm
 _AVERAGE_BEAT = 0.13  # metres that the wrist is raised
 _AVERAGE_NOD = 7.5  # degrees
 

@@ -36,7 +36,7 @@ def score_recording(
     """
     if len(audio) < MIN_SECONDS * SAMPLE_RATE:
         raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
-    motion = model.generate(audio, style=Style(speaker=speaker), seed=seed)
+    motion = model.generate(audio, style=Style(speaker=speaker, variation=0), seed=seed)
     first_frame, skeleton = model_windows(model).seed_frames, model.spec.skeleton
     wrists = beats.wrists(skeleton, motion.directions)
     row = beats.recording_row(audio, wrists, motion.fps, first_frame)
