@@ -25,11 +25,10 @@ POSE_INFERER: dict[str, dict[str, Any]] = {
     "without physical loss": {"loss.ha2g.weights.physical": 0.0},
     FULL: {},
 }
-# Corpora contain four images of a speaker, so that M = 7 changes the seed pose only.
 SEED_FRAMES: dict[str, dict[str, Any]] = {
     "1": {"data.num_seed_frames": 1, "data.num_reference_images": 1},
     "4": {},
-    "7": {"data.num_seed_frames": 7},
+    "7": {"data.num_seed_frames": 7, "data.num_reference_images": 7},
 }
 # Rows for TED-Gesture, whose hierarchy has three levels and no fingers.
 GESTURE: dict[str, dict[str, Any]] = {

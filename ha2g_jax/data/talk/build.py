@@ -39,7 +39,7 @@ _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
 # Fractions of the speakers, and of the recordings.
 _UNSEEN_SPEAKERS, _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
 
-_REFERENCE_FRAMES = 4
+_REFERENCE_FRAMES = 7  # the largest M of Table 11
 _PEAK = 0.7
 _NOISE_DB = (-75.0, -50.0)  # background noise, relative to full scale
 

@@ -53,7 +53,7 @@ class VideoSettings:
     max_gap: float = 0.5
     cutoff: float = 5.0
     max_seconds: float = MAX_SECONDS
-    num_reference_frames: int = 4
+    num_reference_frames: int = 7
     image_size: int = 224
     recognise: str | None = None
     pose_command: str | None = None

@@ -35,7 +35,7 @@ def test_records_agree(tiny_talk):
             assert np.isfinite(clip.positions).all()
             assert np.abs(clip.audio).max() < 0.9
             assert clip.reference_images is not None
-            assert clip.reference_images.shape == (4, 224, 224, 3)
+            assert clip.reference_images.shape == (7, 224, 224, 3)
             times = [time for word in clip.words for time in (word.start, word.end)]
             assert times == sorted(times)
             assert times[-1] <= seconds

@@ -34,7 +34,7 @@ def test_a_video_becomes_a_clip(extract, make_recording, tmp_path):
     assert clip.words[3] == ("word3", pytest.approx(1.6), pytest.approx(1.9))
     assert clip.confidence is not None and clip.confidence[0, 20] == 0 and clip.confidence[40].min() == 1
     assert clip.positions.shape == (89, 43, 3) and np.isfinite(clip.positions).all() and clip.window_starts
-    assert clip.reference_images is not None and clip.reference_images.shape == (4, 224, 224, 3)
+    assert clip.reference_images is not None and clip.reference_images.shape == (7, 224, 224, 3)
     assert (extracted.frames, extracted.frames_with_both_hands, extracted.shots) == (60, 45, 1)
     assert extracted.seconds == pytest.approx(6, abs=0.01)
     assert (extracted.report.videos, extracted.report.clips, extracted.report.kept) == (1, 1, len(clip.window_starts))
