@@ -44,7 +44,12 @@ def add_command(commands: Any) -> None:
         type=float,
         metavar="SECONDS",
         help="seconds from a moment of the sound to its frame, if you play the sound that much later (default: the "
-        "least, (look-ahead + hop) / fps)",
+        "least, (look-ahead + hop) / 15 for a model of 15 frames per second)",
+    )
+    command.add_argument(
+        "--fps",
+        type=int,
+        help="frames per second that are sent, up to 120; others are interpolated (default: the model's)",
     )
     command.add_argument(
         "--look-ahead", type=int, default=3, metavar="FRAMES", help="frames of sound after a frame that it may use"
@@ -89,6 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             controls=generate.read_amounts(arguments),
             delay=arguments.delay,
+            fps=arguments.fps,
             stop=stop,
         )
     print(f"ha2g live: {meter.line()}", file=sys.stderr)

@@ -9,8 +9,8 @@ class Meter:
     """Counts of a run, in constant memory; one thread computes and another sends.
 
     Attributes:
-        computed: frames that were computed.
-        sent: frames that were sent.
+        computed: frames that the model computed.
+        sent: frames that were sent, at the rate of the sinks.
         late: sent frames that left more than a hop after their time.
         dropped: frames that were not sent, because they were more than a second late.
         compute_seconds: time of the computation.

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.metadata
+import itertools
 import math
 import sys
 from typing import Any
@@ -14,6 +15,7 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.limits import MAX_MOTION_SECONDS
 from ha2g_jax.live.clock import Clock, Stop, Timeline, stop_signals
 from ha2g_jax.live.frames import Frame, Rigs
+from ha2g_jax.live.interpolation import Interpolation
 from ha2g_jax.live.meter import Meter
 from ha2g_jax.live.sender import Sender
 from ha2g_jax.live.sinks import Sinks
@@ -39,6 +41,7 @@ def run(
     seed: int = 0,
     controls: control.Controls = control.NEUTRAL,
     delay: float | None = None,
+    fps: int | None = None,
     stop: Stop | None = None,
 ) -> Meter:
     """Generate motion for sound while it is heard, until its end or until Ctrl-C or SIGTERM.
@@ -51,8 +54,9 @@ def run(
         source: sound.
         sinks: where the frames go.
         look_ahead, hop, style, seed, controls: see `Model.stream`.
-        delay: seconds that the sound is played later than the source gives it; by default the latency of the stream,
-            with which frames leave when they are computed.
+        delay: seconds that the sound is played later than the source gives it; by default the least, the latency of
+            the stream and the delay of the interpolation, with which frames leave when they are computed.
+        fps: frames per second that are sent, by default those of the model; other rates are interpolated.
         stop: tells afterwards by which signal the run was ended; may be asked to end it.
 
     Returns:
@@ -65,13 +69,15 @@ def run(
     stop = stop or Stop()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
-    if delay is not None and not stream.latency <= delay <= _LONGEST_DELAY:
+    interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
+    latency = stream.latency + interpolation.delay
+    if delay is not None and not latency <= delay <= _LONGEST_DELAY:
         raise UserError(
-            f"the delay is {delay:g} s; give {math.ceil(1000 * stream.latency) / 1000:g} s, the latency of this "
-            f"look-ahead and hop, to {_LONGEST_DELAY:g} s"
+            f"the delay is {delay:g} s; give {math.ceil(1000 * latency) / 1000:g} s, the latency of this look-ahead, "
+            f"hop and frame rate, to {_LONGEST_DELAY:g} s"
         )
     with stop_signals(stop):
-        meter = _follow(stream, source, sinks, stream.latency if delay is None else delay, stop)
+        meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
     if meter.sound_seconds == 0:
         if stop.signal:
             raise KeyboardInterrupt
@@ -93,14 +99,16 @@ def run(
     return meter
 
 
-def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: Stop) -> Meter:
-    """Send and record the frames of all sound of a source."""
-    clock, meter = Clock(), Meter(stream.latency)
-    rigs = Rigs(stream.skeleton, stream.fps, [sink.rig for sink in sinks.senders])
-    timeline = Timeline(stream.latency + _REMEMBERED_SECONDS)
-    sender = Sender(
-        sinks.senders, stream.fps, delay if source.is_timed else None, stream.hop / stream.fps, clock, meter
-    )
+def _follow(
+    stream: Stream, source: Source, sinks: Sinks, interpolation: Interpolation, delay: float, stop: Stop
+) -> Meter:
+    """Send and record the frames of all sound of a source; recordings have the frames of the model."""
+    latency, fps = stream.latency + interpolation.delay, interpolation.target
+    clock, meter = Clock(), Meter(latency)
+    rigs = Rigs(stream.skeleton, fps, [sink.rig for sink in sinks.senders])
+    timeline = Timeline(latency + _REMEMBERED_SECONDS)
+    sender = Sender(sinks.senders, fps, delay if source.is_timed else None, stream.hop / stream.fps, clock, meter)
+    numbers = itertools.count()
     most = round(MAX_MOTION_SECONDS * stream.fps)  # frames of a recording
 
     def emit(directions: np.ndarray) -> None:
@@ -108,11 +116,14 @@ def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: St
             recording.add(directions[: max(most - meter.computed, 0)])
         if sinks.recordings and meter.computed < most <= meter.computed + len(directions):
             tqdm.write(f"the recording is full at {MAX_MOTION_SECONDS} s; the run goes on", file=sys.stderr)
-        for pose in directions:
-            number, meter.computed = meter.computed, meter.computed + 1
+        meter.computed += len(directions)
+        send(interpolation.add(directions))
+
+    def send(frames: np.ndarray) -> None:
+        for pose, number in zip(frames, numbers):
             if stop.is_asked() or not sinks.senders:
                 continue
-            seconds, before = number / stream.fps, clock.now()
+            seconds, before = number / fps, clock.now()
             frame = Frame(number, seconds, timeline.heard(seconds), rigs.convert(pose))
             meter.compute_seconds += clock.now() - before
             sender.put(frame, stop)
@@ -129,6 +140,7 @@ def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: St
                 bar.set_description_str(meter.line())
         if timeline.num_samples:
             emit(_timed(meter, clock, stream.flush))
+            send(interpolation.end())
         sender.finish(stop)
     return meter
 
