@@ -113,7 +113,7 @@ def _follow(stream: Stream, source: Source, sinks: Sinks, delay: float, stop: St
             if stop.is_asked() or not sinks.senders:
                 continue
             seconds, before = number / stream.fps, clock.now()
-            frame = Frame(number, seconds, timeline.heard(seconds), rigs.convert(pose))
+            frame = Frame(number, seconds, timeline.heard(seconds), stream.skeleton, pose, rigs.convert(pose))
             meter.compute_seconds += clock.now() - before
             sender.put(frame, stop)
 
