@@ -3,7 +3,7 @@
 # make fuzz          give every reader damaged files, for an hour (FUZZ_SECONDS)
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
-# make test-web      test the viewer in Chromium, and exports with the validator of Khronos (needs node and chromium)
+# make test-web      test the pages in Chromium, and exports with the validator of Khronos (needs node and chromium)
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
 # make notebooks     run the notebooks and store their output

@@ -18,12 +18,16 @@ class Frame(NamedTuple):
         number: number of the frame, from 0.
         seconds: moment of the sound that it belongs to, number / fps.
         heard: time of the clock at which that moment is heard.
+        skeleton: skeleton of the model.
+        directions: (bones, 3) unit vectors, the pose as the model gives it.
         animations: the pose as an animation of one frame, by the name of the rig.
     """
 
     number: int
     seconds: float
     heard: float
+    skeleton: Skeleton
+    directions: np.ndarray
     animations: dict[str, Animation]
 
 

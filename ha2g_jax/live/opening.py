@@ -2,7 +2,10 @@
 
 import contextlib
 import pathlib
+import sys
 from collections.abc import Sequence
+
+from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -16,6 +19,7 @@ from ha2g_jax.live.sinks import Recording, Sink, Sinks, UdpSink, WebSocketSink
 from ha2g_jax.live.sources import FileSource, Source
 from ha2g_jax.live.vmc import PORT, VmcSink
 from ha2g_jax.motion.rigs import OWN, load_rig
+from ha2g_jax.viewer.live_page import live_page
 
 _RECORDING = ".npz"
 
@@ -75,7 +79,8 @@ def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN
         elif separator and scheme == "ws":
             address = read_address(text)
             pages = WebSocketSink(address, rig)
-            stack.enter_context(serving(address, pages.serve))
+            stack.enter_context(serving(address, pages.serve, live_page("frames")))
+            tqdm.write(f"watch at {address._replace(scheme='http')}", file=sys.stderr)
             senders.append(stack.enter_context(contextlib.closing(pages)))
         elif not separator and text.lower().endswith(_RECORDING):
             recordings.append(Recording(stack.enter_context(whole_file(text))))

@@ -124,7 +124,7 @@ def _follow(
             if stop.is_asked() or not sinks.senders:
                 continue
             seconds, before = number / fps, clock.now()
-            frame = Frame(number, seconds, timeline.heard(seconds), rigs.convert(pose))
+            frame = Frame(number, seconds, timeline.heard(seconds), stream.skeleton, pose, rigs.convert(pose))
             meter.compute_seconds += clock.now() - before
             sender.put(frame, stop)
 

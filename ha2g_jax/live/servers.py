@@ -1,4 +1,4 @@
-"""A WebSocket server in a thread of its own."""
+"""A WebSocket server in a thread of its own, which may have a page for browsers."""
 
 import contextlib
 import logging
@@ -9,18 +9,20 @@ from typing import Any
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.live.addresses import Address, import_extra
+from ha2g_jax.viewer.live_page import LivePage
 
 _CLOSE_SECONDS = 1.0  # for a client to answer that the connection is closed
 
 
 @contextlib.contextmanager
-def serving(address: Address, handle: Callable[[Any], None]) -> Iterator[None]:
+def serving(address: Address, handle: Callable[[Any], None], page: LivePage | None = None) -> Iterator[None]:
     """Serve WebSockets in a thread while the context lasts.
 
     Args:
         address: where to listen.
         handle: called with each connection in a thread of its own; it must return when the context ends or the
             connection is closed, and the connection is closed when it returns.
+        page: page that browsers get at the same address.
 
     Raises:
         UserError: the address is in use or not one of this computer, or the library is missing.
@@ -34,9 +36,25 @@ def serving(address: Address, handle: Callable[[Any], None]) -> Iterator[None]:
         with contextlib.suppress(closed):
             handle(connection)
 
+    def answer(connection: Any, request: Any) -> Any:
+        if page is None or "Upgrade" in request.headers:
+            return None
+        if request.path != "/":
+            return connection.respond(404, "there is one page, at /\n")
+        answer = connection.respond(200, page.content.decode())
+        del answer.headers["Content-Type"]
+        answer.headers.update(page.headers)
+        return answer
+
     try:
         server = library.serve(
-            guarded, address.host, address.port, logger=logger, compression=None, close_timeout=_CLOSE_SECONDS
+            guarded,
+            address.host,
+            address.port,
+            process_request=answer,
+            logger=logger,
+            compression=None,
+            close_timeout=_CLOSE_SECONDS,
         )
     except OSError as error:
         raise UserError(

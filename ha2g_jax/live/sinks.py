@@ -15,7 +15,9 @@ from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.tables import describe_joints, describe_poses
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import Skeleton
+from ha2g_jax.viewer.live_page import figure_message, frames_message
 
+PAGE = "/page"  # where the page connects that the sink serves
 _WAITING = 30  # messages that a page may be behind before it misses some
 _POLL = 0.1  # seconds until a connection notices that the run has ended
 _AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
@@ -73,6 +75,7 @@ class UdpSink:
 class WebSocketSink:
     """Server that sends JSON to every page that connects: the joints first, then the frames.
 
+    The page that is served at the same address, which connects to `PAGE`, gets messages of `viewer.live_page` instead.
     A page that reads too slowly misses frames; neither the run nor other pages wait for it.
     """
 
@@ -84,36 +87,41 @@ class WebSocketSink:
             rig: name of the rig.
         """
         self.name, self.rig = str(address), rig
-        self._lock, self._pages = threading.Lock(), list[queue.Queue[str]]()
-        self._joints, self._is_closed = "", False
+        self._lock, self._pages = threading.Lock(), list[tuple[queue.Queue[str], bool]]()
+        self._greetings, self._is_closed = ("", ""), False
 
     def serve(self, connection: Any) -> None:
         """Send messages to a page until it leaves or the run ends."""
-        messages: queue.Queue[str] = queue.Queue(_WAITING)
+        messages, is_own = queue.Queue[str](_WAITING), connection.request.path == PAGE
         is_greeted = False
         with self._lock:
-            self._pages.append(messages)
+            self._pages.append((messages, is_own))
         try:
             while connection.close_code is None and not (self._is_closed and messages.empty()):
                 with contextlib.suppress(queue.Empty):
                     message = messages.get(timeout=_POLL)
                     if not is_greeted:
-                        connection.send(self._joints)
+                        connection.send(self._greetings[is_own])
                         is_greeted = True
                     connection.send(message)
         finally:
             with self._lock:
-                self._pages.remove(messages)
+                self._pages.remove((messages, is_own))
 
     def send(self, frame: Frame) -> None:
         animation = frame.animations[self.rig]
-        self._joints = self._joints or joints_message(animation)
+        if not all(self._greetings):
+            figure = _json(figure_message(frame.skeleton, animation.fps))
+            self._greetings = (joints_message(animation), figure)
         with self._lock:
             pages = tuple(self._pages)
-        message = frame_message(frame, animation) if pages else ""
-        for messages in pages:
+        kinds = {is_own for _, is_own in pages}
+        texts = {False: frame_message(frame, animation)} if False in kinds else {}
+        if True in kinds:
+            texts[True] = _json(frames_message(frame.number, frame.directions[None]))
+        for messages, is_own in pages:
             with contextlib.suppress(queue.Full):
-                messages.put_nowait(message)
+                messages.put_nowait(texts[is_own])
 
     def close(self) -> None:
         """Let the connections end when they have sent what waits."""

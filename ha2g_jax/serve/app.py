@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 
 from ha2g_jax import __version__
 from ha2g_jax.errors import UserError
-from ha2g_jax.serve import motions, streams
+from ha2g_jax.serve import motions, page, streams
 from ha2g_jax.serve.guard import Guard, refusal
 from ha2g_jax.serve.messages import one_line
 from ha2g_jax.serve.service import Service
@@ -39,6 +39,7 @@ def create_app(service: Service) -> FastAPI:
         """Return the counters in the text form of Prometheus."""
         return Response(service.counters.text(), media_type=CONTENT_TYPE_LATEST)
 
+    app.include_router(page.router(service))
     app.include_router(motions.router(service))
     app.include_router(streams.router(service))
     app.exception_handler(UserError)(_user_error)

@@ -15,7 +15,8 @@ from ha2g_jax.serve.service import Service
 from ha2g_jax.serve.settings import Settings
 
 OPEN = "/health"  # the route that needs nothing
-ROUTES = (OPEN, "/metrics", "/openapi.json", "/v1/motion", "/v1/stream")
+PAGE = "/"  # the route that needs no token; the page asks for it
+ROUTES = (OPEN, PAGE, "/metrics", "/openapi.json", "/v1/motion", "/v1/stream")
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _MAX_CLIENTS = 10_000  # addresses that are remembered
 
@@ -62,7 +63,8 @@ class Guard:
             return refusal(403, "without a token the service answers only to localhost and its addresses")
         if origin is not None and not _is_allowed(origin, host, settings):
             return refusal(403, "a page of this origin may not use the service; allow it with --origin")
-        if settings.token is not None and not _has_token(scope, headers, settings.token):
+        token = None if scope["path"] == PAGE else settings.token
+        if token is not None and not _has_token(scope, headers, token):
             return refusal(401, "the token is missing or wrong; send 'Authorization: Bearer TOKEN'")
         if self._service.is_stopping:
             return refusal(503, "the service is being stopped", settings.grace)

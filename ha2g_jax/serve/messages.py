@@ -99,11 +99,12 @@ class Begin(_Message):
 
 
 class Change(_Message):
-    """Later message of a stream: what is given is changed, or the stream ends."""
+    """Later message of a stream: what is given is changed, the sound so far is dropped, or the stream ends."""
 
     style: StyleMessage | None = None
     controls: ControlsMessage | None = None
     muted: bool | None = None
+    clear: Literal[True] | None = None
     end: Literal[True] | None = None
 
 

@@ -34,6 +34,11 @@ class Places:
     def __init__(self, number: int, gauge: Gauge):
         self._number, self._gauge, self.taken = number, gauge, 0
 
+    @property
+    def are_taken(self) -> bool:
+        """Whether no place is free."""
+        return self.taken >= self._number
+
     @contextlib.contextmanager
     def take(self) -> Iterator[None]:
         """Take a place in this context; without waiting, so that nothing queues up.
@@ -41,7 +46,7 @@ class Places:
         Raises:
             Full: all places are taken.
         """
-        if self.taken >= self._number:
+        if self.are_taken:
             raise Full
         self.taken += 1
         self._gauge.set(self.taken)

@@ -5,6 +5,7 @@ sends faster than the machine computes, or does not read its frames, is held up 
 """
 
 import asyncio
+import functools
 import json
 import logging
 import time
@@ -12,14 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import soxr
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.motion.control import Controls
 from ha2g_jax.serve.guard import refusal
 from ha2g_jax.serve.messages import Begin, Change, read_begin, read_change
 from ha2g_jax.serve.service import Full, Service, Stopped
 from ha2g_jax.synthesis.live import Stream
+from ha2g_jax.synthesis.style import Style
 
 _RETRY_SECONDS = 10
 _PIECE_SECONDS = 0.2  # of sound that is computed at once, so that streams take turns
@@ -51,10 +54,22 @@ def router(service: Service) -> APIRouter:
                 await websocket.accept()
                 await _converse(service, websocket)
         except Full:
-            text = f"{service.settings.sessions} streams are running; try again later"
-            await websocket.send_denial_response(refusal(503, text, _RETRY_SECONDS))
+            await websocket.send_denial_response(_full(service))
+
+    @routes.get("/v1/stream", include_in_schema=False)
+    async def reason() -> Response:
+        """Tell why a stream would be refused, as pages do not see the answer to a WebSocket that is refused."""
+        if service.sessions.are_taken:
+            return _full(service)
+        answer = refusal(426, "this is the address of a WebSocket")
+        answer.headers["Upgrade"] = "websocket"
+        return answer
 
     return routes
+
+
+def _full(service: Service) -> Response:
+    return refusal(503, f"{service.settings.sessions} streams are running; try again later", _RETRY_SECONDS)
 
 
 class Session(NamedTuple):
@@ -63,12 +78,12 @@ class Session(NamedTuple):
     Attributes:
         stream: stream of the model.
         resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
-        rate: samples per second of the client.
+        asked: first message of the client.
     """
 
     stream: Stream
     resampler: soxr.ResampleStream | None
-    rate: int
+    asked: Begin
 
     @classmethod
     def begin(cls, service: Service, asked: Begin) -> "Session":
@@ -77,14 +92,21 @@ class Session(NamedTuple):
         Raises:
             UserError: the model cannot be streamed from, or a value cannot be used.
         """
-        style, controls = asked.style.style(), asked.controls.controls()
+        return cls._of(service, asked, asked.style.style(), asked.controls.controls(), asked.muted)
+
+    @classmethod
+    def _of(cls, service: Service, asked: Begin, style: Style, controls: Controls, muted: bool) -> "Session":
         stream = service.model.stream(
             look_ahead=asked.look_ahead, hop=asked.hop, seed=asked.seed, style=style, controls=controls
         )
-        stream.muted = asked.muted
+        stream.muted = muted
         is_equal = asked.rate == SAMPLE_RATE
         resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
-        return cls(stream, resampler, asked.rate)
+        return cls(stream, resampler, asked)
+
+    def cleared(self, service: Service) -> "Session":
+        """Return a session without the sound so far, with the present style and controls."""
+        return self._of(service, self.asked, self.stream.style, self.stream.controls, self.stream.muted)
 
     def feed(self, pcm: np.ndarray) -> np.ndarray:
         """Return the frames that became final with samples (samples,) of 16 bits."""
@@ -148,7 +170,7 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
     asked = read_begin(first)
     session = await service.compute(lambda: Session.begin(service, asked))
-    stream, sent = session.stream, 0
+    stream, sent = session.stream, 0  # frames that were sent since the last clear
     facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
     timing = {"look_ahead": stream.look_ahead, "hop": stream.hop, "latency": round(stream.latency, 4)}
     await _send(service, websocket, facts | timing)
@@ -156,17 +178,20 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         message = await _receive(service, websocket)
         if isinstance(message, str):
             change = read_change(message)
-            await service.compute(lambda change=change: session.change(change))
+            await service.compute(functools.partial(session.change, change))
+            if change.clear:
+                session, sent = await service.compute(functools.partial(session.cleared, service)), 0
+                await _send(service, websocket, {"cleared": True})
             if change.end:
                 break
             continue
         if len(message) % 2:
             raise UserError(f"a message of {len(message)} bytes; expected whole samples of 16 bits")
         pcm = np.frombuffer(message, "<i2")
-        length = round(session.rate * _PIECE_SECONDS)
+        length = round(asked.rate * _PIECE_SECONDS)
         for start in range(0, len(pcm), length):
             begun = time.monotonic()
-            frames = await service.compute(lambda piece=pcm[start : start + length]: session.feed(piece))
+            frames = await service.compute(functools.partial(session.feed, pcm[start : start + length]))
             service.counters.feed_seconds.observe(time.monotonic() - begun)
             sent = await _send_frames(service, websocket, sent, frames)
     sent = await _send_frames(service, websocket, sent, await service.compute(session.flush))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import normalize
+from ha2g_jax.skeleton import Skeleton, normalize
 
 PEAK_RATE = 50  # peaks of the waveform per second
 # 12 bits per octahedral coordinate: the error of a direction is at most 0.07 degrees, of a fingertip below 1 mm.
@@ -35,10 +35,17 @@ def pack_motion(motion: Motion) -> dict[str, Any]:
     return {
         "fps": motion.fps,
         "frames": motion.num_frames,
+        **describe_skeleton(skeleton),
+        "directions": deflated(planes.tobytes()),
+    }
+
+
+def describe_skeleton(skeleton: Skeleton) -> dict[str, Any]:
+    """Return JSON values: "joints" (names), "bones" (parent, child) and "lengths" in metres."""
+    return {
         "joints": list(skeleton.joints),
         "bones": [list(bone) for bone in skeleton.bones],
         "lengths": [round(float(length), 5) for length in skeleton.lengths],
-        "directions": deflated(planes.tobytes()),
     }
 
 

@@ -3,10 +3,7 @@
 import base64
 import dataclasses
 import html
-import importlib.resources
-import json
 import pathlib
-import string
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -18,7 +15,8 @@ from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.viewer import sound
-from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
+from ha2g_jax.viewer.document import build_document
+from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, pack_motion, peaks
 
 MAX_MOTIONS = 12
 _SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
@@ -101,7 +99,8 @@ def view(
         content["sound"] = base64.b64encode(sound.encode(padded, sample_rate)).decode()
         content["peaks"], content["peakRate"] = peaks(padded, sample_rate), PEAK_RATE
     content["duration"] = duration
-    return Page(_document(title or ", ".join(filter(None, motions)) or "Motion", content), height)
+    title = title or ", ".join(filter(None, motions)) or "Motion"
+    return Page(build_document("page.html", title, content, ("style.css",), _SCRIPTS).text, height)
 
 
 def write_page(
@@ -142,16 +141,3 @@ def _check(motions: Mapping[str, Motion]) -> None:
         raise UserError(
             f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts"
         )
-
-
-def _document(title: str, content: dict) -> str:
-    assets = importlib.resources.files("ha2g_jax") / "assets" / "viewer"
-    library = importlib.resources.files("jupyter_threejs_sage") / "static" / "r130" / "three.min.js"
-    return string.Template((assets / "page.html").read_text("utf-8")).substitute(
-        title=html.escape(title),
-        style=(assets / "style.css").read_text("utf-8"),
-        three=deflated(library.read_bytes()),
-        # A "<" could end the script element.
-        content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
-        scripts="\n".join(f"<script>\n{(assets / name).read_text('utf-8')}</script>" for name in _SCRIPTS),
-    )

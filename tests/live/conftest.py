@@ -39,7 +39,7 @@ def make_frames(skeleton):
     def make_frames(count, *names):
         rigs = Rigs(skeleton, FPS, names)
         found = enumerate(poses(skeleton, count))
-        return [Frame(k, k / FPS, 100 + k / FPS, rigs.convert(pose)) for k, pose in found]
+        return [Frame(k, k / FPS, 100 + k / FPS, skeleton, pose, rigs.convert(pose)) for k, pose in found]
 
     return make_frames
 

@@ -10,6 +10,9 @@ from ha2g_jax.live.clock import Stop
 from ha2g_jax.live.frames import Frame
 from ha2g_jax.live.meter import Meter
 from ha2g_jax.live.sender import HELD_SECONDS, TOO_LATE, Sender
+from ha2g_jax.skeleton import load_skeleton
+
+SKELETON = load_skeleton("ted_expressive")
 
 
 class Receiver:
@@ -31,7 +34,7 @@ def send(clock, frames, *sinks, delay: float | None = 0.2, stop=None):
     meter = Meter(0.2)
     sender = Sender(sinks, FPS, delay, 1 / FPS, clock, meter)
     for number, heard in frames:
-        sender.put(Frame(number, number / FPS, heard, {}), stop or Stop())
+        sender.put(Frame(number, number / FPS, heard, SKELETON, SKELETON.mean_directions, {}), stop or Stop())
     sender.finish(stop or Stop())
     return meter
 
@@ -80,7 +83,7 @@ def test_the_computation_waits_while_too_many_frames_wait(clock):
     def put():
         nonlocal count
         while not stop.is_asked():
-            sender.put(Frame(count, count / FPS, 200, {}), stop)
+            sender.put(Frame(count, count / FPS, 200, SKELETON, SKELETON.mean_directions, {}), stop)
             count += 1
 
     thread = threading.Thread(target=put)

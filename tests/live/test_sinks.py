@@ -4,6 +4,8 @@ import contextlib
 import json
 import socket
 import sys
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from ha2g_jax.live import sinks
 from ha2g_jax.live.clock import Clock, Stop
 from ha2g_jax.live.opening import open_sinks, open_source
 from ha2g_jax.motion.armature import world
+from ha2g_jax.viewer.live_page import live_page
 
 pytest.importorskip("websockets")
 from websockets.sync.client import connect
@@ -68,6 +71,28 @@ def test_every_page_gets_the_joints_and_then_all_frames(make_frames, free_port):
             assert json.loads(page.recv(timeout=5))["type"] == "joints"
             for frame in frames[missed:3]:
                 check_message(json.loads(page.recv(timeout=5)), frame, "ha2g")
+
+
+def test_a_browser_gets_a_page_and_the_page_the_poses_of_the_model(make_frames, free_port, skeleton):
+    frames, port = make_frames(2, "mixamo"), free_port()
+    with contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([f"ws://127.0.0.1:{port}"], stack, "mixamo").senders
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5) as answer:
+            assert answer.headers["Content-Type"] == "text/html; charset=utf-8"
+            assert "connect-src 'self'" in answer.headers["Content-Security-Policy"]
+            assert answer.read() == live_page("frames").content
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/page", timeout=5)
+        page = stack.enter_context(connect(f"ws://127.0.0.1:{port}/page"))
+        while not sink._pages:  # type: ignore[attr-defined]
+            pass
+        for frame in frames:
+            sink.send(frame)
+        assert json.loads(page.recv(timeout=5))["figure"]["joints"] == list(skeleton.joints)
+        for frame in frames:
+            message = json.loads(page.recv(timeout=5))
+            assert message["first"] == frame.number
+            np.testing.assert_allclose(np.reshape(message["frames"], (-1, 3)), frame.directions, atol=5.1e-5)
 
 
 def test_a_page_that_reads_slowly_misses_frames_and_nobody_waits_for_it(make_frames, free_port, monkeypatch):

@@ -1,6 +1,16 @@
 "use strict";
 // Unpacks the data of ha2g_jax/viewer/packing.py and computes the joints at any time. y is up, the person faces +z.
 
+// Runs three.js, which the page has in compressed form.
+async function loadThree() {
+  const library = document.querySelector("#three").textContent, script = document.createElement("script");
+  script.src = URL.createObjectURL(new Blob([await inflated(library)], { type: "text/javascript" }));
+  await new Promise((resolve, reject) => {
+    Object.assign(script, { onload: resolve, onerror: reject });
+    document.head.append(script);
+  });
+}
+
 function bytesOf(base64) {
   const text = atob(base64);
   const bytes = new Uint8Array(text.length);
@@ -13,7 +23,38 @@ async function inflated(base64) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-class MotionData {
+// A tree of joints. `name` is the label of the figure.
+class Figure {
+  constructor({ name, joints, bones, lengths }) {
+    Object.assign(this, { name, joints, bones, lengths });
+    this.order = this.fromTheRoot();
+    this.positions = new Float32Array(3 * joints.length);
+  }
+
+  // Bones in an order in which each comes after its parent.
+  fromTheRoot() {
+    const order = [], reached = new Set([0]);
+    while (order.length < this.bones.length) {
+      this.bones.forEach(([parent, child], bone) => {
+        if (reached.has(parent) && !reached.has(child)) { order.push(bone); reached.add(child); }
+      });
+    }
+    return order;
+  }
+
+  // Positions (joints x 3) in metres of a pose; `direction(bone)` is a vector of any length.
+  place(direction) {
+    const positions = this.positions;
+    for (const bone of this.order) {
+      const [parent, child] = this.bones[bone], vector = direction(bone);
+      const scale = this.lengths[bone] / (Math.hypot(...vector) || 1);
+      for (let i = 0; i < 3; i++) positions[3 * child + i] = positions[3 * parent + i] + scale * vector[i];
+    }
+    return positions;
+  }
+}
+
+class MotionData extends Figure {
   static async unpack(packed, levels) {
     const planes = await inflated(packed.directions);
     const count = planes.length / 2, frames = packed.frames;
@@ -30,33 +71,17 @@ class MotionData {
   }
 
   constructor(packed, levels, codes) {
-    Object.assign(this, { name: packed.name, fps: packed.fps, frames: packed.frames, joints: packed.joints });
-    this.bones = packed.bones;
-    this.lengths = packed.lengths;
-    this.levels = levels;
-    this.codes = codes;
-    this.order = this.fromTheRoot();
-    this.positions = new Float32Array(3 * this.joints.length);
-  }
-
-  // Bones in an order in which each comes after its parent.
-  fromTheRoot() {
-    const order = [], reached = new Set([0]);
-    while (order.length < this.bones.length) {
-      this.bones.forEach(([parent, child], bone) => {
-        if (reached.has(parent) && !reached.has(child)) { order.push(bone); reached.add(child); }
-      });
-    }
-    return order;
+    super(packed);
+    Object.assign(this, { fps: packed.fps, frames: packed.frames, levels, codes });
   }
 
   // Frame k shows the time k / fps; a time that is a frame but for rounding errors is that frame.
-  place(time) {
+  frameTime(time) {
     return Math.min(Math.max(time * this.fps, 0), this.frames - 1);
   }
 
   frameAt(time) {
-    return Math.floor(this.place(time) + 1e-4);
+    return Math.floor(this.frameTime(time) + 1e-4);
   }
 
   direction(bone, frame, out) {
@@ -72,18 +97,15 @@ class MotionData {
   // Positions (joints x 3) in metres at a time; between two frames directions are interpolated.
   positionsAt(time, isSmooth = true) {
     const frame = this.frameAt(time), next = Math.min(frame + 1, this.frames - 1);
-    const fraction = isSmooth ? Math.max(this.place(time) - frame, 0) : 0;
-    const a = [0, 0, 0], b = [0, 0, 0], positions = this.positions;
-    for (const bone of this.order) {
-      const [parent, child] = this.bones[bone];
+    const fraction = isSmooth ? Math.max(this.frameTime(time) - frame, 0) : 0;
+    const a = [0, 0, 0], b = [0, 0, 0];
+    return this.place((bone) => {
       this.direction(bone, frame, a);
       if (fraction > 0) {
         this.direction(bone, next, b);
         for (let i = 0; i < 3; i++) a[i] += fraction * (b[i] - a[i]);
       }
-      const scale = this.lengths[bone] / (Math.hypot(...a) || 1);
-      for (let i = 0; i < 3; i++) positions[3 * child + i] = positions[3 * parent + i] + scale * a[i];
-    }
-    return positions;
+      return a;
+    });
   }
 }

@@ -141,16 +141,9 @@ class Player {
     });
     on("#loop", (button) => toggled(button, (this.isLooping = !this.isLooping)));
     on("#mute", (button) => toggled(button, (this.clock.audio.muted = !this.clock.audio.muted)));
-    on("#theme", () => this.turnTheme());
+    on("#theme", () => this.stage.turnTheme());
     on("#keys", () => this.find("dialog").showModal());
     document.addEventListener("keydown", (event) => this.onKey(event));
-  }
-
-  turnTheme() {
-    const root = document.documentElement;
-    const now = root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-    root.dataset.theme = now === "dark" ? "light" : "dark";
-    this.stage.isStale = true;
   }
 
   onKey(event) {
@@ -178,12 +171,7 @@ class Player {
 }
 
 async function start() {
-  const library = document.querySelector("#three").textContent, script = document.createElement("script");
-  script.src = URL.createObjectURL(new Blob([await inflated(library)], { type: "text/javascript" }));
-  await new Promise((resolve, reject) => {
-    Object.assign(script, { onload: resolve, onerror: reject });
-    document.head.append(script);
-  });
+  await loadThree();
   const content = JSON.parse(document.querySelector("#content").textContent);
   const motions = await Promise.all(content.motions.map((packed) => MotionData.unpack(packed, content.levels)));
   window.viewer = new Player(content, motions, content.peaks ? await inflated(content.peaks) : new Uint8Array());

@@ -77,6 +77,13 @@ class Stage {
     this.controls.update();
   }
 
+  turnTheme() {
+    const root = document.documentElement;
+    const now = root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    root.dataset.theme = now === "dark" ? "light" : "dark";
+    this.isStale = true;
+  }
+
   setLook({ isOverlaid = this.isOverlaid, hasSticks = this.hasSticks }) {
     Object.assign(this, { isOverlaid, hasSticks });
     this.bodies.forEach((body, i) => body.show({ hasSticks, isGhost: isOverlaid && i > 0 }));
