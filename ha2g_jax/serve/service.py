@@ -29,10 +29,18 @@ class Places:
     Args:
         number: number of places.
         gauge: gauge of those that are taken.
+
+    Attributes:
+        taken: number of those that are taken.
     """
 
     def __init__(self, number: int, gauge: Gauge):
         self._number, self._gauge, self.taken = number, gauge, 0
+
+    @property
+    def are_taken(self) -> bool:
+        """Whether no place is free."""
+        return self.taken >= self._number
 
     @contextlib.contextmanager
     def take(self) -> Iterator[None]:
@@ -41,7 +49,7 @@ class Places:
         Raises:
             Full: all places are taken.
         """
-        if self.taken >= self._number:
+        if self.are_taken:
             raise Full
         self.taken += 1
         self._gauge.set(self.taken)
