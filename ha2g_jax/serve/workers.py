@@ -26,7 +26,7 @@ _FIRST_WAIT, _MOST_WAIT = 1.0, 30.0  # seconds before a worker is replaced
 _LASTING_SECONDS = 60.0  # after which the next wait is the first again
 _BACKLOG = 2048
 _TICK = 0.1  # seconds between two looks for a worker that takes a connection
-_MARGIN = 10.0  # seconds after the grace in which workers end by themselves
+MARGIN = 10.0  # seconds after the grace in which workers end by themselves
 
 
 def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
@@ -168,11 +168,11 @@ class Workers:
         self._signal(signal.SIGTERM)
         ended = asyncio.gather(*(child.end() for child in self._children))
         again = asyncio.ensure_future(self._signals.get())
-        await asyncio.wait([ended, again], timeout=self._settings.grace + _MARGIN, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait([ended, again], timeout=self._settings.grace + MARGIN, return_when=asyncio.FIRST_COMPLETED)
         self._signal(signal.SIGTERM if again.done() else signal.SIGKILL)
         again.cancel()
         try:
-            await asyncio.wait_for(ended, _MARGIN)
+            await asyncio.wait_for(ended, MARGIN)
         except TimeoutError:
             self._signal(signal.SIGKILL)
 

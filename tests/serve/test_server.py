@@ -67,7 +67,7 @@ def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
             frames, last = finish(websocket)
             assert upload.recv(100).startswith(b"HTTP/1.1 200 ")
         assert len(frames) == last["count"] == 8
-        assert process.wait(30) == 0 and process.stderr.read() == ""
+        assert process.stderr is not None and process.wait(30) == 0 and process.stderr.read() == ""
 
 
 def test_after_the_grace_what_still_runs_is_ended(debug_model):
