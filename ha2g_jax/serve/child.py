@@ -1,6 +1,7 @@
 """A worker as its parent sees it."""
 
 import asyncio
+import collections
 import dataclasses
 import json
 import os
@@ -30,11 +31,14 @@ class Child:
 
     Attributes:
         report: what it told last.
+        unreceived: connections that were given to it, and of which it has not told that it received them.
     """
 
     def __init__(self, process: asyncio.subprocess.Process, control: socket.socket, folder: str):
         self._process, self._control, self._folder = process, control, folder
-        self._given, self._heard, self.report = 0, time.monotonic(), Report()
+        self._heard, self.report = time.monotonic(), Report()
+        self.unreceived: collections.deque[socket.socket] = collections.deque()
+        self._given = 0
 
     @classmethod
     async def start(cls, checkpoint: str, settings: Settings, folder: str) -> "Child":
@@ -75,19 +79,22 @@ class Child:
     def rank(self) -> tuple[bool, bool, int]:
         """Return its place in the order in which workers are given connections: those that are free come first."""
         is_silent = time.monotonic() - self._heard > _SILENT_SECONDS
-        return is_silent, self.report.is_full, self.report.open + self._given - self.report.received
+        return is_silent, self.report.is_full, self.report.open + len(self.unreceived)
 
     def give(self, connection: socket.socket) -> bool:
-        """Send it a connection, and return whether that succeeded.
+        """Send it a connection if it takes any, and return whether that succeeded.
 
         Args:
-            connection: connection to a client.
+            connection: connection to a client, which is closed here when the worker has received it.
         """
+        if not self.is_ready:
+            return False
         try:
             socket.send_fds(self._control, [b"c"], [connection.fileno()])
         except OSError:  # it has ended, or has not read for long
             return False
         self._given += 1
+        self.unreceived.append(connection)
         return True
 
     async def watch(self) -> str:
@@ -102,6 +109,8 @@ class Child:
                 *lines, rest = (rest + data).split(b"\n")
                 if lines:
                     self.report, self._heard = Report.parse(lines[-1]), time.monotonic()
+                    while len(self.unreceived) > self._given - self.report.received:
+                        self.unreceived.popleft().close()
         except ConnectionError:  # it was killed with connections that it had not received
             pass
         error, self.report = self.report.error, Report()

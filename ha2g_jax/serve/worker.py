@@ -65,6 +65,7 @@ class Worker(Server):
         del sockets
         await super().startup([])
         asyncio.get_running_loop().add_reader(self._control, self._receive)
+        self.service.sessions.changed = self._report  # before the client hears of it and opens another stream
 
     async def on_tick(self, counter: int) -> bool:
         """Tell the parent what has changed."""
@@ -73,13 +74,13 @@ class Worker(Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Tell the parent to give no more connections, then end as a server does."""
-        self._report(is_ready=False)
+        self._report()
         await super().shutdown(sockets)
         asyncio.get_running_loop().remove_reader(self._control)
 
-    def _report(self, *, is_ready: bool = True, is_due: bool = False) -> None:
+    def _report(self, *, is_due: bool = False) -> None:
         connections = len(self.server_state.connections) + len(self._accepting)
-        report = Report(is_ready, self._received, connections, self.service.sessions.are_taken)
+        report = Report(not self.should_exit, self._received, connections, self.service.sessions.are_taken)
         if is_due or report != self._sent:
             with contextlib.suppress(OSError):  # the parent is gone or busy, and hears the next one
                 self._control.send(report.line())
@@ -98,6 +99,7 @@ class Worker(Server):
             self.should_exit = True
         for descriptor in descriptors:
             self._received += 1
+            self._report()  # before anything is read: if this process is killed, other workers get the rest
             task = asyncio.ensure_future(self._accept(socket.socket(fileno=descriptor)))
             self._accepting.add(task)
             task.add_done_callback(self._accepting.discard)

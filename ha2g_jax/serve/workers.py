@@ -76,6 +76,7 @@ class Workers:
         self._checkpoint, self._settings, self._folder = checkpoint, settings, folder
         self._listener, self._is_open = listener, False
         self._children: set[Child] = set()
+        self._connections: asyncio.Queue[socket.socket] = asyncio.Queue()
         self._signals: asyncio.Queue[int] = asyncio.Queue()
 
     @property
@@ -92,7 +93,7 @@ class Workers:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._signals.put_nowait, number)
         keepers = [self._keep(is_first=number == 0) for number in range(self._settings.workers)]
-        tasks = [asyncio.ensure_future(task) for task in (self._listen(), *keepers)]
+        tasks = [asyncio.ensure_future(task) for task in (self._listen(), self._share(), *keepers)]
         stopped = asyncio.ensure_future(self._signals.get())
         try:
             done, _ = await asyncio.wait([stopped, *tasks], return_when=asyncio.FIRST_COMPLETED)
@@ -118,7 +119,7 @@ class Workers:
                     raise
                 ending = str(error)
             if not self._is_open:
-                raise UserError(f"{ending} before it was ready; the messages above may say why")
+                raise UserError(f"{ending} before it was ready; if memory is short, give fewer --workers")
             wait = next_wait(wait, time.monotonic() - began)
             tqdm.write(f"ha2g: {ending}; another one starts in {wait:g} s", file=sys.stderr)
             await asyncio.sleep(wait)
@@ -136,10 +137,12 @@ class Workers:
         self._children.add(child)
         ending = await child.watch()
         self._children.discard(child)
+        for connection in child.unreceived:  # nothing of them was read
+            self._connections.put_nowait(connection)
         return ending
 
     async def _listen(self) -> NoReturn:
-        """Take connections when all workers are ready, and give them away."""
+        """Take connections when all workers are ready."""
         with stage("loading and compiling the model"):
             await self._until(lambda: self._num_ready == self._settings.workers)
         self._listener.listen(_BACKLOG)
@@ -147,15 +150,20 @@ class Workers:
         self._is_open = True
         tqdm.write(f"ha2g: ready at {url(self._listener)}", file=sys.stderr)
         while True:
+            await self._until(lambda: self._num_ready > 0)
             try:
                 connection, _ = await asyncio.get_running_loop().sock_accept(self._listener)
             except OSError:  # the client is gone, or this process has too many open files
                 await asyncio.sleep(_TICK)
-                continue
-            with connection:
-                await self._until(lambda: self._num_ready > 0)
-                ready = sorted((child for child in self._children if child.is_ready), key=lambda child: child.rank)
-                any(child.give(connection) for child in ready)
+            else:
+                self._connections.put_nowait(connection)
+
+    async def _share(self) -> NoReturn:
+        """Give each connection to a worker."""
+        while True:
+            connection = await self._connections.get()
+            while not any(child.give(connection) for child in sorted(self._children, key=lambda child: child.rank)):
+                await asyncio.sleep(_TICK)
 
     async def _until(self, condition: Callable[[], bool]) -> None:
         while not condition():
