@@ -33,7 +33,10 @@ def add_command(commands: Any) -> None:
     serve.add_argument(
         "--origin", action="append", default=[], metavar="URL", help="web page of another host that may use the service"
     )
-    limits = serve.add_argument_group("limits")
+    serve.add_argument(
+        "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: 1)"
+    )
+    limits = serve.add_argument_group("limits", "Each worker has these limits; all together they take the more.")
     limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 8)")
     limits.add_argument(
         "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
@@ -67,6 +70,7 @@ def _serve(arguments: argparse.Namespace) -> None:
         port=arguments.port,
         token=arguments.token or os.environ.get("HA2G_TOKEN") or None,
         origins=tuple(arguments.origin),
+        workers=arguments.workers,
         sessions=arguments.sessions,
         requests=arguments.requests,
         rate=arguments.rate,

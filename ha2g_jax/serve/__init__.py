@@ -28,6 +28,11 @@ def serve(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         import websockets  # noqa: F401
     except ModuleNotFoundError as error:
         raise UserError(f"ha2g serve needs {error.name}: pip install 'ha2g-jax[serve]'") from None
-    from ha2g_jax.serve import server
+    if settings.workers > 1:
+        from ha2g_jax.serve import workers
 
-    server.run(checkpoint, settings)
+        workers.run(checkpoint, settings)
+    else:
+        from ha2g_jax.serve import server
+
+        server.run(checkpoint, settings)

@@ -10,7 +10,6 @@ import socket
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from types import FrameType
 
 import numpy as np
@@ -19,19 +18,19 @@ from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.files.reading import reason
 from ha2g_jax.progress import stage
+from ha2g_jax.serve.address import bound, url
 from ha2g_jax.serve.app import create_app
 from ha2g_jax.serve.service import Service
-from ha2g_jax.serve.settings import Settings, check, resolve
+from ha2g_jax.serve.settings import Settings, check
 from ha2g_jax.synthesis.model import Model, load
 
 _TICK = 0.05  # seconds between two looks at what is running
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Return whether a line of the log says more than that a stream was refused with a status, as uvicorn does."""
-    return "without completing handshake" not in record.getMessage()
+    """Return whether a line of the log is about a fault, and not about a stream that was refused or a client's text."""
+    return not any(text in record.getMessage() for text in ("without completing handshake", "Invalid UTF-8 sequence"))
 
 
 def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
@@ -47,16 +46,24 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """
     check(settings)
     with (
-        _bound(settings) as bound,
+        bound(settings.host, settings.port) as listener,
         tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True) as folder,
     ):
         with stage("loading and compiling the model"):
             model = load(checkpoint)
             warm_up(model)
         service = Service(model, settings, folder)
-        Server(service, announce=True).run(sockets=[bound])
+        Server(service, announce=True).run(sockets=[listener])
+    leave(service)
+
+
+def leave(service: Service) -> None:
+    """End the process if a thread still computes after the grace, as Python would wait for it.
+
+    Args:
+        service: service that was stopped.
+    """
     if service.is_computing:
-        # The grace is over; Python would wait for the threads that still compute.
         sys.stderr.flush()
         os._exit(0)
 
@@ -105,14 +112,14 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to take requests."""
         await super().startup(sockets)
+        self.service.counters.workers.set(1)
         if self._announce and sockets:
-            host, port = sockets[0].getsockname()[:2]
-            address = f"[{host}]" if ":" in host else host
-            tqdm.write(f"ha2g: ready at http://{address}:{port}", file=sys.stderr)
+            tqdm.write(f"ha2g: ready at {url(sockets[0])}", file=sys.stderr)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Take no more requests, wait up to the grace for those that run, and end."""
         self.service.is_stopping = True
+        self.service.counters.workers.set(0)
         for server in self.servers:
             server.close()
         end = time.monotonic() + self.service.settings.grace
@@ -129,18 +136,3 @@ class Server(uvicorn.Server):
         if sig == signal.SIGINT:
             super().handle_exit(sig, frame)
         self.should_exit = True
-
-
-@contextlib.contextmanager
-def _bound(settings: Settings) -> Iterator[socket.socket]:
-    """Yield a socket with the address of the settings, at which nothing listens before the model is ready."""
-    family, address = resolve(settings.host)[0]
-    with socket.socket(family, socket.SOCK_STREAM) as bound:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            bound.bind((address, settings.port))
-        except OSError as error:
-            raise UserError(
-                f"cannot listen at {settings.host}, port {settings.port}: {reason(error).lower()}; give another --port"
-            ) from error
-        yield bound

@@ -29,10 +29,20 @@ class Places:
     Args:
         number: number of places.
         gauge: gauge of those that are taken.
+
+    Attributes:
+        taken: number of those that are taken.
+        changed: function that is called when that number has changed.
     """
 
     def __init__(self, number: int, gauge: Gauge):
         self._number, self._gauge, self.taken = number, gauge, 0
+        self.changed: Callable[[], None] = lambda: None
+
+    @property
+    def are_taken(self) -> bool:
+        """Whether no place is free."""
+        return self.taken >= self._number
 
     @property
     def are_taken(self) -> bool:
@@ -48,13 +58,16 @@ class Places:
         """
         if self.are_taken:
             raise Full
-        self.taken += 1
-        self._gauge.set(self.taken)
+        self._set(self.taken + 1)
         try:
             yield
         finally:
-            self.taken -= 1
-            self._gauge.set(self.taken)
+            self._set(self.taken - 1)
+
+    def _set(self, taken: int) -> None:
+        self.taken = taken
+        self._gauge.set(taken)
+        self.changed()
 
 
 class Service:

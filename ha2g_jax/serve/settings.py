@@ -1,11 +1,10 @@
 """Address, token and limits of the service."""
 
 import dataclasses
-import ipaddress
 import math
-import socket
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.serve.address import is_loopback
 
 _MIN_TOKEN = 16  # letters
 
@@ -19,6 +18,7 @@ class Settings:
         port: port to listen at, 0 for a free one.
         token: secret that requests must have, at least 16 letters; None for none.
         origins: origins of web pages of other hosts that may use the service, such as "https://example.org".
+        workers: processes, each with a model of its own; the limits below are those of one of them.
         sessions: streams at a time.
         requests: requests for motion at a time.
         rate: requests a minute from one address of a client, 0 for any number.
@@ -35,6 +35,7 @@ class Settings:
     port: int = 8000
     token: str | None = None
     origins: tuple[str, ...] = ()
+    workers: int = 1
     sessions: int = 8
     requests: int = 2
     rate: float = 120
@@ -58,6 +59,8 @@ def check(settings: Settings) -> None:
     """
     if not 0 <= settings.port <= 65535:
         raise UserError(f"the port is {settings.port}; expected 0 to 65535")
+    if settings.workers < 1:
+        raise UserError(f"--workers is {settings.workers}; expected a number from 1 on")
     for name in ("sessions", "requests", "rate", "grace"):
         if not (math.isfinite(value := getattr(settings, name)) and value >= 0):
             raise UserError(f"--{name} is {value}; expected a number from 0 on")
@@ -69,31 +72,3 @@ def check(settings: Settings) -> None:
         raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} letters or more, drawn at random")
     if token is None and not is_loopback(settings.host):
         raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether a host is this machine only.
-
-    Args:
-        host: name or address.
-
-    Raises:
-        UserError: the name is unknown.
-    """
-    return all(ipaddress.ip_address(address).is_loopback for _, address in resolve(host))
-
-
-def resolve(host: str) -> list[tuple[int, str]]:
-    """Return the families and addresses of a host.
-
-    Args:
-        host: name or address.
-
-    Raises:
-        UserError: the name is unknown.
-    """
-    try:
-        found = socket.getaddrinfo(host or "0.0.0.0", None, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError) as error:
-        raise UserError(f"the host {host!r} is unknown; give a name or an address of this machine") from error
-    return [(family, str(address[0]).partition("%")[0]) for family, _, _, _, address in found]
