@@ -6,8 +6,20 @@ from typing import Any
 
 from ha2g_jax.study.reproduction.plan import Request, Run, hashed_path, plan_row
 
-LOOK_AHEADS = (0, 1, 2, 3, 5, 8, 15, None)  # frames; None hears the whole file, as `Model.generate` does
+LOOK_AHEADS: tuple[int | None, ...] = (
+    0,
+    1,
+    2,
+    3,
+    5,
+    8,
+    15,
+    None,
+)  # frames; None hears the whole file, as `Model.generate` does
 HOP = 1  # frames generated in one run of a stream
+EVERY = (
+    2  # every second clip is scored, one of each recording of Talk: a stream takes a fifteenth of its time on a core
+)
 
 HIDDEN, WHOLE = "hidden ends", "whole windows"
 # Name of a setting -> how it differs from HA2G.
@@ -49,7 +61,7 @@ def scores_path(run: Run, corpus: pathlib.Path, split: str, look_ahead: int | No
     Returns:
         The path, or None without a checkpoint.
     """
-    causes = [EVALUATION_VERSION, split, look_ahead, HOP]
+    causes = [EVALUATION_VERSION, split, EVERY, look_ahead, HOP]
     return hashed_path(run, "look-ahead", causes, (corpus / "dataset.json",))
 
 

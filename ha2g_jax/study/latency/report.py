@@ -20,6 +20,7 @@ from ha2g_jax.study.latency.estimates import (
 from ha2g_jax.study.latency.plan import (
     ABOVE_FLOOR,
     BEATS,
+    EVERY,
     F1,
     GAIN,
     HIDDEN,
@@ -178,7 +179,10 @@ def _table(results: Results, names: Mapping[str, str]) -> str:
 def _limits(results: Results) -> list[str]:
     seeds = sorted({seed for curve in results.curves.values() for scores in curve.values() for seed in scores})
     recordings = {len(one["recordings"]) for one in _any(results).values()}
-    found = [f"- Scored: split {results.split}, {max(recordings, default=0)} recordings; {len(seeds)} seeds a setting."]
+    found = [
+        f"- Scored: one of every {EVERY} clips of the split {results.split}, {max(recordings, default=0)} recordings, "
+        f"with {len(seeds)} seeds of each setting."
+    ]
     if len(seeds) < 3:
         found.append("- Fewer than three seeds decide nothing.")
     if results.size != "paper":

@@ -24,6 +24,7 @@ from ha2g_jax.study.identity import clip_identity
 from ha2g_jax.study.latency.plan import (
     ABOVE_FLOOR,
     BEATS,
+    EVERY,
     F1,
     FLOOR,
     GAIN,
@@ -64,9 +65,9 @@ def score_run(run: Run, corpus_path: pathlib.Path, split: str) -> None:
     check_fit(model, corpus)
     if not has_known_causes(corpus):
         raise UserError(f"{corpus_path} does not know the causes of its gestures; give a Talk corpus")
-    clips = list(corpus.clips(split))
+    clips = list(corpus.clips(split))[::EVERY]
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
-    truth = true(corpus, split)
+    truth = true(corpus, split)[::EVERY]
     performed = [positions_to_directions(corpus.skeleton, clip.positions) for clip in clips]
     known = _causes(corpus, clips, performed, model_windows(model).seed_frames)
     for look_ahead, path in missing.items():
