@@ -6,20 +6,10 @@ from typing import Any
 
 from ha2g_jax.study.reproduction.plan import Request, Run, hashed_path, plan_row
 
-LOOK_AHEADS: tuple[int | None, ...] = (
-    0,
-    1,
-    2,
-    3,
-    5,
-    8,
-    15,
-    None,
-)  # frames; None hears the whole file, as `Model.generate` does
+# Frames; None hears the whole file, as `Model.generate` does.
+LOOK_AHEADS: tuple[int | None, ...] = (0, 1, 2, 3, 5, 8, 15, None)
 HOP = 1  # frames generated in one run of a stream
-EVERY = (
-    2  # every second clip is scored, one of each recording of Talk: a stream takes a fifteenth of its time on a core
-)
+EVERY = 2  # every second clip is scored, one of each recording of Talk, because streams take long
 
 HIDDEN, WHOLE = "hidden ends", "whole windows"
 # Name of a setting -> how it differs from HA2G.
