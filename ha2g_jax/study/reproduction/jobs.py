@@ -8,7 +8,7 @@ import pathlib
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import tqdm
 
@@ -16,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop, run_logged
 from ha2g_jax.study.reproduction.plan import Request, Run
 
-_WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")
+_WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")  # of the tables of the paper
 _LOOK_EVERY = 1.0  # seconds between updates of the progress
 _TAIL = 4096  # bytes at the end of metrics.jsonl that contain its last line
 # Most of the time of a step on a Linux CPU can go into returning and requesting memory; this keeps the memory.
@@ -91,7 +91,16 @@ def run_all(
     return failures
 
 
-def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker: int, stop: Stop) -> None:
+def perform_in_process(
+    request: Request,
+    corpus: pathlib.Path,
+    run: Run,
+    worker: int,
+    stop: Stop,
+    *,
+    command: Sequence[str] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> None:
     """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
 
     Args:
@@ -100,6 +109,8 @@ def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker:
         run: run to train and score.
         worker: number of the worker, from 0.
         stop: signal that ends the process.
+        command: command of the process; by default that of the tables of the paper, see `worker`.
+        options: values of JSON that the task has beside the request.
 
     Raises:
         UserError: the process failed; the message is its last line of output.
@@ -110,10 +121,11 @@ def perform_in_process(request: Request, corpus: pathlib.Path, run: Run, worker:
         "corpus": str(corpus),
         "run": run.name,
         "cores": _cores(worker, request.jobs),
+        "options": dict(options or {}),
     }
     given = json.dumps(task).encode()
     environment = _environment(request, os.environ)
-    error = run_logged([*_WORKER, run.name], path, stop, given=given, environment=environment)
+    error = run_logged([*(command or _WORKER), run.name], path, stop, given=given, environment=environment)
     if error and stop.number is None:
         raise UserError(error)
 

@@ -106,16 +106,31 @@ def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
         UserError: there is no such table, data, size, setting or corpus, or the table does not fit the data.
     """
     table = paper_tables.table(request.table, request.data)
+    rows = {row.name: plan_row(request, corpus, row.method, row.changes, row.name) for row in table.rows}
+    autoencoder = _run(request._replace(changes={}), corpus, "autoencoder", {}, "", 0)
+    return Plan(table, corpus, SPLITS.get(request.data, ("test",)), autoencoder, rows, DRAWS.get(request.size, 1000))
+
+
+def plan_row(
+    request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str
+) -> tuple[Run, ...]:
+    """Plan the runs of one row, one for each seed; nothing is written.
+
+    Args:
+        request: request of the user.
+        corpus: folder of the corpus.
+        method: one of `presets.METHODS`.
+        changes: dotted name of a setting -> value, where the row differs from the method.
+        row: name of the row, for the names of runs with changes.
+
+    Raises:
+        UserError: there is no such setting or corpus, or a seed is given twice.
+    """
     if not (corpus / "dataset.json").is_file():
         raise UserError(f"no corpus in {corpus}: dataset.json is missing; see docs/data.md for how to bring in data")
     if not request.seeds or len(set(request.seeds)) < len(request.seeds):
         raise UserError(f"the seeds are {list(request.seeds)}; give one or more, each once")
-    rows = {
-        row.name: tuple(_run(request, corpus, row.method, row.changes, row.name, seed) for seed in request.seeds)
-        for row in table.rows
-    }
-    autoencoder = _run(request._replace(changes={}), corpus, "autoencoder", {}, "", 0)
-    return Plan(table, corpus, SPLITS.get(request.data, ("test",)), autoencoder, rows, DRAWS.get(request.size, 1000))
+    return tuple(_run(request, corpus, method, changes, row, seed) for seed in request.seeds)
 
 
 def corpus_path(request: Request) -> pathlib.Path:
@@ -169,12 +184,30 @@ def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
     Returns:
         The path, or None without a checkpoint.
     """
-    checkpoint, autoencoder = _checkpoint(run), _checkpoint(plan.autoencoder)
-    if checkpoint is None or autoencoder is None:
+    autoencoder = _checkpoint(plan.autoencoder)
+    if autoencoder is None:
         return None
-    files = (checkpoint / "SHA256SUMS", autoencoder / "SHA256SUMS", plan.corpus / "dataset.json")
-    causes = [EVALUATION_VERSION, list(plan.splits), has_legacy, plan.draws, *map(_file_hash, files)]
-    return run.workdir / f"scores-{_digest(causes)}.json"
+    causes = [EVALUATION_VERSION, list(plan.splits), has_legacy, plan.draws]
+    return hashed_path(run, "scores", causes, (autoencoder / "SHA256SUMS", plan.corpus / "dataset.json"))
+
+
+def hashed_path(run: Run, kind: str, causes: Sequence[Any], files: Sequence[pathlib.Path]) -> pathlib.Path | None:
+    """Return the path of scores of the checkpoint of a run, whose name has a hash of all that they depend on.
+
+    Args:
+        run: run that is scored.
+        kind: beginning of the name of the file.
+        causes: values of JSON that the scores depend on.
+        files: files whose contents the scores depend on, beside the checkpoint.
+
+    Returns:
+        The path, or None without a checkpoint.
+    """
+    checkpoint = _checkpoint(run)
+    if checkpoint is None:
+        return None
+    hashes = map(_file_hash, (checkpoint / "SHA256SUMS", *files))
+    return run.workdir / f"{kind}-{_digest([*causes, *hashes])}.json"
 
 
 def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:

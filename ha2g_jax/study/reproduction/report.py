@@ -125,7 +125,7 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
         *_section("Remarks", _remarks(results)),
         "## Runs",
         "",
-        _run_table(results),
+        run_table(results.runs),
         "",
     ]
     return "\n".join(lines)
@@ -240,9 +240,10 @@ def _section(title: str, lines: Sequence[str]) -> list[str]:
     return [f"## {title}", "", *(f"- {line}" for line in lines), ""] if lines else []
 
 
-def _run_table(results: Results) -> str:
+def run_table(runs: Sequence[RunState]) -> str:
+    """Write the table of runs with their budgets and the checkpoints that were scored."""
     lines = [("row", "seed", "steps", "batch", "checkpoint scored (best on validation)", "folder")]
-    for run in results.runs:
+    for run in runs:
         steps = f"{run.last_step:,}" if run.last_step >= run.steps else f"{run.last_step:,} of {run.steps:,}"
         scored = "-" if run.scored_step is None else f"{run.scored_step:,}"
         lines.append((run.row, str(run.seed), steps, str(run.batch_size), scored, f"`{run.name}`"))

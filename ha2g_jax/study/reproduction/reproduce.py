@@ -1,26 +1,22 @@
 """Reproduction of a table of the paper: training and scoring of missing runs, and the report."""
 
-import datetime
-import importlib.metadata
 import json
 import os
 import pathlib
-import platform
 import sys
 import time
-from collections.abc import Iterable
 from typing import Any
 
 import tqdm
 
-import ha2g_jax
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
-from ha2g_jax.study.reproduction.jobs import Perform, duration, last_step, perform_in_process, run_all
+from ha2g_jax.study.reproduction.facts import describe_work, run_states
+from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import (
     Plan,
     Request,
@@ -32,9 +28,8 @@ from ha2g_jax.study.reproduction.plan import (
     read_scores,
     scores_path,
 )
-from ha2g_jax.study.reproduction.report import Results, RunState, as_markdown, figure
+from ha2g_jax.study.reproduction.report import Results, as_markdown, figure
 
-_PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
 _NOT_TRAINED = "not trained"
 
 
@@ -75,7 +70,7 @@ def reproduce(
     request.workdir.mkdir(parents=True, exist_ok=True)
     failures = _fill(request, plan, perform, stop)
     results = _collect(request, plan, corpus, failures)
-    facts = _facts(request, plan, corpus, command, time.monotonic() - start)
+    facts = describe_work(request, plan.runs, corpus, command, time.monotonic() - start)
     _write(results._replace(facts=facts), out)
     return not results.failures
 
@@ -116,19 +111,6 @@ def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str
                 failures.setdefault(row, {})[run.seed] = reason.replace(f"{run.workdir.parent}{os.sep}", "")
             else:
                 scores.setdefault(row, {})[run.seed] = found
-    states = [
-        RunState(
-            row=row,
-            seed=run.seed,
-            name=run.name,
-            steps=run.config.train.steps,
-            batch_size=run.config.train.batch_size,
-            last_step=last_step(run),
-            scored_step=checkpoint_step(run),
-        )
-        for row, runs in plan.rows.items()
-        for run in runs
-    ]
     return Results(
         table=plan.table,
         name=request.table,
@@ -137,7 +119,7 @@ def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str
         splits=plan.splits,
         scores=scores,
         failures=failures,
-        runs=states,
+        runs=run_states(plan.rows),
         facts={},
         autoencoder=_describe_autoencoder(plan.autoencoder, scores),
         has_legacy=request.has_legacy,
@@ -162,47 +144,6 @@ def _validation_error(run: Run, step: int | None) -> float | None:
         return next(line["validation/loss/reconstruction"] for line in reversed(found) if line["step"] == step)
     except (OSError, ValueError, KeyError, StopIteration):
         return None
-
-
-def _facts(request: Request, plan: Plan, corpus: Corpus, command: str, seconds: float) -> dict[str, str]:
-    from ha2g_jax.train.run_record import commit  # JAX takes a while to import
-
-    records = [_starts(run) for run in plan.runs]
-    trained = _distinct(start["commit"] or "unknown" for starts in records for start in starts)
-    devices = _distinct(
-        f"{count} x {name}"
-        for starts in records
-        for start in starts
-        for name, count in start["hardware"]["devices"].items()
-    )
-    splits = [f"{name} {values['clips']:,} clips" for name, values in corpus.metadata["splits"].items()]
-    now = datetime.datetime.now(datetime.UTC)
-    return {
-        "command": f"`{command}`",
-        "time": f"{now:%Y-%m-%d %H:%M} UTC, {duration(seconds)} for what was missing",
-        "commit": commit(pathlib.Path(ha2g_jax.__file__).parent) or "unknown",
-        "trained with": f"commit {trained}; {devices}",
-        "versions": f"Python {platform.python_version()}, {_versions()}",
-        "data": f"{corpus.metadata['name']} ({corpus.metadata['source']}): {'; '.join(splits)}; "
-        f"{corpus.skeleton.name}, {corpus.fps:g} frames per second",
-        "size": request.size + (f", changed: {dict(request.changes)}" if request.changes else ""),
-        "seeds": ", ".join(map(str, request.seeds)),
-    }
-
-
-def _starts(run: Run) -> list[dict[str, Any]]:
-    try:
-        return json.loads((run.workdir / "run.json").read_text())["starts"]
-    except (OSError, ValueError, KeyError):
-        return []
-
-
-def _distinct(texts: Iterable[str]) -> str:
-    return ", ".join(dict.fromkeys(texts)) or "unknown"
-
-
-def _versions() -> str:
-    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _PACKAGES)
 
 
 def _write(results: Results, out: pathlib.Path) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 _PANEL, _HEIGHT = 420, 300
 _LEFT, _RIGHT, _TOP, _BOTTOM, _LEGEND = 56, 12, 34, 44, 190
 # Okabe and Ito's colours, which people with colour vision deficiency can distinguish.
-_COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#999999")
-_STYLE = (
+COLOURS = ("#000000", "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#999999")
+STYLE = (
     "<style>text{font:12px sans-serif;fill:#222}.axis{stroke:#222}.grid{stroke:#ddd}polyline{fill:none;stroke-width:2}"
     ".title{font-weight:bold}</style>"
 )
@@ -37,7 +37,7 @@ def threshold_chart(thresholds: Sequence[float], panels: Sequence[Panel], label:
         label: description of the chart for screen readers.
     """
     names = list(panels[0].curves)
-    colours = {name: _COLOURS[number % len(_COLOURS)] for number, name in enumerate(names)}
+    colours = {name: COLOURS[number % len(COLOURS)] for number, name in enumerate(names)}
     width = _PANEL * len(panels) + _LEGEND
     parts = [f'<rect width="{width}" height="{_HEIGHT}" fill="#fff"/>']
     for number, panel in enumerate(panels):
@@ -49,7 +49,7 @@ def threshold_chart(thresholds: Sequence[float], panels: Sequence[Panel], label:
     text = html.escape(label)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {_HEIGHT}" width="{width}" height="{_HEIGHT}" '
-        f'role="img" aria-label="{text}"><title>{text}</title>{_STYLE}{"".join(parts)}</svg>\n'
+        f'role="img" aria-label="{text}"><title>{text}</title>{STYLE}{"".join(parts)}</svg>\n'
     )
 
 
@@ -57,7 +57,7 @@ def _panel(thresholds: Sequence[float], panel: Panel, colours: Mapping[str, str]
     values = np.array([list(curve) for curve in panel.curves.values()], float)
     finite = values[np.isfinite(values)]
     low, high = min(0.0, finite.min(initial=0.0)), max(finite.max(initial=0.0), 0.05)
-    step = _step(high - low)
+    step = grid_step(high - low)
     low, high = np.floor(low / step) * step, np.ceil(high / step) * step
     width, height = _PANEL - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 
@@ -83,7 +83,7 @@ def _panel(thresholds: Sequence[float], panel: Panel, colours: Mapping[str, str]
     return parts
 
 
-def _step(span: float) -> float:
+def grid_step(span: float) -> float:
     """Return a round distance between grid lines that gives four to eight of them in `span`."""
     power = 10.0 ** np.floor(np.log10(span / 4))
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= span / 8 and power * factor * 8 >= span)

@@ -4,49 +4,67 @@ import json
 import os
 import pathlib
 import sys
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.study.reproduction.plan import Request, Run, is_finished, make_plan
 
 
-def main() -> int:
-    """Train and score the run on the standard input and return the exit code."""
+def main(work: Callable[[dict[str, Any]], None]) -> int:
+    """Carry out the task on the standard input and return the exit code.
+
+    Args:
+        work: function that trains and scores the run of a task.
+    """
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
     try:
-        perform(task)
+        work(task)
     except UserError as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
 
 
+def read_request(task: Mapping[str, Any]) -> Request:
+    """Return the request of a task."""
+    values = task["request"]
+    return Request(**(values | {"workdir": pathlib.Path(values["workdir"]), "seeds": tuple(values["seeds"])}))
+
+
+def finish_training(run: Run, request: Request) -> bool:
+    """Train a run if it is not finished and the request has training; return whether the run can be scored.
+
+    Raises:
+        UserError: the training failed.
+    """
+    if not request.has_training or is_finished(run):
+        return True
+    from ha2g_jax.train.loop import train
+
+    train(run.config, run.workdir)
+    return is_finished(run)  # not if the training was stopped
+
+
 def perform(task: dict[str, Any]) -> None:
     """Train and score the run of a task, as far as either is missing.
 
     Args:
-        task: {"request", "corpus", "run", "cores"}, as `jobs` writes it.
+        task: {"request", "corpus", "run", "cores", "options"}, as `jobs` writes it.
 
     Raises:
         UserError: the training or the scoring failed.
     """
-    from ha2g_jax.study.reproduction.plan import Request, is_finished, make_plan
     from ha2g_jax.study.reproduction.run_scores import score_run
 
-    values = task["request"]
-    request = Request(**(values | {"workdir": pathlib.Path(values["workdir"]), "seeds": tuple(values["seeds"])}))
+    request = read_request(task)
     plan = make_plan(request, pathlib.Path(task["corpus"]))
     run = next(run for run in (plan.autoencoder, *plan.runs) if run.name == task["run"])
-    if request.has_training and not is_finished(run):
-        from ha2g_jax.train.loop import train
-
-        train(run.config, run.workdir)
-        if not is_finished(run):
-            return  # the training was stopped
-    if run is not plan.autoencoder:
+    if finish_training(run, request) and run is not plan.autoencoder:
         score_run(run, plan, request)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(perform))

@@ -11,7 +11,7 @@ from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.study.evaluation.clip_result import check_fit, sample
 from ha2g_jax.study.evaluation.intervals import score_as_json
@@ -114,16 +114,9 @@ def _score_split(
         add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
-    own = trials[MODEL]
-    trials[MISMATCHED] = [
-        Trial(truth, own[other].observed)
-        for truth, row in zip(truths, _partners(clips, seed), strict=True)
-        for other in row
-    ]
     made = {name: scores.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
-    if MODEL in made and MISMATCHED in made:
-        made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
-    words = scores.word_shapes(own, fps, first_frame)
+    made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
+    words = scores.word_shapes(trials[MODEL], fps, first_frame)
     rows = {name: scores.measure_causes(row) for name, row in made.items()}
     rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(words), strict=True))
     return {
@@ -136,6 +129,32 @@ def _score_split(
         },
         "notes": [_NOTE],
     }
+
+
+def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed: int) -> dict[str, CauseRow]:
+    """Return what the metrics of known causes measure of motions, with the chance level.
+
+    Args:
+        trials: motion of each clip, scored against its own clip.
+        fps: frames per second of the motions.
+        first_frame: first frame that is scored.
+        seed: seed of the choice of the other clips.
+
+    Returns:
+        The row "model", which contains the chance level, and the row "mismatched speech": the motions for up to
+        `MISMATCHES` clips of other recordings, against each clip. A row without trials is left out.
+    """
+    partners = _partners([trial.truth.clip for trial in trials], seed)
+    mismatched = [
+        Trial(trial.truth, trials[other].observed)
+        for trial, others in zip(trials, partners, strict=True)
+        for other in others
+    ]
+    rows = {MODEL: trials, MISMATCHED: mismatched}
+    made = {name: scores.cause_row(row, fps, first_frame) for name, row in rows.items() if row}
+    if MISMATCHED in made:
+        made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
+    return made
 
 
 def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:

@@ -1,0 +1,86 @@
+"""Facts of a report: the command, the commit, the versions, the data, and the states of the runs."""
+
+import datetime
+import importlib.metadata
+import json
+import pathlib
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import ha2g_jax
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.study.reproduction.jobs import duration, last_step
+from ha2g_jax.study.reproduction.plan import Request, Run, checkpoint_step
+from ha2g_jax.study.reproduction.report import RunState
+
+_PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
+
+
+def describe_work(
+    request: Request, runs: Sequence[Run], corpus: Corpus, command: str, seconds: float
+) -> dict[str, str]:
+    """Describe what a report is based on: title -> text.
+
+    Args:
+        request: request of the user.
+        runs: runs of the report.
+        corpus: corpus of the runs.
+        command: command of the user.
+        seconds: time that the command has taken.
+    """
+    from ha2g_jax.train.run_record import commit  # JAX takes a while to import
+
+    records = [_starts(run) for run in runs]
+    trained = _distinct(start["commit"] or "unknown" for starts in records for start in starts)
+    devices = _distinct(
+        f"{count} x {name}"
+        for starts in records
+        for start in starts
+        for name, count in start["hardware"]["devices"].items()
+    )
+    splits = [f"{name} {values['clips']:,} clips" for name, values in corpus.metadata["splits"].items()]
+    now = datetime.datetime.now(datetime.UTC)
+    return {
+        "command": f"`{command}`",
+        "time": f"{now:%Y-%m-%d %H:%M} UTC, {duration(seconds)} for what was missing",
+        "commit": commit(pathlib.Path(ha2g_jax.__file__).parent) or "unknown",
+        "trained with": f"commit {trained}; {devices}",
+        "versions": f"Python {platform.python_version()}, {_versions()}",
+        "data": f"{corpus.metadata['name']} ({corpus.metadata['source']}): {'; '.join(splits)}; "
+        f"{corpus.skeleton.name}, {corpus.fps:g} frames per second",
+        "size": request.size + (f", changed: {dict(request.changes)}" if request.changes else ""),
+        "seeds": ", ".join(map(str, request.seeds)),
+    }
+
+
+def run_states(rows: Mapping[str, Sequence[Run]]) -> list[RunState]:
+    """Return the states of the runs of all rows."""
+    return [
+        RunState(
+            row=row,
+            seed=run.seed,
+            name=run.name,
+            steps=run.config.train.steps,
+            batch_size=run.config.train.batch_size,
+            last_step=last_step(run),
+            scored_step=checkpoint_step(run),
+        )
+        for row, runs in rows.items()
+        for run in runs
+    ]
+
+
+def _starts(run: Run) -> list[dict[str, Any]]:
+    try:
+        return json.loads((run.workdir / "run.json").read_text())["starts"]
+    except (OSError, ValueError, KeyError):
+        return []
+
+
+def _distinct(texts: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(texts)) or "unknown"
+
+
+def _versions() -> str:
+    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _PACKAGES)
