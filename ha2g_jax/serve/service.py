@@ -44,11 +44,6 @@ class Places:
         """Whether no place is free."""
         return self.taken >= self._number
 
-    @property
-    def are_taken(self) -> bool:
-        """Whether no place is free."""
-        return self.taken >= self._number
-
     @contextlib.contextmanager
     def take(self) -> Iterator[None]:
         """Take a place in this context; without waiting, so that nothing queues up.
