@@ -1,6 +1,6 @@
 """Page of the study in Markdown: questions and rules first, then answers, tables and limits."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from ha2g_jax.study.latency.chart import Panel, look_ahead_chart
@@ -81,16 +81,10 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
         results: results of all runs.
         chart: file name of the SVG of `figure`, None without scores.
     """
-    lines = [
-        "# How much of the speech must be heard before a gesture?",
-        "",
-        SETTING,
-        "",
-        "## Questions",
-        "",
-        QUESTIONS,
-        "",
-    ]
+    lines = ["# How much of the speech must be heard before a gesture?", ""]
+    if count := sum(map(len, results.failures.values())):
+        lines += [f"**Incomplete: {count} of {len(results.runs)} runs have no scores yet, see *Missing*.**", ""]
+    lines += [SETTING, "", "## Questions", "", QUESTIONS, ""]
     if chart:
         lines += ["## Answers", "", *answers(results), "", NEEDS, ""]
         lines += ["## Curves", "", f"![{_label(results)}]({chart})", "", _HOW_TO_READ, ""]
@@ -130,12 +124,17 @@ def answers(results: Results) -> list[str]:
     lines.append(f"- (c) {HIDDEN} no worse with the whole file: **{verdict}**. Differences: {said}.")
     for setting in SETTINGS:
         found = losses(results.curves.get(setting, {}), GAIN)
-        mean, sure = (_frames(at, results) for at in smallest_within(found, MARGIN))
+        mean, sure = smallest_within(found, MARGIN)
+        mean, sure = _frames(mean, results, found.values()), _frames(sure, results, _bounded(found.values()))
         said = f"**{mean}**; with the whole interval of the loss within {MARGIN}: {sure}"
         lines.append(f"- (d) smallest look-ahead, {setting}: {said}.")
     for name in PRIMARY:
-        firsts = {setting: first_above_zero(results.curves.get(setting, {}), name) for setting in SETTINGS}
-        said = "; ".join(f"{setting} {_frames(at, results)}" for setting, at in firsts.items())
+        firsts = []
+        for setting in SETTINGS:
+            levels = _bounded(level(_at(results, setting, at), name) for at in LOOK_AHEADS)
+            first = first_above_zero(results.curves.get(setting, {}), name)
+            firsts.append(f"{setting} {_frames(first, results, levels)}")
+        said = "; ".join(firsts)
         lines.append(f"- Not asked: the interval of {_PANELS[name]} is above 0 from this look-ahead on: {said}.")
     return lines
 
@@ -177,14 +176,14 @@ def _table(results: Results, names: Mapping[str, str]) -> str:
 
 
 def _limits(results: Results) -> list[str]:
-    seeds = sorted({seed for curve in results.curves.values() for scores in curve.values() for seed in scores})
+    seeds = {setting: len(_at(results, setting, None)) for setting in SETTINGS}
     recordings = {len(one["recordings"]) for one in _any(results).values()}
     found = [
         f"- Scored: one of every {EVERY} clips of the split {results.split}, {max(recordings, default=0)} recordings, "
-        f"with {len(seeds)} seeds of each setting."
+        f"seeds: {', '.join(f'{setting} {count}' for setting, count in seeds.items())}."
     ]
-    if len(seeds) < 3:
-        found.append("- Fewer than three seeds decide nothing.")
+    if min(seeds.values()) < 3:
+        found.append("- With fewer than three seeds of a setting an interval says little about other trainings.")
     if results.size != "paper":
         found.append(f"- Models and training are of the size {results.size}, not the paper's.")
     if results.size == "debug":
@@ -209,8 +208,16 @@ def _difference(results: Results, at: int | None, name: str) -> Spread | None:
     return difference(_at(results, HIDDEN, at), _at(results, WHOLE, at), name)
 
 
-def _frames(at: int | None, results: Results) -> str:
+def _frames(at: int | None, results: Results, based_on: Iterable[Spread | None]) -> str:
+    """Write a look-ahead that was searched for, "-" where there was nothing to search in."""
+    if not any(spread is not None for spread in based_on):
+        return "-"
     return "none of them" if at is None else f"{at} frames ({_ms(at, results)} ms)"
+
+
+def _bounded(spreads: Iterable[Spread | None]) -> list[Spread]:
+    """Return the values that have an interval."""
+    return [spread for spread in spreads if spread is not None and spread.low is not None]
 
 
 def _ms(frames: float, results: Results) -> str:

@@ -106,6 +106,13 @@ def test_answers_follow_from_the_scores(results):
     assert "beat F1 gain is above 0 from this look-ahead on: hidden ends 2 frames (133 ms)" in found
 
 
+def test_one_seed_answers_nothing(results):
+    one = results._replace(curves={HIDDEN: curve(dict.fromkeys(LOOK_AHEADS, 0.2), seeds=1)})
+    found = "\n".join(answers(one))
+    assert found.count("**undecided**") == 3 and "none of them" not in found
+    assert "hidden ends: **0 frames (0 ms)**; with the whole interval of the loss within 0.05: -" in found
+
+
 def test_the_page_has_questions_before_numbers(results):
     page = as_markdown(results, "latency.svg")
     assert (
@@ -114,7 +121,11 @@ def test_the_page_has_questions_before_numbers(results):
     rows = [line for line in page.splitlines() if line.startswith("| 3 | 200 | 267 | 0.101 [")]
     assert len(rows) == 3 and page.count("| file | all | - |") == 3 and page.count("| *ground truth* |") == 3
     empty = as_markdown(results._replace(curves={}, failures={HIDDEN: {0: "not trained"}}))
-    assert "## Answers" not in empty and "- hidden ends, seed 0: not trained" in empty
+    assert (
+        "**Incomplete: 1 of 0 runs have no scores yet" in empty
+        and "## Answers" not in empty
+        and "- hidden ends, seed 0: not trained" in empty
+    )
 
 
 def test_the_chart_has_every_point(results):
