@@ -23,6 +23,7 @@ def talk(config: Config, size: str) -> None:
     del size
     config.data.path = "talk"
     config.data.jitter = 9  # windows start every 10 frames; with this, training sees every start
+    config.loss.ha2g.weights.contrastive = 2.0  # D19
 
 
 def ted(config: Config, size: str) -> None:
