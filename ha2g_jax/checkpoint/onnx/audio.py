@@ -94,7 +94,7 @@ def _add_head(
     scale, shift = (np.repeat(it, rows) for it in _factor_and_shift(params["norm"], stats["norm"]))
     kernel, bias = np.asarray(params["linear"]["kernel"]), np.asarray(params["linear"]["bias"])
     x = graph.add("MatMul", x, graph.weight(kernel * scale[:, None], f"{name}.linear", axis=1))
-    return graph.add("Add", x, graph.constant(bias + shift @ kernel))
+    return graph.add("Add", x, graph.constant(bias + shift @ kernel), name=f"f_{name}")
 
 
 def _convolve(
@@ -119,7 +119,9 @@ def _convolve(
 def _normalize(graph: Graph, x: str, params: Tree, stats: Tree) -> str:
     """Add a batch normalisation that cannot be part of another layer."""
     parts = (params["scale"], params["bias"], stats["mean"], stats["variance"])
-    return graph.add("BatchNormalization", x, *(graph.constant(np.asarray(it), "norm") for it in parts), epsilon=EPSILON)
+    return graph.add(
+        "BatchNormalization", x, *(graph.constant(np.asarray(it), "norm") for it in parts), epsilon=EPSILON
+    )
 
 
 def _factor_and_shift(params: Tree, stats: Tree) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,6 @@ class Description(NamedTuple):
     Attributes:
         name: name of the config.
         method: method of the model, "ha2g".
-        identity: kind of style that may be requested beside values; speakers by name only.
         num_frames: frames of a window, N.
         num_seed_frames: frames of the seed pose, M.
         fps: frames per second.
@@ -34,7 +33,6 @@ class Description(NamedTuple):
 
     name: str
     method: str
-    identity: str
     num_frames: int
     num_seed_frames: int
     fps: int
@@ -90,7 +88,8 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     if any(len(text) > _MAX_TEXT or not text.isprintable() for text in texts.values()):
         raise ValueError("a text of the metadata is too long or cannot be printed")
     values: dict[str, Any] = {
-        name: parse_json(metadata[name]) for name in (*_NUMBERS, "has_hidden_ends", "skeleton", "speakers", "seed_poses")
+        name: parse_json(metadata[name])
+        for name in (*_NUMBERS, "has_hidden_ends", "skeleton", "speakers", "seed_poses")
     }
     numbers = {name: values[name] for name in _NUMBERS}
     if any(type(number) is not int for number in numbers.values()):
@@ -110,4 +109,4 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     )
     assets_module.check_fit(assets, numbers["num_seed_frames"], (numbers["style_dim"],))
     hidden = values["has_hidden_ends"]
-    return Description(**texts, **numbers, identity="speaker", has_hidden_ends=hidden is True, assets=assets)
+    return Description(**texts, **numbers, has_hidden_ends=hidden is True, assets=assets)

@@ -11,14 +11,13 @@ from ha2g_jax.checkpoint.onnx.audio import add_encoder
 from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
 from ha2g_jax.checkpoint.onnx.graph import Graph
 from ha2g_jax.checkpoint.onnx.inferer import add_inferer
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.layers.resnet_se import AudioEncoder
-
-SUFFIX = ".onnx"
 
 
 def export(
@@ -66,18 +65,16 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     if spec.method != "ha2g":
         raise UserError(f"the model is of {spec.method}; only HA2G can be exported to ONNX")
     if not isinstance(generator.audio, AudioEncoder):
-        raise UserError(
-            f"the audio encoder of the model is {loaded.config.model.audio.kind}; only resnet_se can be exported to ONNX"
-        )
+        kind = loaded.config.model.audio.kind
+        raise UserError(f"the audio encoder of the model is {kind}; only resnet_se can be exported to ONNX")
     graph = Graph(weights)
     params, stats = loaded.variables["params"], loaded.variables["batch_stats"]
     features = add_encoder(graph, generator.audio, params["audio"], stats["audio"], "mel")
     poses = add_inferer(graph, generator, spec.skeleton, params, features, "style", "seed_pose")
-    bones = spec.skeleton.num_bones
+    bones, size = spec.skeleton.num_bones, generator.audio.feature_dim
     description = Description(
         name=loaded.config.name,
         method=spec.method,
-        identity="speaker",
         num_frames=spec.num_frames,
         num_seed_frames=spec.num_seed_frames,
         fps=spec.fps,
@@ -94,5 +91,6 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
             "seed_pose": ("batch", spec.num_seed_frames, bones, 3),
         },
         outputs={poses: ("batch", spec.num_frames, bones, 3)},
+        inner=dict.fromkeys(features, ("batch", spec.num_frames, size)),
         metadata=to_metadata(description),
     )

@@ -74,20 +74,26 @@ class Graph:
         return self.add("DequantizeLinear", *stored, name=name, axis=axis)
 
     def model(
-        self, inputs: dict[str, Sequence[Any]], outputs: dict[str, Sequence[Any]], metadata: dict[str, str]
+        self,
+        inputs: dict[str, Sequence[Any]],
+        outputs: dict[str, Sequence[Any]],
+        inner: dict[str, Sequence[Any]],
+        metadata: dict[str, str],
     ) -> onnx.ModelProto:
         """Return the whole model.
 
         Args:
             inputs: shape of each input; a text is a size that is not fixed.
             outputs: shape of each output, which is the value of the same name.
+            inner: shape of values between the two at which a reader may divide the graph.
             metadata: texts by name.
         """
-        ends = [
+        sides = [
             [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in them.items()]
-            for them in (inputs, outputs)
+            for them in (inputs, outputs, inner)
         ]
-        graph = helper.make_graph(self._nodes, "ha2g", *ends, initializer=list(self._constants.values()))
+        constants = list(self._constants.values())
+        graph = helper.make_graph(self._nodes, "ha2g", *sides[:2], initializer=constants, value_info=sides[2])
         opset = [helper.make_opsetid("", OPSET)]
         model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="ha2g-jax")
         helper.set_model_props(model, metadata)

@@ -4,7 +4,7 @@ The nodes of a stage work on (N, B, channels), the order of the operator GRU of 
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,20 @@ from ha2g_jax.skeleton import MIN_NORM, Skeleton
 Tree = dict[str, Any]
 
 _EXCLUDED = -1e9  # score of an audio level that does not count, whose weight is then 0
+
+
+class GruWeights(NamedTuple):
+    """Weights of a bidirectional layer.
+
+    Attributes:
+        inputs: W (2 * 3 h, inputs).
+        hidden: R (2 * 3 h, h).
+        biases: B (2, 6 h).
+    """
+
+    inputs: np.ndarray
+    hidden: np.ndarray
+    biases: np.ndarray
 
 
 def add_inferer(
@@ -94,7 +108,7 @@ def _add_stage(graph: Graph, model: HA2G, params: Tree, inputs: str, channels: i
             x = graph.add("Transpose", states, perm=[0, 2, 1, 3])
             x = graph.add("Reshape", x, graph.constant([0, 0, -1]))
         weights = _gru_weights(params["gru"], layer, channels if layer == 0 else None)
-        states = _add_gru(graph, model, x, *weights, f"{name}.gru_{layer}")
+        states = _add_gru(graph, model.hidden_dim, x, weights, f"{name}.gru_{layer}")
     hidden = graph.add("ReduceSum", states, graph.constant([1]), keepdims=0)
     kernel = np.asarray(params["linear"]["kernel"])
     kernel = np.insert(kernel, model.hidden_dim + channels, 0, axis=0)  # the linear map does not see the bit
@@ -103,16 +117,13 @@ def _add_stage(graph: Graph, model: HA2G, params: Tree, inputs: str, channels: i
     return graph.add("Add", outputs, graph.constant(np.asarray(params["linear"]["bias"]), f"{name}.bias"))
 
 
-def _gru_weights(params: Tree, layer: int, channels: int | None) -> tuple[np.ndarray, ...]:
+def _gru_weights(params: Tree, layer: int, channels: int | None) -> GruWeights:
     """Return the weights of a bidirectional layer as ONNX has them, with the gates in the order z, r, h.
 
     Args:
         params: parameters of a `BiGRU`.
         layer: number of the layer.
         channels: number of the input before which the seed bit is moved from the last place; None for no move.
-
-    Returns:
-        W (2 * 3 h, inputs), R (2 * 3 h, h) and B (2, 6 h).
     """
     parts = []
     for suffix in ("", "_reverse"):
@@ -124,7 +135,7 @@ def _gru_weights(params: Tree, layer: int, channels: int | None) -> tuple[np.nda
             input_weight = np.insert(rest, channels, bit, axis=1)
         parts.append([_update_first(it) for it in (input_weight, hidden_weight, input_bias, hidden_bias)])
     w, r, *biases = (np.stack(both) for both in zip(*parts, strict=True))
-    return w.reshape(-1, w.shape[-1]), r.reshape(-1, r.shape[-1]), np.concatenate(biases, axis=1)
+    return GruWeights(w.reshape(-1, w.shape[-1]), r.reshape(-1, r.shape[-1]), np.concatenate(biases, axis=1))
 
 
 def _update_first(stacked: np.ndarray) -> np.ndarray:
@@ -133,17 +144,17 @@ def _update_first(stacked: np.ndarray) -> np.ndarray:
     return np.concatenate([update, reset, new])
 
 
-def _add_gru(graph: Graph, model: HA2G, x: str, w: np.ndarray, r: np.ndarray, b: np.ndarray, name: str) -> str:
+def _add_gru(graph: Graph, hidden_dim: int, x: str, weights: GruWeights, name: str) -> str:
     """Add one layer of both directions; its states are (N, 2, B, h)."""
-    shape = graph.constant([2, 3 * model.hidden_dim, -1])
-    weights = [graph.add("Reshape", graph.weight(it, f"{name}.{part}"), shape) for it, part in ((w, "w"), (r, "r"))]
+    shape = graph.constant([2, 3 * hidden_dim, -1])
+    kernels = ((weights.inputs, "w"), (weights.hidden, "r"))
     return graph.add(
         "GRU",
         x,
-        *weights,
-        graph.constant(b, f"{name}.b"),
+        *(graph.add("Reshape", graph.weight(it, f"{name}.{part}"), shape) for it, part in kernels),
+        graph.constant(weights.biases, f"{name}.b"),
         name=name,
-        hidden_size=model.hidden_dim,
+        hidden_size=hidden_dim,
         direction="bidirectional",
         linear_before_reset=1,  # the equations of PyTorch, see `layers.gru_scan`
     )
