@@ -131,7 +131,9 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument("out", type=pathlib.Path, help="folder to write")
     model.set_defaults(run=_export_model)
 
-    onnx = commands.add_parser("export-onnx", help="write a model as an ONNX file, for browsers, engines and fast starts")
+    onnx = commands.add_parser(
+        "export-onnx", help="write a model as an ONNX file, for browsers, engines and fast starts"
+    )
     onnx.add_argument("checkpoint", help="'demo', a workdir of ha2g train, a checkpoint in it, or a model folder")
     onnx.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".onnx file to write")
     onnx.add_argument(

@@ -126,7 +126,8 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
             options.add_session_config_entry("session.intra_op.allow_spinning", "0")
             # Weights of int8 become float32 once and not in each window.
             options.add_session_config_entry("session.disable_quant_qdq", "1")
-            sessions.append(onnxruntime.InferenceSession(part, options, providers=["CPUExecutionProvider"]))
+            settings = {"providers": ["CPUExecutionProvider"], "enable_fallback": 0}  # a second try prints to stdout
+            sessions.append(onnxruntime.InferenceSession(part, options, **settings))
     return OnnxModel(description, description.assets, *sessions, path=shown(path))
 
 
@@ -142,5 +143,5 @@ def _blame(path: str) -> Iterator[None]:
     kinds = (state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.RuntimeException)
     try:
         yield
-    except (*kinds, state.NotImplemented) as error:
+    except (*kinds, state.NotImplemented, ValueError) as error:
         raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error

@@ -23,6 +23,8 @@ _OPERATORS = (
     *("GRU", "Gather", "GlobalAveragePool", "MatMul", "Max", "Mul", "Pad", "ReduceSum", "Relu", "Reshape", "Sigmoid"),
     *("Slice", "Softmax", "Sqrt", "Sub", "Transpose", "Unsqueeze"),
 )
+_DOMAINS = ("", "ai.onnx")
+_ATTRIBUTES = (1, 2, 3, 7)  # a number, a text or integers: FLOAT, INT, STRING, INTS of `onnx.AttributeProto`
 
 
 class Parts(NamedTuple):
@@ -74,31 +76,28 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
 
 def _check_graph(model: "onnx.ModelProto") -> None:
     """Check that a graph stands alone: no code, no other files, no graph in a graph."""
-    import onnx
-
     graph = model.graph
-    if model.functions or any(it.domain not in ("", "ai.onnx") for it in model.opset_import):
-        raise ValueError("functions or operators that are not of ONNX")
+    if model.functions or any(it.domain not in _DOMAINS for it in model.opset_import):
+        raise ValueError("functions, or operators that are not of ONNX")
     if graph.sparse_initializer or graph.quantization_annotation:
         raise ValueError("sparse or annotated weights")
     for node in graph.node:
-        if node.domain not in ("", "ai.onnx") or node.op_type not in _OPERATORS:
+        if node.domain not in _DOMAINS or node.op_type not in _OPERATORS:
             raise ValueError(f"the operator {node.op_type[:50]!r}, which no model of HA2G has")
-        for attribute in node.attribute:
-            if attribute.type not in (onnx.AttributeProto.INT, onnx.AttributeProto.INTS, *_SCALARS):
-                raise ValueError(f"an attribute of {node.op_type} that no model of HA2G has")
+        if any(attribute.type not in _ATTRIBUTES for attribute in node.attribute):
+            raise ValueError(f"an attribute of {node.op_type}, which no model of HA2G has")
     if any(tensor.external_data or tensor.data_location for tensor in graph.initializer):
         raise ValueError("weights in another file")
-
-
-# Attributes of ONNX that are one number or text, by `onnx.AttributeProto.AttributeType`.
-_SCALARS = (1, 3)
+    made = [*(it.name for it in graph.initializer), *(name for node in graph.node for name in node.output)]
+    used = [name for node in graph.node for name in (node.name, *node.input)]
+    if len(set(made)) < len(made) or not all(name.isascii() for name in made + used):
+        raise ValueError("two values of one name, or names that are not ASCII")
 
 
 def _check_ends(graph: "onnx.GraphProto", description: Description) -> None:
-    """Check inputs, outputs and the values between the parts against the description."""
+    """Check the inputs and the output against the description."""
     frames, bones = description.num_frames, description.assets.skeleton.num_bones
-    expected: dict[str, tuple[int | None, ...]] = {
+    expected = {
         "mel": (NUM_MELS, window_columns(frames, description.fps)),
         "style": (description.style_dim,),
         "seed_pose": (description.num_seed_frames, bones, 3),
