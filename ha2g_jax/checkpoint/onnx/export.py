@@ -18,6 +18,7 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.limits import MAX_ONNX_BYTES
 
 
 def export(
@@ -42,8 +43,13 @@ def export(
         raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.with_suffix(SUFFIX).name)}")
     loaded = model_folder.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
+    content = model.SerializeToString()
+    if len(content) > MAX_ONNX_BYTES:
+        raise UserError(
+            f"the file would have {len(content)} bytes, expected at most {MAX_ONNX_BYTES}; use --weights float16"
+        )
     with whole_file(out) as temporary:
-        temporary.write_bytes(model.SerializeToString())
+        temporary.write_bytes(content)
     return out
 
 

@@ -7,7 +7,7 @@ from ha2g_jax.checkpoint.onnx.description import Description, from_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import NUM_MELS, window_columns
 from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_WEIGHTS_BYTES
+from ha2g_jax.limits import MAX_ONNX_BYTES
 
 if TYPE_CHECKING:
     import onnx
@@ -57,9 +57,8 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
         raise UserError(f"{shown(path)} needs {error.name}: pip install 'ha2g-jax[onnx]'") from error
 
     check_regular(path, _EXPECTED)
-    content = read_bytes(path, _EXPECTED, MAX_WEIGHTS_BYTES)
     with reading(path, _EXPECTED, DecodeError):
-        model = onnx.load_model_from_string(content)
+        model = onnx.load_model_from_string(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
         try:
             description = from_metadata({it.key: it.value for it in model.metadata_props})
         except KeyError as error:
@@ -69,9 +68,9 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
         _check_graph(model)
         _check_ends(model.graph, description)
         extractor = Extractor(model)
-        encoder = extractor.extract_model(["mel"], list(FEATURES))
-        sampler = extractor.extract_model([*FEATURES, "style", "seed_pose"], [OUTPUT])
-        return description, Parts(encoder.SerializeToString(), sampler.SerializeToString())
+        ends = ((["mel"], list(FEATURES)), ([*FEATURES, "style", "seed_pose"], [OUTPUT]))
+        parts = (extractor.extract_model(*inputs_outputs).SerializeToString() for inputs_outputs in ends)
+        return description, Parts(*parts)
 
 
 def _check_graph(model: "onnx.ModelProto") -> None:

@@ -114,6 +114,6 @@ def test_a_folder_a_missing_file_and_a_large_one_are_refused(content, tmp_path, 
     with pytest.raises(UserError, match="a folder at"):
         reading.read(tmp_path)
     (tmp_path / "model.onnx").write_bytes(content)
-    monkeypatch.setattr(reading, "MAX_WEIGHTS_BYTES", len(content) - 1)
+    monkeypatch.setattr(reading, "MAX_ONNX_BYTES", len(content) - 1)
     with pytest.raises(UserError, match="too large for an ONNX file"):
         reading.read(tmp_path / "model.onnx")
