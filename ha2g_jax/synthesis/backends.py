@@ -1,10 +1,10 @@
 """What computes the motion of `ha2g generate`: JAX, or ONNX Runtime, which starts without JAX."""
 
+import importlib.metadata
 import importlib.resources
 import pathlib
 from typing import Any
 
-from ha2g_jax import __version__
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
@@ -60,7 +60,8 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     name = found.get("hash") if isinstance(found, dict) else None
     if not (isinstance(name, str) and name.isalnum() and name.isascii() and len(name) <= 64):
         raise UserError(f"{shown(assets)} has no hash of the weights; export or download the model again")
-    path = cache_folder() / "onnx" / f"{name}-{__version__}{SUFFIX}"
+    version = importlib.metadata.version("ha2g-jax")
+    path = cache_folder() / "onnx" / f"{name}-{version}{SUFFIX}"
     if not path.is_file():
         with one_maker(path):
             if not path.is_file():
