@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.errors import UserError
@@ -28,7 +29,7 @@ def onnx_model(folder):
 
 
 def speech(seconds):
-    return np.random.default_rng(0).normal(0, 0.1, round(seconds * 16000)).astype(np.float32)
+    return np.asarray(np.random.default_rng(0).normal(0, 0.1, round(seconds * 16000)), np.float32)
 
 
 @pytest.mark.parametrize(
@@ -99,6 +100,15 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
     (tmp_path / "model.safetensors").write_bytes(b"")
     with pytest.raises(UserError, match="has no hash of the weights"):
         backends.load(tmp_path, "onnx")
-    monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(UserError, match=r"pip install 'ha2g-jax\[onnx\]'"):
-        load_onnx(file)
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_a_missing_extra_is_named(folder, onnx_model, tmp_path, monkeypatch, package, capsys):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    monkeypatch.setitem(sys.modules, package, None)
+    message = rf"ONNX files need {package}: pip install 'ha2g-jax\[onnx\]'"
+    for source in (folder, folder.with_suffix(".onnx")):
+        with pytest.raises(UserError, match=message):
+            backends.load(source, "onnx")
+    assert cli.main(["export-onnx", str(folder), "-o", str(tmp_path / "a.onnx")]) == (2 if package == "onnx" else 0)
+    assert capsys.readouterr().err.count("\n") == (1 if package == "onnx" else 0)

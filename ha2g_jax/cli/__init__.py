@@ -200,8 +200,9 @@ def _export_model(arguments: argparse.Namespace) -> None:
 
 
 def _export_onnx(arguments: argparse.Namespace) -> None:
-    try:
-        from ha2g_jax.checkpoint.onnx import export
-    except ModuleNotFoundError as error:
-        raise UserError(f"ha2g export-onnx needs {error.name}: pip install 'ha2g-jax[onnx]'") from None
+    from ha2g_jax.checkpoint.onnx import reading
+
+    reading.check_extra("onnx")
+    from ha2g_jax.checkpoint.onnx import export
+
     print(export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

@@ -5,7 +5,7 @@ import importlib.resources
 import pathlib
 from typing import Any
 
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX, check_extra
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, shown
@@ -65,6 +65,7 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     if not path.is_file():
         with one_maker(path):
             if not path.is_file():
+                check_extra("onnx", "onnxruntime")
                 from ha2g_jax.checkpoint.onnx.export import export
 
                 export(checkpoint, path)

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.description import Description
-from ha2g_jax.checkpoint.onnx.reading import FEATURES, OUTPUT, read
+from ha2g_jax.checkpoint.onnx.reading import FEATURES, OUTPUT, check_extra, read
 from ha2g_jax.data.speech import prepare, window
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -110,10 +110,8 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
     Raises:
         UserError: there is no such file, it is damaged or of another kind, or the extra onnx is not installed.
     """
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise UserError("ONNX files need onnxruntime: pip install 'ha2g-jax[onnx]'") from error
+    check_extra("onnxruntime")
+    import onnxruntime
 
     description, parts = read(path)
     with _blame(shown(path)):

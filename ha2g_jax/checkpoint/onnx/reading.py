@@ -1,12 +1,13 @@
 """Reader of ONNX files of unknown origin: only graphs of the kind that `export` writes reach a runtime."""
 
+import importlib
 import pathlib
 from typing import TYPE_CHECKING, NamedTuple
 
 from ha2g_jax.checkpoint.onnx.description import Description, from_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import NUM_MELS, window_columns
-from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
+from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason
 from ha2g_jax.limits import MAX_ONNX_BYTES
 
 if TYPE_CHECKING:
@@ -39,6 +40,23 @@ class Parts(NamedTuple):
     sampler: bytes
 
 
+def check_extra(*packages: str) -> None:
+    """Check that packages of the extra onnx are installed.
+
+    Args:
+        packages: "onnx" or "onnxruntime".
+
+    Raises:
+        UserError: one of them is missing, or a library that it needs.
+    """
+    for package in packages:
+        try:
+            importlib.import_module(package)
+        except ImportError as error:
+            why = "" if isinstance(error, ModuleNotFoundError) else f", which cannot be loaded ({reason(error)})"
+            raise UserError(f"ONNX files need {package}{why}: pip install 'ha2g-jax[onnx]'") from error
+
+
 def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     """Read a model.
 
@@ -48,14 +66,12 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     Raises:
         UserError: the file is missing, damaged or not of the kind that `export` writes, or the package onnx is missing.
     """
-    path = pathlib.Path(path)
-    try:
-        import onnx
-        from google.protobuf.message import DecodeError
-        from onnx.utils import Extractor
-    except ImportError as error:
-        raise UserError(f"{shown(path)} needs {error.name}: pip install 'ha2g-jax[onnx]'") from error
+    check_extra("onnx")
+    import onnx
+    from google.protobuf.message import DecodeError
+    from onnx.utils import Extractor
 
+    path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
     with reading(path, _EXPECTED, DecodeError):
         model = onnx.load_model_from_string(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
@@ -68,9 +84,10 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
         _check_graph(model)
         _check_ends(model.graph, description)
         extractor = Extractor(model)
-        ends = ((["mel"], list(FEATURES)), ([*FEATURES, "style", "seed_pose"], [OUTPUT]))
-        parts = (extractor.extract_model(*inputs_outputs).SerializeToString() for inputs_outputs in ends)
-        return description, Parts(*parts)
+        features = list[str](FEATURES)
+        encoder = extractor.extract_model(["mel"], features).SerializeToString()
+        sampler = extractor.extract_model([*features, "style", "seed_pose"], [OUTPUT]).SerializeToString()
+        return description, Parts(encoder, sampler)
 
 
 def _check_graph(model: "onnx.ModelProto") -> None:

@@ -63,7 +63,7 @@ def inputs_of(loaded, batch):
 
 def run(model, inputs):
     session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
-    return session.run(["poses"], inputs)[0]
+    return np.asarray(session.run(["poses"], inputs)[0])
 
 
 def by_jax(loaded, inputs):

@@ -3,6 +3,7 @@
 import onnx
 import pytest
 from onnx import TensorProto, helper
+from onnx.external_data_helper import set_external_data
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint.model_folder import LoadedModel
@@ -30,7 +31,7 @@ def set_metadata(model, name, value):
 def elsewhere(model):
     """Point the weights of a tensor at a file outside of the folder."""
     tensor = max(model.graph.initializer, key=lambda it: len(it.raw_data))
-    onnx.external_data_helper.set_external_data(tensor, "../../../../etc/passwd")
+    set_external_data(tensor, "../../../../etc/passwd")
     tensor.ClearField("raw_data")
 
 
