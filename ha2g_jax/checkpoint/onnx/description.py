@@ -11,7 +11,7 @@ from ha2g_jax.files.reading import parse_json
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CHANNELS, MAX_WINDOW_FRAMES
 
 FORMAT = "ha2g-jax 1"
-MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30
+MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `methods.build` and `config`, whose imports take long
 _MAX_TEXT = 200
 
 

@@ -13,13 +13,14 @@ from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
+from ha2g_jax.checkpoint.onnx import description
 from ha2g_jax.checkpoint.onnx.description import from_metadata, to_metadata
 from ha2g_jax.checkpoint.onnx.export import build, export
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_columns
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.build import MIN_FRAMES, variable_shapes
 from ha2g_jax.methods.build import build as build_spec
-from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.synthesis.scan import generate_window
 
@@ -144,6 +145,11 @@ def test_the_metadata_restores_the_description(debug):
     assert list(found.assets.speakers) == ["ada", "ben"]
     np.testing.assert_array_equal(found.assets.speakers["ben"], debug.assets.speakers["ben"])
     assert to_metadata(found) == metadata_of(model)
+
+
+def test_the_sizes_that_a_reader_accepts_are_those_of_a_config():
+    limits = (description.MIN_FRAMES, description.MIN_FPS, description.MAX_FPS)
+    assert limits == (MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
 
 
 def test_the_forms_of_weights_have_the_sizes_they_should(debug):
