@@ -2,10 +2,13 @@
 
 python benchmarks/generate.py
 python benchmarks/generate.py --config ted_expressive --seconds 10 60 600 3600 --rounds 1
+python benchmarks/generate.py --config ted_expressive --seconds 60 --backend jax onnx
 
 The speech is a file that is repeated until it is long enough. The first generation of each length compiles; the median
 of the others, over the seconds of speech, is the real-time factor: below 1, motion is generated faster than speech is
-spoken. Lengths are measured in ascending order, and the memory is the largest so far that the process had in use.
+spoken. Lengths are measured in ascending order, and the memory is the largest so far that the process had in use. With
+two backends each round takes one after the other, so that other programs on the machine slow both alike; the memory is
+then that of both, and has to be measured with each alone.
 """
 
 import argparse
@@ -14,6 +17,7 @@ import pathlib
 import resource
 import statistics
 import sys
+import tempfile
 import time
 from typing import Any
 
@@ -22,9 +26,12 @@ from random_model import random_model
 
 import ha2g_jax
 from ha2g_jax import launch
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.synthesis import Model
+from ha2g_jax.synthesis import Generator, Model
+from ha2g_jax.synthesis.backends import BACKENDS
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 
@@ -37,16 +44,15 @@ def main() -> int:
     parser.add_argument("--speech", type=pathlib.Path, default=_SPEECH, help="file with sound")
     parser.add_argument("--seconds", type=float, nargs="+", default=[10, 60], help="lengths (default: 10 60)")
     parser.add_argument("--rounds", type=int, default=5, help="timed generations after the first (default: 5)")
+    parser.add_argument("--backend", nargs="+", choices=BACKENDS, default=["jax"], help="backends (default: jax)")
+    parser.add_argument("--weights", default="float32", help="form of the weights of onnx (default: float32)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
-        if arguments.config:
-            config = launch.load_config(arguments.config)
-            model = Model(*random_model(config), config)
-        else:
-            model = ha2g_jax.load(arguments.checkpoint)
+        models = {name: load(name, arguments) for name in dict.fromkeys(arguments.backend)}
         speech = read_audio(arguments.speech)
-        rows = [measure(model, speech, seconds, arguments.rounds) for seconds in sorted(arguments.seconds)]
+        seconds = sorted(arguments.seconds)
+        rows = [row for it in seconds for row in measure(models, speech, it, arguments.rounds)]
     except UserError as error:
         print(f"generate: {error}", file=sys.stderr)
         return 2
@@ -54,33 +60,60 @@ def main() -> int:
     return 0
 
 
-def measure(model: Model, speech: np.ndarray, seconds: float, rounds: int) -> dict[str, Any]:
+def load(backend: str, arguments: argparse.Namespace) -> Generator[Any]:
+    """Return the model that the arguments name, for a backend."""
+    if backend == "jax" and not arguments.config:
+        return ha2g_jax.load(arguments.checkpoint)
+    if arguments.config:
+        config = launch.load_config(arguments.config)
+        loaded = LoadedModel(*random_model(config), config)
+    else:
+        loaded = model_folder.load(arguments.checkpoint)
+    if backend == "jax":
+        return Model(*loaded)
+    from ha2g_jax.checkpoint.onnx.export import build
+    from ha2g_jax.synthesis import load_onnx
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "model.onnx"
+        path.write_bytes(build(loaded, weights=arguments.weights).SerializeToString())
+        return load_onnx(path)
+
+
+def measure(models: dict[str, Generator[Any]], speech: np.ndarray, seconds: float, rounds: int) -> list[dict[str, Any]]:
     """Measure the generation of motion for one length of speech.
 
     Args:
-        model: model with trained or random weights.
+        models: models with trained or random weights, by the name of the backend.
         speech: (samples,) float32 mono samples at 16 kHz, repeated until they are long enough.
         seconds: length of the speech.
         rounds: number of generations after the first.
 
     Returns:
-        Seconds of the first generation and the median of the others, the real-time factor, frames and memory.
+        For each model seconds of the first generation and the median of the others, the real-time factor, frames and
+        memory.
     """
     samples = np.resize(speech, round(seconds * SAMPLE_RATE))
-    times, frames = [], 0
+    times: dict[str, list[float]] = {name: [] for name in models}
+    frames = 0
     for _ in range(rounds + 1):
-        started = time.perf_counter()
-        frames = len(model.generate(samples).directions)
-        times.append(time.perf_counter() - started)
-    median = statistics.median(times[1:])
-    return {
-        "speech_seconds": seconds,
-        "frames": frames,
-        "real_time_factor": median / seconds,
-        "seconds": median,
-        "first_seconds": times[0],
-        "peak_bytes": peak_memory(),
-    }
+        for name, model in models.items():
+            started = time.perf_counter()
+            frames = len(model.generate(samples).directions)
+            times[name].append(time.perf_counter() - started)
+    return [
+        {
+            "backend": name,
+            "speech_seconds": seconds,
+            "frames": frames,
+            "real_time_factor": statistics.median(them[1:]) / seconds,
+            "seconds": statistics.median(them[1:]),
+            "least_seconds": min(them[1:]),
+            "first_seconds": them[0],
+            "peak_bytes": peak_memory(),
+        }
+        for name, them in times.items()
+    ]
 
 
 def peak_memory() -> int:
@@ -90,10 +123,13 @@ def peak_memory() -> int:
 
 
 def as_table(rows: list[dict[str, Any]]) -> str:
-    lines = [f"{'speech s':>9} {'real-time factor':>17} {'seconds':>9} {'first s':>9} {'memory GiB':>11}"]
+    lines = [
+        f"{'backend':>7} {'speech s':>9} {'real-time factor':>17} {'seconds':>9} {'least s':>9} {'first s':>9} "
+        f"{'memory GiB':>11}"
+    ]
     lines += [
-        f"{row['speech_seconds']:>9g} {row['real_time_factor']:>17.4f} {row['seconds']:>9.3f} "
-        f"{row['first_seconds']:>9.3f} {row['peak_bytes'] / 2**30:>11.2f}"
+        f"{row['backend']:>7} {row['speech_seconds']:>9g} {row['real_time_factor']:>17.4f} {row['seconds']:>9.3f} "
+        f"{row['least_seconds']:>9.3f} {row['first_seconds']:>9.3f} {row['peak_bytes'] / 2**30:>11.2f}"
         for row in rows
     ]
     return "\n".join(lines)

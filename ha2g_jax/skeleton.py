@@ -18,7 +18,7 @@ import numpy as np
 
 SKELETONS = ("ted_expressive", "ted_gesture")
 
-_MIN_NORM = 1e-8
+MIN_NORM = 1e-8
 # Keeps arccos, and so its gradient, finite at parallel bones.
 _MAX_COSINE = 1 - 1e-6
 
@@ -163,7 +163,7 @@ def normalize(vectors: Any) -> Any:
     """Return vectors (..., 3) scaled to unit length; a zero vector stays zero, with a finite gradient."""
     xp = vectors.__array_namespace__()
     squared = xp.sum(vectors * vectors, axis=-1, keepdims=True)
-    return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(_MIN_NORM**2, dtype=vectors.dtype)))
+    return vectors / xp.sqrt(xp.maximum(squared, xp.asarray(MIN_NORM**2, dtype=vectors.dtype)))
 
 
 def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:

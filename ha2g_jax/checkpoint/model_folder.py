@@ -88,6 +88,8 @@ def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
         return _load_folder(path)
     if workdirs:
         return _load_checkpoint(workdirs[0], path)
+    if exists and path.suffix.lower() == ".onnx":
+        raise UserError(f"{shown(path)} is for ha2g generate alone; give the model that it was exported from")
     found = f"{WEIGHTS} is missing" if exists else "nothing is there"
     raise UserError(f"no model in {shown(path)}: {found}; expected {expected}")
 

@@ -131,6 +131,20 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument("out", type=pathlib.Path, help="folder to write")
     model.set_defaults(run=_export_model)
 
+    onnx = commands.add_parser(
+        "export-onnx", help="write a model as an ONNX file, for browsers, engines and fast starts"
+    )
+    onnx.add_argument("checkpoint", help="'demo', a workdir of ha2g train, a checkpoint in it, or a model folder")
+    onnx.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".onnx file to write")
+    onnx.add_argument(
+        "--weights",
+        choices=("float32", "float16", "int8"),
+        default="float32",
+        help="form of the weights in the file; docs/onnx.md has sizes and errors (default: float32)",
+    )
+    onnx.add_argument("--license", default="", metavar="TEXT", help="licence of the model, which the file states")
+    onnx.set_defaults(run=_export_onnx)
+
     data.add_commands(commands)
     return parser
 
@@ -183,3 +197,12 @@ def _export_model(arguments: argparse.Namespace) -> None:
     from ha2g_jax.checkpoint import model_folder
 
     print(model_folder.export(arguments.workdir, arguments.out))
+
+
+def _export_onnx(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.onnx import reading
+
+    reading.check_extra("onnx")
+    from ha2g_jax.checkpoint.onnx import export
+
+    print(export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

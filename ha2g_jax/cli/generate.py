@@ -38,7 +38,15 @@ def add_command(commands: Any) -> None:
     command.add_argument(
         "--format", metavar="SUFFIX", help="write this format where OUT names none, for example bvh (default: npz, mp4)"
     )
-    command.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    command.add_argument(
+        "--checkpoint", default="demo", help="'demo', a workdir, a model folder, or an .onnx of ha2g export-onnx"
+    )
+    command.add_argument(
+        "--backend",
+        choices=("jax", "onnx"),
+        help="what computes the motion: onnx starts in about a second; it takes an .onnx, 'demo' or a model folder "
+        "(default: onnx for an .onnx, else jax)",
+    )
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
     command.add_argument(
@@ -138,6 +146,7 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.speech,
         out=arguments.out,
         checkpoint=arguments.checkpoint,
+        backend=arguments.backend,
         suffix=None if arguments.format is None else "." + arguments.format.lower().removeprefix("."),
         style=read_style(arguments),
         seed=arguments.seed,

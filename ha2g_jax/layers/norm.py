@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-_EPSILON = 1e-5
+EPSILON = 1e-5
 _MOMENTUM = 0.1
 
 
@@ -40,5 +40,5 @@ class BatchNorm(nn.Module):
                 running_variance.value = (1 - _MOMENTUM) * running_variance.value + _MOMENTUM * unbiased
         else:
             mean, variance = running_mean.value, running_variance.value
-        factor = scale * jax.lax.rsqrt(variance + _EPSILON)
+        factor = scale * jax.lax.rsqrt(variance + EPSILON)
         return ((values - expand(mean)) * expand(factor) + expand(bias)).astype(x.dtype)

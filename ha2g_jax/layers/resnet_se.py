@@ -1,10 +1,12 @@
 """Audio encoder E_a: ResNetSE-34 with three heads (HA2G, Tables 6 and 7). Channels last."""
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 
 from ha2g_jax.features.audio import HOP_LENGTH, SAMPLE_RATE, window_columns
@@ -14,10 +16,10 @@ from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _REDUCTION = 8
-_MEL_RANGE = 80.0
+MEL_RANGE = 80.0
 # Factor of the pixel shuffle and size of the kernel of each head; after the shuffle all maps have half as many columns
 # as the mel.
-_HEADS = {"low": (1, 2), "mid": (2, 3), "high": (4, 3)}
+HEADS = {"low": (1, 2), "mid": (2, 3), "high": (4, 3)}
 _COLUMNS_PER_SECOND = SAMPLE_RATE / HOP_LENGTH / 2
 
 
@@ -43,6 +45,29 @@ def pixel_shuffle(x: jax.Array, factor: int) -> jax.Array:
     x = x.reshape(batch, height, width, channels // factor**2, factor, factor)
     x = x.transpose(0, 1, 4, 2, 5, 3)
     return x.reshape(batch, height * factor, width * factor, channels // factor**2)
+
+
+def head_grid(widths: Sequence[int], num_frames: int, fps: float) -> tuple[int, float] | None:
+    """Return (N, fps) if the columns of the heads have to be interpolated, None if they give N frames as they are.
+
+    Args:
+        widths: columns of the maps of low, mid and high, before the pixel shuffle.
+        num_frames: frames of a window, N.
+        fps: frames per second.
+    """
+    frames = {factor * width - kernel + 1 for width, (factor, kernel) in zip(widths, HEADS.values(), strict=True)}
+    return None if frames == {num_frames} else (num_frames, fps)
+
+
+def head_places(kernel: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the columns (N + kernel - 1,), as fractions, at which a head takes its map after the pixel shuffle.
+
+    Args:
+        kernel: width of the convolution of the head, which is centred on the middle of each frame.
+        num_frames: frames of a window, N.
+        fps: frames per second.
+    """
+    return frame_centres(num_frames + kernel - 1, fps, margin=(kernel - 1) / 2) * _COLUMNS_PER_SECOND
 
 
 class SqueezeExcite(nn.Module):
@@ -131,9 +156,7 @@ class Head(nn.Module):
         """Map (B, mel, columns, C) to (B, N, feature_dim)."""
         x = pixel_shuffle(x, self.shuffle)
         if self.grid is not None:
-            num_frames, fps = self.grid
-            times = frame_centres(num_frames + self.kernel - 1, fps, margin=(self.kernel - 1) / 2)
-            x = interpolate(x, times * _COLUMNS_PER_SECOND, axis=2)
+            x = interpolate(x, head_places(self.kernel, *self.grid), axis=2)
         x = Conv(x.shape[-1], (self.kernel, self.kernel), name="conv")(x)
         x = BatchNorm(name="norm")(nn.relu(x), train=train)
         # Channel-major, as a reshape of PyTorch's (C, mel, N) merges them.
@@ -180,17 +203,16 @@ class AudioEncoder(nn.Module):
             raise ValueError(
                 f"a mel of {mel.shape[-1]} columns; expected {expected} for {self.num_frames} frames at {self.fps} fps"
             )
-        x = (mel / _MEL_RANGE + 1)[..., None]  # D3
+        x = (mel / MEL_RANGE + 1)[..., None]  # D3
         run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
         x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
         maps = []
         for index, (blocks, channels) in enumerate(zip(self.blocks, self.channels, strict=True)):
             stage = Stage(blocks, channels, 2 if index else 1, self.is_recomputed, name=f"stage_{index + 1}")
             maps.append(x := stage(x, train=train))
-        frames = {factor * level.shape[2] - kernel + 1 for level, (factor, kernel) in zip(maps[1:], _HEADS.values())}
-        grid = None if frames == {self.num_frames} else (self.num_frames, self.fps)
+        grid = head_grid([level.shape[2] for level in maps[1:]], self.num_frames, self.fps)
         heads = {
             name: run(Head(factor, kernel, self.feature_dim, grid, name=name), level)
-            for level, (name, (factor, kernel)) in zip(maps[1:], _HEADS.items())
+            for level, (name, (factor, kernel)) in zip(maps[1:], HEADS.items())
         }
         return Features(**heads)

@@ -12,7 +12,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.control import Controls, read_mute
 from ha2g_jax.motion.formats import SUFFIXES
-from ha2g_jax.synthesis.model import Options
+from ha2g_jax.synthesis.generator import Options
 from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)

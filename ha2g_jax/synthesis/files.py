@@ -4,7 +4,7 @@ import contextlib
 import pathlib
 import sys
 from collections.abc import Callable, Sequence
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from tqdm import tqdm
@@ -16,7 +16,8 @@ from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
-from ha2g_jax.synthesis.model import Model, Options, load
+from ha2g_jax.synthesis.backends import load
+from ha2g_jax.synthesis.generator import Generator, Options
 from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
 from ha2g_jax.synthesis.speech import Audio, read_speech
 
@@ -26,6 +27,7 @@ def generate_files(
     out: Path | None = None,
     checkpoint: Path = "demo",
     *,
+    backend: str | None = None,
     suffix: str | None = None,
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
@@ -43,21 +45,22 @@ def generate_files(
         speech: path of a file with sound; or several files, or a folder whose files with sound are taken.
         out: for one file, the file to write, whose suffix is the format, or a name without a suffix; for one or several
             files, a folder, which for several is made if it does not exist.
-        checkpoint: model, see `load`.
+        checkpoint: model, see `backends.load`.
+        backend: what computes the motion, one of `backends.BACKENDS`; by default the checkpoint decides.
         suffix: format of the results, one of `SUFFIXES`, where `out` names none.
         words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
             transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
         report: is called with the path of each file when it is complete.
-        options: keyword arguments of `Model.generate`.
+        options: keyword arguments of `Generator.generate`.
 
     Returns:
         The paths of the files.
 
     Raises:
-        UserError: before anything is written, as `plan`, `load` and `Model.check_options`. One file of speech cannot be
-            used, or a file cannot be written; of several files this is said in a line on stderr, and the error comes
-            when the others are complete.
+        UserError: before anything is written, as `plan`, `backends.load` and `Generator.check_options`. One file of
+            speech cannot be used, or a file cannot be written; of several files this is said in a line on stderr, and
+            the error comes when the others are complete.
     """
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
@@ -70,7 +73,7 @@ def generate_files(
 
         check_size((size, size) if isinstance(size, int) else size)
     with stage("loading the model"):
-        model = load(checkpoint)
+        model = load(checkpoint, backend)
     if len(tasks) == 1:
         _generate(model, tasks[0], words, size, report, options)
         return tasks[0].paths
@@ -90,7 +93,7 @@ def generate_files(
 
 
 def _generate(
-    model: Model,
+    model: Generator[Any],
     task: Task,
     words: pathlib.Path | None,
     size: int | tuple[int, int],
@@ -132,18 +135,20 @@ def _write(
             formats.export(motion, path)
 
 
-def _read_words(model: Model, speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None) -> tuple[Word, ...]:
+def _read_words(
+    model: Generator[Any], speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None
+) -> tuple[Word, ...]:
     """Return the words of the speech; () if the model reads no words or there is no transcript."""
     if not model.reads_words:
         if words is not None:
-            tqdm.write(f"{model.config.method} reads no words: {shown(words)} is not used", file=sys.stderr)
+            tqdm.write(f"{model.spec.method} reads no words: {shown(words)} is not used", file=sys.stderr)
         return ()
     from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
 
     words = words or transcripts.find(speech)
     if words is None:
         tqdm.write(
-            f"{model.config.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
+            f"{model.spec.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
             "words; name a transcript with --words",
             file=sys.stderr,
         )

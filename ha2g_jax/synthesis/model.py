@@ -1,11 +1,9 @@
 """A trained model that generates motion from speech."""
 
 import dataclasses
-import importlib.metadata
-import math
 import pathlib
 from collections.abc import Sequence
-from typing import Any, TypedDict
+from typing import Any
 
 import jax
 import numpy as np
@@ -18,35 +16,20 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.layers.resnet_se import Features
-from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion import control
-from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.motion.smoothing import check_width, smooth
-from ha2g_jax.motion.windows import ease_borders, join_windows, num_windows
+from ha2g_jax.motion.resample import num_frames
+from ha2g_jax.motion.windows import num_windows
+from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.scan import encode_windows, sample_windows
-from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
-from ha2g_jax.synthesis.speech import Speech, read_speech
 from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
 
 
-class Options(TypedDict, total=False):
-    """Keyword arguments of `Model.generate`, except `words`."""
-
-    style: Style
-    seed: int
-    seed_pose: SeedPose | None
-    fps: float | None
-    smoothing: float
-    controls: control.Controls
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
-class Model:
-    """A trained generator, see `load`.
+class Model(Generator[Spec]):
+    """A trained generator that computes with JAX, see `load`.
 
     Attributes:
         spec: networks and sizes.
@@ -71,69 +54,20 @@ class Model:
         return self.spec.method == "ha2g"
 
     @property
-    def fps(self) -> int:
-        """Frames per second of the poses that the generator samples."""
-        return self.spec.fps
+    def name(self) -> str:
+        """Name of the config."""
+        return self.config.name
 
-    def generate(
-        self,
-        speech: Speech,
-        *,
-        style: Style = FROM_PRIOR,
-        seed: int = 0,
-        seed_pose: SeedPose | None = None,
-        fps: float | None = None,
-        smoothing: float = 0.0,
-        controls: control.Controls = control.NEUTRAL,
-        words: Sequence[Word] = (),
-    ) -> Motion:
-        """Generate gestures for speech; the same arguments give the same motion.
+    def choose_style(self, style: Style, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return the values f_id of a requested style and their description, see `style.choose_style`."""
+        return choose_style(self.spec, self.variables, self.assets, style, seed)
 
-        Args:
-            speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or the result of `read_speech`.
-            style: requested style; by default it is drawn from the prior with `seed`.
-            seed: seed of all random choices.
-            seed_pose: motion, or the path of its `.npz`, that this motion continues: frame 0 is the first of the last M
-                frames of that motion; or a pose (bones, 3) to start from. By default `seed` selects one of the calm
-                poses stored with the model.
-            fps: frames per second of the result, by default those of the model; other rates are interpolated.
-            smoothing: length in seconds of the window over which poses are averaged, see `motion.smoothing`; 0 for no
-                smoothing.
-            controls: controls of the motion, see `motion.control`.
-            words: words of the speech, in order of time, for a model that `reads_words`; HA2G needs none.
-
-        Returns:
-            Motion of exactly round(duration x fps) frames, at least 1.
-
-        Raises:
-            UserError: the speech, the style, a seed, the seed pose, the frame rate or a control cannot be used.
-        """
-        f_id, described = choose_style(self.spec, self.variables, self.assets, style, seed)
-        fps = self.fps if fps is None else _check_fps(fps)
-        audio = read_speech(speech)
-        skeleton, overlap = self.assets.skeleton, self.spec.num_seed_frames
-        control.check(controls, skeleton, audio.duration)
-        check_width(smoothing)
-        start = start_name = None
-        if seed_pose is not None:
-            start, start_name = read_seed_pose(seed_pose, skeleton, self.fps, overlap)
-        directions = _join(self, audio.samples, f_id, seed, words, start)
-        directions = directions if start is None else start_from(directions, start)
-        directions = ease_borders(directions, self.spec.num_frames, overlap, from_start=start is not None)
-        frames = num_frames(audio.duration, fps)
-        directions = directions[:frames] if fps == self.fps else resample(directions, self.fps, fps, frames)
-        directions = control.apply(skeleton, smooth(directions, fps, smoothing), fps, controls)
-        asked = {"seed_pose": start_name, "smoothing": smoothing, "controls": control.describe(controls)}
-        meta = {
-            "version": importlib.metadata.version("ha2g-jax"),
-            "model": self.config.name,
-            "checkpoint": self.assets.hash,
-            "speech": audio.name,
-            "duration": audio.duration,
-            "style": described,
-            "seed": seed,
-        }
-        return Motion.from_directions(skeleton, directions, fps, meta | {name: it for name, it in asked.items() if it})
+    def sample_windows(
+        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
+    ) -> np.ndarray:
+        """Sample the poses of all windows of speech, see `Generator.sample_windows`."""
+        features = _encode_windows(self, audio, words)
+        return sample_windows(self.spec, self.variables, features, style, start, seed)
 
     def stream(
         self,
@@ -174,29 +108,6 @@ class Model:
             reference=reference,
             has_hidden_ends=self.config.data.get("lookahead", 0.0) > 0,
         )
-
-    def check_options(
-        self,
-        *,
-        style: Style = FROM_PRIOR,
-        seed: int = 0,
-        seed_pose: SeedPose | None = None,
-        fps: float | None = None,
-        smoothing: float = 0.0,
-        controls: control.Controls = control.NEUTRAL,
-    ) -> None:
-        """Check the arguments of `generate` before there is speech.
-
-        Raises:
-            UserError: an argument cannot be used with speech of any length.
-        """
-        choose_style(self.spec, self.variables, self.assets, style, seed)
-        if fps is not None:
-            _check_fps(fps)
-        control.check(controls, self.assets.skeleton)
-        check_width(smoothing)
-        if seed_pose is not None:
-            read_seed_pose(seed_pose, self.assets.skeleton, self.fps, self.spec.num_seed_frames)
 
 
 def load(source: str | pathlib.Path = "demo") -> Model:
@@ -240,20 +151,7 @@ def generate_directions(
     Raises:
         UserError: the values of the model are not finite.
     """
-    return _join(model, audio, f_id, seed, words, start)[: _num_frames(model, audio)]
-
-
-def _join(
-    model: Model, audio: np.ndarray, f_id: np.ndarray, seed: int, words: Sequence[Word], start: np.ndarray | None
-) -> np.ndarray:
-    """Return the joined frames of the windows that cover the audio; they may be longer than the audio."""
-    bank = model.assets.seed_poses
-    pose = bank[np.random.default_rng(seed).integers(len(bank))] if start is None else start
-    features = _encode_windows(model, audio, words)
-    windows = sample_windows(model.spec, model.variables, features, f_id, pose, seed)
-    if not np.isfinite(windows).all():
-        raise UserError(f"model {model.assets.hash} generated values that are not finite; train or export it again")
-    return join_windows(windows, model.spec.num_seed_frames)
+    return join(model, audio, f_id, seed, words, start)[: _num_frames(model, audio)]
 
 
 def encode_features(model: Model, audio: np.ndarray) -> Features:
@@ -283,9 +181,3 @@ def _encode_windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> A
     count = num_windows(_num_frames(model, audio), model.spec.num_frames, model.spec.num_seed_frames)
     speech = prepare(audio, words, model.spec.inputs)
     return encode_windows(model.spec, model.variables, speech, model.assets.vocabulary, count)
-
-
-def _check_fps(fps: float) -> float:
-    if not (math.isfinite(fps) and MIN_FPS <= fps <= MAX_FPS):
-        raise UserError(f"{fps} frames per second; expected {MIN_FPS} to {MAX_FPS}")
-    return fps

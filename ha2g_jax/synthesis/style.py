@@ -3,16 +3,18 @@
 import math
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.onnx.description import Description
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED
-from ha2g_jax.methods.build import encode_identity
-from ha2g_jax.methods.method import Spec, Variables
+
+if TYPE_CHECKING:
+    from ha2g_jax.methods.method import Spec, Variables
 
 VARIATION = 0.3  # of the style of a speaker between two takes
 
@@ -51,12 +53,12 @@ FROM_PRIOR = Style()
 
 
 def choose_style(
-    spec: Spec, variables: Variables, assets: Assets, style: Style = FROM_PRIOR, seed: int = 0
+    spec: "Spec | Description", variables: "Variables", assets: Assets, style: Style = FROM_PRIOR, seed: int = 0
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the values f_id of a requested style, and a description for the metadata of the motion.
 
     Args:
-        spec, variables: generator.
+        spec, variables: generator; one that is an ONNX file has no variables here, and reads no images.
         assets: assets of the model, with the styles of the speakers.
         style: requested style.
         seed: seed of the variation, and of a random style if `style` has none.
@@ -176,19 +178,22 @@ def _names(assets: Assets) -> str:
     return listed if len(listed) <= _LETTERS_SHOWN else f"{listed[:_LETTERS_SHOWN]}..."
 
 
-def _encode_images(spec: Spec, variables: Variables, assets: Assets, paths: Sequence[str | pathlib.Path]) -> np.ndarray:
+def _encode_images(
+    spec: "Spec | Description", variables: "Variables", assets: Assets, paths: Sequence[str | pathlib.Path]
+) -> np.ndarray:
     """Return the style (style_dim,) of images of any size, each cropped to a square about its centre."""
-    if spec.identity != "images":
+    if isinstance(spec, Description) or spec.identity != "images":
         names = _names(assets)
         known = f"knows speakers by name, not by images; expected one of: {names}" if names else "has no speakers"
         raise UserError(f"this model {known}")
     if not paths:
         raise UserError("an empty list of reference images; give one or more images")
-    # Readers of pictures and of corpora take a tenth of a second to import, and few motions need them.
+    # JAX and the readers of pictures and of corpora take long to import, and few motions need them.
     from PIL import ImageOps
 
     from ha2g_jax.data.windows import resize_images
     from ha2g_jax.features.pictures import read_picture
+    from ha2g_jax.methods.build import encode_identity
 
     images = []
     for path in paths:

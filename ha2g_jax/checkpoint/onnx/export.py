@@ -1,0 +1,102 @@
+"""Writer of a generator as an ONNX file."""
+
+import dataclasses
+import pathlib
+
+import onnx
+
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.model_folder import LoadedModel
+from ha2g_jax.checkpoint.onnx.audio import add_encoder
+from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
+from ha2g_jax.checkpoint.onnx.graph import Graph
+from ha2g_jax.checkpoint.onnx.inferer import add_inferer
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import NUM_MELS, window_columns
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.limits import MAX_ONNX_BYTES
+
+
+def export(
+    source: str | pathlib.Path, out: str | pathlib.Path, *, weights: str = "float32", license: str = ""
+) -> pathlib.Path:
+    """Write a model as an ONNX file, completely or not at all.
+
+    Args:
+        source: model, see `model_folder.load`.
+        out: file to write, whose suffix is .onnx.
+        weights: form of large weights in the file, one of `graph.WEIGHTS`; the computation is float32.
+        license: licence of the model, which is stored in the file; that of the demo is known.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        UserError: there is no model, it is not HA2G with the audio encoder of the paper, or the file cannot be written.
+    """
+    out = pathlib.Path(out)
+    if out.suffix.lower() != SUFFIX:
+        raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.with_suffix(SUFFIX).name)}")
+    loaded = model_folder.load(source)
+    model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
+    content = model.SerializeToString()
+    if len(content) > MAX_ONNX_BYTES:
+        raise UserError(
+            f"the file would have {len(content)} bytes, expected at most {MAX_ONNX_BYTES}; use --weights float16"
+        )
+    with whole_file(out) as temporary:
+        temporary.write_bytes(content)
+    return out
+
+
+def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -> onnx.ModelProto:
+    """Return a model as one graph of ONNX.
+
+    Its inputs are "mel" (B, 128, columns) in dB, "style" (B, style_dim) and "seed_pose" (B, M, bones, 3), unit
+    vectors; its output is "poses" (B, N, bones, 3), unit vectors, those of `synthesis.scan.generate_window`.
+
+    Args:
+        loaded: model.
+        weights: form of large weights, one of `graph.WEIGHTS`.
+        license: licence of the model, "" if it is not known.
+
+    Raises:
+        UserError: the model is of another method, or has another audio encoder.
+    """
+    spec, generator = loaded.spec, loaded.spec.generator
+    if spec.method != "ha2g":
+        raise UserError(f"the model is of {spec.method}; only HA2G can be exported to ONNX")
+    if not isinstance(generator.audio, AudioEncoder):
+        kind = loaded.config.model.audio.kind
+        raise UserError(f"the audio encoder of the model is {kind}; only resnet_se can be exported to ONNX")
+    graph = Graph(weights)
+    params, stats = loaded.variables["params"], loaded.variables["batch_stats"]
+    features = add_encoder(graph, generator.audio, params["audio"], stats["audio"], "mel")
+    poses = add_inferer(graph, generator, spec.skeleton, params, features, "style", "seed_pose")
+    bones, size = spec.skeleton.num_bones, generator.audio.feature_dim
+    description = Description(
+        name=loaded.config.name,
+        method=spec.method,
+        num_frames=spec.num_frames,
+        num_seed_frames=spec.num_seed_frames,
+        fps=spec.fps,
+        style_dim=spec.style_dim,
+        has_hidden_ends=loaded.config.data.get("lookahead", 0.0) > 0,
+        weights=weights,
+        license=license,
+        assets=dataclasses.replace(loaded.assets, vocabulary=Vocabulary(())),
+    )
+    return graph.model(
+        inputs={
+            "mel": ("batch", NUM_MELS, window_columns(spec.num_frames, spec.fps)),
+            "style": ("batch", spec.style_dim),
+            "seed_pose": ("batch", spec.num_seed_frames, bones, 3),
+        },
+        outputs={poses: ("batch", spec.num_frames, bones, 3)},
+        inner=dict.fromkeys(features, ("batch", spec.num_frames, size)),
+        metadata=to_metadata(description),
+    )

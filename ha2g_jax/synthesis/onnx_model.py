@@ -1,0 +1,145 @@
+"""A trained model in an ONNX file that generates motion from speech with ONNX Runtime, without JAX."""
+
+import concurrent.futures
+import contextlib
+import dataclasses
+import os
+import pathlib
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.onnx.description import Description
+from ha2g_jax.checkpoint.onnx.reading import FEATURES, OUTPUT, check_extra, read
+from ha2g_jax.data.speech import prepare, window
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.motion.resample import num_frames
+from ha2g_jax.motion.windows import num_windows
+from ha2g_jax.synthesis.generator import Generator
+from ha2g_jax.synthesis.style import Style, choose_style
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+_MOST_THREADS = 4  # of the encoder; with more of them it is faster than the sampler, which has one
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OnnxModel(Generator[Description]):
+    """A trained generator that computes with ONNX Runtime, see `load_onnx`.
+
+    Attributes:
+        spec: sizes of the model.
+        assets: skeleton, styles of the training speakers, and calm seed poses.
+        encoder: network from "mel" to the audio features.
+        sampler: network from the audio features, "style" and "seed_pose" to "poses".
+        path: name of the file, for messages.
+    """
+
+    spec: Description
+    assets: Assets
+    encoder: "onnxruntime.InferenceSession"
+    sampler: "onnxruntime.InferenceSession"
+    path: str
+
+    @property
+    def name(self) -> str:
+        """Name of the config."""
+        return self.spec.name
+
+    @property
+    def reads_words(self) -> bool:
+        """Whether the words of the speech change the motion: those of HA2G do not."""
+        return False
+
+    def choose_style(self, style: Style, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return the values f_id of a requested style and their description, see `style.choose_style`."""
+        return choose_style(self.spec, {}, self.assets, style, seed)
+
+    def sample_windows(
+        self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
+    ) -> np.ndarray:
+        """Sample the poses of all windows of speech, see `Generator.sample_windows`; HA2G has no noise.
+
+        The speech of later windows is encoded in a thread of its own while a window is sampled.
+        """
+        del words, seed
+        spec, overlap = self.spec, self.spec.num_seed_frames
+        count = num_windows(num_frames(len(audio) / SAMPLE_RATE, self.fps), spec.num_frames, overlap)
+        speech = prepare(audio, (), ("mel",))
+
+        def encode(index: int) -> list[np.ndarray]:
+            first = index * (spec.num_frames - overlap)
+            inputs = window(speech, ("mel",), self.assets.vocabulary, first, spec.num_frames, self.fps)
+            return self._run(self.encoder, FEATURES, {"mel": inputs["mel"][None]})
+
+        poses, seed_pose = [], np.asarray(start, np.float32)[None]
+        inputs = {"style": np.asarray(style, np.float32)[None]}
+        ahead = concurrent.futures.ThreadPoolExecutor(1)
+        try:
+            with tqdm(desc="generating", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
+                for found in ahead.map(encode, range(count)):
+                    inputs |= {"seed_pose": seed_pose, **dict(zip(FEATURES, found, strict=True))}
+                    (sampled,) = self._run(self.sampler, [OUTPUT], inputs)
+                    poses.append(sampled[0])
+                    seed_pose = sampled[:, -overlap:]
+                    bar.update()
+        finally:
+            ahead.shutdown(cancel_futures=True)
+        return np.stack(poses)
+
+    def _run(
+        self, session: "onnxruntime.InferenceSession", outputs: Sequence[str], inputs: dict[str, np.ndarray]
+    ) -> list[np.ndarray]:
+        with _blame(self.path):
+            return [np.asarray(it) for it in session.run(list(outputs), inputs)]
+
+
+def load_onnx(path: str | pathlib.Path) -> OnnxModel:
+    """Load a model from a file of `ha2g export-onnx`.
+
+    Args:
+        path: path of the file.
+
+    Raises:
+        UserError: there is no such file, it is damaged or of another kind, or the extra onnx is not installed.
+    """
+    check_extra("onnxruntime")
+    import onnxruntime
+
+    description, parts = read(path)
+    with _blame(shown(path)):
+        sessions = []
+        for part, threads in ((parts.encoder, _encoder_threads()), (parts.sampler, 1)):
+            options = onnxruntime.SessionOptions()
+            options.log_severity_level = 4  # an exception says the same
+            options.intra_op_num_threads = threads
+            # Threads that wait for work do not take a core from the other part, or from other programs.
+            options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+            # Weights of int8 become float32 once and not in each window.
+            options.add_session_config_entry("session.disable_quant_qdq", "1")
+            settings = {"providers": ["CPUExecutionProvider"], "enable_fallback": 0}  # a second try prints to stdout
+            sessions.append(onnxruntime.InferenceSession(part, options, **settings))
+    return OnnxModel(description, description.assets, *sessions, path=shown(path))
+
+
+def _encoder_threads() -> int:
+    return max(1, min((os.cpu_count() or 1) - 1, _MOST_THREADS))
+
+
+@contextlib.contextmanager
+def _blame(path: str) -> Iterator[None]:
+    """Turn the exceptions of ONNX Runtime into a `UserError`; they have no class in common."""
+    from onnxruntime.capi import onnxruntime_pybind11_state as state  # pyright: ignore[reportAttributeAccessIssue]
+
+    kinds = (state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.RuntimeException)
+    try:
+        yield
+    except (*kinds, state.NotImplemented, ValueError) as error:
+        raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error

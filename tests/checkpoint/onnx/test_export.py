@@ -1,0 +1,183 @@
+"""The graph of ONNX computes the windows of `generate_window`, with native operators, for any choice of a config."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+
+from ha2g_jax import config as configs
+from ha2g_jax import presets
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.model_folder import LoadedModel
+from ha2g_jax.checkpoint.onnx import description
+from ha2g_jax.checkpoint.onnx.description import from_metadata, to_metadata
+from ha2g_jax.checkpoint.onnx.export import build, export
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import window_columns
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.methods.build import MIN_FRAMES, variable_shapes
+from ha2g_jax.methods.build import build as build_spec
+from ha2g_jax.skeleton import load_skeleton, normalize
+from ha2g_jax.synthesis.scan import generate_window
+
+# Of float32; the others store weights with 11 and 8 bits.
+ERRORS = {"float32": 1e-4, "float16": 5e-3, "int8": 0.1}
+
+
+@pytest.fixture(scope="module")
+def debug(debug_model):
+    return LoadedModel(debug_model.spec, debug_model.variables, debug_model.assets, debug_model.config)
+
+
+def draw(config, scale=0.2):
+    """Return a model of a config with random weights, normalisations among them that change each channel."""
+    skeleton, random = load_skeleton(config.skeleton), np.random.default_rng(1)
+    spec = build_spec(config, skeleton, 2, 2)
+    shapes = variable_shapes(spec)
+    variables = {
+        "params": jax.tree.map(lambda x: random.normal(0, scale, x.shape).astype(np.float32), shapes["params"]),
+        "batch_stats": jax.tree.map(
+            lambda x: random.uniform(0.5, 1.5, x.shape).astype(np.float32), shapes["batch_stats"]
+        ),
+    }
+    starts = skeleton.mean_directions + random.normal(0, 0.1, (2, spec.num_seed_frames, skeleton.num_bones, 3))
+    styles = {"ada": random.normal(size=spec.style_dim).astype(np.float32)}
+    assets = Assets(skeleton, Vocabulary(("one", "two")), styles, normalize(starts.astype(np.float32)), "ab12")
+    return LoadedModel(spec, variables, assets, config)
+
+
+def inputs_of(loaded, batch):
+    """Return random inputs of several windows."""
+    spec, random = loaded.spec, np.random.default_rng(2)
+    columns = window_columns(spec.num_frames, spec.fps)
+    poses = normalize(random.normal(size=(batch, spec.num_seed_frames, spec.skeleton.num_bones, 3)))
+    return {
+        "mel": random.uniform(-80, 0, (batch, 128, columns)).astype(np.float32),
+        "style": random.normal(size=(batch, spec.style_dim)).astype(np.float32),
+        "seed_pose": poses.astype(np.float32),
+    }
+
+
+def run(model, inputs):
+    session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+    return np.asarray(session.run(["poses"], inputs)[0])
+
+
+def by_jax(loaded, inputs):
+    """Return the poses of the windows one by one."""
+    parts = zip(inputs["mel"], inputs["style"], inputs["seed_pose"], strict=True)
+    key = jax.random.key(0)
+    return np.stack(
+        [
+            generate_window(loaded.spec, loaded.variables, {"mel": mel}, style, seed, key, np.int32(0))
+            for mel, style, seed in parts
+        ]
+    )
+
+
+@pytest.mark.parametrize("weights", ERRORS)
+def test_windows_are_those_of_jax_in_a_batch_of_any_size(debug, weights):
+    model = build(debug, weights=weights)
+    onnx.checker.check_model(model, full_check=True)
+    inputs = inputs_of(debug, 3)
+    expected = by_jax(debug, inputs)
+    poses = run(model, inputs)
+    assert poses.shape == expected.shape == (3, 34, 42, 3)
+    assert np.abs(poses - expected).max() < ERRORS[weights]
+    one = run(model, {name: value[1:2] for name, value in inputs.items()})
+    np.testing.assert_allclose(one, poses[1:2], atol=1e-5)
+
+
+def other_config():
+    """Return a config with a choice other than the default wherever the networks have one."""
+    config = configs.debug(configs.paper("ted_gesture"))
+    config.data.update(fps=20, num_frames=40, num_seed_frames=6)  # the columns of the heads are interpolated
+    config.data.lookahead = 0.5
+    config.model.identity.kind = "speakers"
+    config.model.audio.resnet_se.blocks = (1, 2, 1, 1)
+    config.model.audio.levels = ("low", "high")
+    config.model.inferer.levels = (1, 3)
+    config.model.inferer.coordinator = "tied"
+    config.model.inferer.seed_level = "below"
+    config.model.inferer.layers = 2
+    return config
+
+
+def test_all_choices_of_a_config_are_exported():
+    loaded = draw(other_config())
+    inputs = inputs_of(loaded, 2)
+    model = build(loaded)
+    np.testing.assert_allclose(run(model, inputs), by_jax(loaded, inputs), atol=1e-4)
+    assert from_metadata(metadata_of(model)).has_hidden_ends
+
+
+def metadata_of(model):
+    return {it.key: it.value for it in model.metadata_props}
+
+
+def test_the_recurrence_is_the_operator_of_onnx(debug):
+    """One bidirectional GRU for each layer of each level; nothing is unrolled, and there is no loop."""
+    for loaded in (debug, draw(other_config())):
+        grus = [node for node in build(loaded).graph.node if node.op_type == "GRU"]
+        generator = loaded.spec.generator
+        assert len(grus) == generator.layers * len(generator.level_channels)
+        attributes = [{it.name: onnx.helper.get_attribute_value(it) for it in node.attribute} for node in grus]
+        assert all(it["direction"] == b"bidirectional" and it["linear_before_reset"] == 1 for it in attributes)
+
+
+def test_normalisation_after_a_convolution_is_part_of_it(debug):
+    nodes = [node.op_type for node in build(debug).graph.node]
+    assert nodes.count("BatchNormalization") == 1 + sum(debug.spec.generator.audio.blocks)
+
+
+def test_the_metadata_restores_the_description(debug):
+    model = build(debug, weights="float16", license="CC0-1.0")
+    found = from_metadata(metadata_of(model))
+    assert (found.name, found.method, found.weights, found.license) == ("ha2g", "ha2g", "float16", "CC0-1.0")
+    assert (found.num_frames, found.num_seed_frames, found.fps, found.style_dim) == (34, 4, 15, 18)
+    assert found.assets.hash == debug.assets.hash and not found.has_hidden_ends
+    assert found.assets.skeleton == debug.assets.skeleton
+    np.testing.assert_array_equal(found.assets.seed_poses, debug.assets.seed_poses)
+    assert list(found.assets.speakers) == ["ada", "ben"]
+    np.testing.assert_array_equal(found.assets.speakers["ben"], debug.assets.speakers["ben"])
+    assert to_metadata(found) == metadata_of(model)
+
+
+def test_the_sizes_that_a_reader_accepts_are_those_of_a_config():
+    limits = (description.MIN_FRAMES, description.MIN_FPS, description.MAX_FPS)
+    assert limits == (MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
+
+
+def test_the_forms_of_weights_have_the_sizes_they_should(debug):
+    wide = debug.config.copy_and_resolve_references()
+    wide.model.inferer.hidden_dim = 64
+    loaded = draw(wide)
+    whole, half, quarter = (
+        sum(len(it.raw_data) for it in build(loaded, weights=name).graph.initializer) for name in ERRORS
+    )
+    assert 0.45 < half / whole < 0.6 and 0.22 < quarter / whole < 0.35
+
+
+def test_other_models_are_refused_by_name(debug, tmp_path):
+    with pytest.raises(UserError, match="the model is of seq2seq; only HA2G"):
+        build(draw(presets.parse("talk:debug", "seq2seq")))
+    spec = debug.spec._replace(generator=debug.spec.generator.clone(audio=None))
+    config = debug.config.copy_and_resolve_references()
+    config.model.audio.kind = "whisper"
+    with pytest.raises(UserError, match="audio encoder of the model is whisper; only resnet_se"):
+        build(debug._replace(spec=spec, config=config))
+    with pytest.raises(UserError, match=r"ends in .onnx; name it model.onnx"):
+        export("demo", tmp_path / "model.bin")
+
+
+def test_a_model_folder_is_exported_as_one_file(debug, tmp_path):
+    folder = model_folder.save(tmp_path / "model", debug.config, debug.assets, debug.variables)
+    path = export(folder, tmp_path / "new" / "model.onnx")
+    assert [it.name for it in path.parent.iterdir()] == ["model.onnx"]
+    found = from_metadata(metadata_of(onnx.load(path)))
+    assert found.assets.hash == model_folder.load(folder).assets.hash and found.license == ""
+    assert dataclasses.asdict(found.assets)["vocabulary"] == {"words": ()}

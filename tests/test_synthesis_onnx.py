@@ -1,0 +1,114 @@
+"""An ONNX file generates the motion of the model that it was exported from, without JAX."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import soundfile
+
+from ha2g_jax import cli
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.onnx.export import export
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion import control
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.synthesis import Style, backends, load_onnx
+
+
+@pytest.fixture(scope="module")
+def folder(debug_model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("models") / "debug"
+    return model_folder.save(path, debug_model.config, debug_model.assets, debug_model.variables)
+
+
+@pytest.fixture(scope="module")
+def onnx_model(folder):
+    return load_onnx(export(folder, folder.with_suffix(".onnx")))
+
+
+def speech(seconds):
+    return np.asarray(np.random.default_rng(0).normal(0, 0.1, round(seconds * 16000)), np.float32)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"style": Style(speaker="ben"), "fps": 30.0, "seed": 3},
+        {"style": Style(mixture={"ada": 1, "ben": 3}), "smoothing": 0.3},
+        {"controls": control.Controls(energy=0.5, mirror=True), "style": Style(values=np.zeros(18))},
+    ],
+)
+def test_motion_is_that_of_the_model(debug_model, onnx_model, options):
+    """Joins, controls and metadata included; 7 seconds have four windows."""
+    expected, found = (model.generate(speech(7), **options) for model in (debug_model, onnx_model))
+    np.testing.assert_allclose(found.directions, expected.directions, atol=1e-4)
+    assert found.meta | {"checkpoint": ""} == expected.meta | {"checkpoint": ""}
+    again = onnx_model.generate(speech(7), **options)
+    np.testing.assert_array_equal(again.directions, found.directions)
+
+
+def test_a_motion_is_continued(debug_model, onnx_model):
+    first = onnx_model.generate(speech(3))
+    expected, found = (model.generate(speech(5), seed_pose=first) for model in (debug_model, onnx_model))
+    np.testing.assert_allclose(found.directions, expected.directions, atol=1e-4)
+
+
+def test_reference_images_need_the_whole_model(onnx_model, tmp_path):
+    with pytest.raises(UserError, match="knows speakers by name, not by images; expected one of: ada, ben"):
+        onnx_model.generate(speech(1), style=Style(images=tmp_path / "a.png"))
+
+
+def test_the_command_generates_without_jax(folder, onnx_model, tmp_path):
+    """In a process of its own: to motion, BVH and a page; stderr stays empty."""
+    soundfile.write(tmp_path / "a.wav", speech(2.5), 16000)
+    code = (
+        "import sys; from ha2g_jax import cli\n"
+        "speech, model, *outs = sys.argv[1:]\n"
+        "for out in outs: assert cli.main(['generate', speech, '--checkpoint', model, '-o', out]) == 0\n"
+        "sys.exit('jax' in sys.modules or 'flax' in sys.modules)"
+    )
+    outs = [tmp_path / f"a.{suffix}" for suffix in ("npz", "bvh", "html")]
+    command = [sys.executable, "-c", code, tmp_path / "a.wav", folder.with_suffix(".onnx"), *outs]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0 and all(out.is_file() for out in outs), result.stderr
+    expected = onnx_model.generate(tmp_path / "a.wav")
+    np.testing.assert_array_equal(Motion.load(outs[0]).directions, expected.directions)
+
+
+def test_a_model_folder_is_exported_to_the_cache_once(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    first = backends.exported(folder)
+    assert first.parent == tmp_path / "onnx" and first.name.startswith(model_folder.load(folder).assets.hash)
+    written = first.stat().st_mtime_ns
+    assert backends.load(folder, "onnx").assets.hash == model_folder.load(folder).assets.hash
+    assert backends.exported(folder).stat().st_mtime_ns == written
+
+
+def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeypatch):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
+    file = folder.with_suffix(".onnx")
+    with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
+        backends.load(file, "jax")
+    with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g export-onnx"):
+        backends.load(tmp_path, "onnx")
+    with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
+        model_folder.load(file)
+    (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
+    (tmp_path / "model.safetensors").write_bytes(b"")
+    with pytest.raises(UserError, match="has no hash of the weights"):
+        backends.load(tmp_path, "onnx")
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_a_missing_extra_is_named(folder, onnx_model, tmp_path, monkeypatch, package, capsys):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
+    monkeypatch.setitem(sys.modules, package, None)
+    message = rf"ONNX files need {package}: pip install 'ha2g-jax\[onnx\]'"
+    for source in (folder, folder.with_suffix(".onnx")):
+        with pytest.raises(UserError, match=message):
+            backends.load(source, "onnx")
+    assert cli.main(["export-onnx", str(folder), "-o", str(tmp_path / "a.onnx")]) == (2 if package == "onnx" else 0)
+    assert capsys.readouterr().err.count("\n") == (1 if package == "onnx" else 0)
