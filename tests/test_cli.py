@@ -62,7 +62,7 @@ def test_speakers_of_the_demo_are_those_of_talk(capsys):
     assert cli.main(["speakers", "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
     styles = build.default_styles()
-    assert list(rows) == list(styles)[:20]
+    assert list(rows) == list(styles)[:40]
     assert rows["speaker-00"]["hand"] == ("right" if styles["speaker-00"].handedness > 0 else "left")
     assert rows["speaker-03"]["amplitude"] == pytest.approx(styles["speaker-03"].amplitude, abs=0.006)
     assert cli.main(["speakers"]) == 0
