@@ -36,7 +36,7 @@ def test_counts(summary, tiny_talk):
         assert counts["words_per_minute"] == pytest.approx(len(words) / counts["hours"] / 60)
         assert counts["vocabulary"] == len(set(words))
         assert counts["unknown_words"] == pytest.approx(np.mean([word not in known for word in words]))
-        assert counts["reference_images"] == 4 * len(clips)
+        assert counts["reference_images"] == 7 * len(clips)
         assert counts["confidence"] is counts["both_hands"] is None
     assert summary["splits"]["train"]["unknown_words"] == 0
     assert sum(summary["clip_seconds"]) == sum(summary["clip_pace"]) == len(everything)
