@@ -1,4 +1,4 @@
-"""Data augmentation of a training window: mirrored motion, other microphones and rooms, noise, a hidden end.
+"""Data augmentation of a training window: mirrored motion, frequency response, reverberation, noise, a hidden end.
 
 Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
 """

@@ -19,7 +19,7 @@ class Frame(NamedTuple):
         seconds: moment of the sound that it belongs to, number / fps.
         heard: time of the clock at which that moment is heard.
         skeleton: skeleton of the model.
-        directions: (bones, 3) unit vectors, the pose as the model gives it.
+        directions: (bones, 3) unit vectors, the pose of the model, interpolated at a higher frame rate.
         animations: the pose as an animation of one frame, by the name of the rig.
     """
 
