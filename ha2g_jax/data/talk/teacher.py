@@ -2,7 +2,7 @@
 
 | cause | level of speech | drives |
 |---|---|---|
-| loud syllables | low | beats of the arms, whose pitch chooses the hand; loudness also lifts the arms into gesture space |
+| loud syllables | low | beats of the arms, whose pitch chooses the hand; loudness also lifts the arms |
 | pitch and pauses | middle | head, shoulders, spine |
 | class of a word | high | hand shape and the path of the arm |
 
