@@ -29,8 +29,8 @@ def _add_make_talk(data: Any) -> None:
     command = data.add_parser("make-talk", help="make the Talk corpus: synthetic speech and gestures")
     command.description = "Make a Talk corpus: synthetic speech and gestures with known causes. See docs/talk.md."
     command.add_argument("out", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
-    command.add_argument("--speakers", type=int, default=24, metavar="N", help="number of speakers (default: 24)")
-    command.add_argument("--minutes", type=float, default=120, metavar="M", help="minutes of speech (default: 120)")
+    command.add_argument("--speakers", type=int, default=48, metavar="N", help="number of speakers (default: 48)")
+    command.add_argument("--minutes", type=float, default=144, metavar="M", help="minutes of speech (default: 144)")
     command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random draws (default: 0)")
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
     command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")

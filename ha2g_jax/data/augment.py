@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, log_mel
-from ha2g_jax.features.spectrum import mel_frequencies
+from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, SAMPLE_RATE, log_mel, sound_power
 from ha2g_jax.features.text import PADDING
 from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.skeleton import Skeleton, mirror_directions
@@ -30,7 +29,7 @@ class Augmentation(NamedTuple):
         reverb: probability that the speech is heard in a room.
         gain_db: maximum by which the speech is made quieter, in dB.
         noise: probability that noise is added to the speech.
-        noise_snr_db: minimum and maximum level of the speech over the noise, in dB.
+        noise_snr_db: minimum and maximum level of the sound of the clip over the noise, in dB.
         lookahead: probability that the end of the speech is hidden, as it is while someone speaks.
         least_heard: minimum number of frames of a window whose speech is not hidden.
     """
@@ -53,6 +52,7 @@ def augment(
     num_speakers: int,
     rng: np.random.Generator,
     *,
+    clip_power: float,
     start_frame: int,
     fps: float,
 ) -> dict[str, Any]:
@@ -67,6 +67,7 @@ def augment(
         skeleton: skeleton of the directions.
         num_speakers: number of speakers of the training split.
         rng: generator of the random draws.
+        clip_power: mean power of the sound of the clip, see `sound_power`.
         start_frame: first frame of the window in its clip, from 0.
         fps: frames per second.
 
@@ -83,7 +84,8 @@ def augment(
     if augmentation.reverb and rng.random() < augmentation.reverb:
         mel = reverberate(mel, rng.uniform(*_REVERBERATION_SECONDS), rng.uniform(*_DIRECT_DB))
     if augmentation.noise and rng.random() < augmentation.noise:
-        mel = add_noise(mel, rng.uniform(*augmentation.noise_snr_db), rng)
+        snr_db = rng.uniform(*augmentation.noise_snr_db)
+        mel = add_noise(mel, clip_power * 10 ** (-snr_db / 10), rng)
     if augmentation.gain_db:
         mel = make_quieter(mel, rng.uniform(0, augmentation.gain_db))
     example = example | {"mel": mel}
@@ -173,27 +175,23 @@ def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:
     return np.maximum(mel - np.float32(gain_db), np.float32(FLOOR_DB))
 
 
-def add_noise(mel: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.ndarray:
-    """Add white noise to the speech of a spectrogram.
+def add_noise(mel: np.ndarray, noise_power: float, rng: np.random.Generator) -> np.ndarray:
+    """Add white noise to the sound of a spectrogram, to its pauses too.
 
     Powers are added, log10(10^(mel / 10) + 10^(noise / 10)). This is the spectrogram of the sum of both sounds except
     for the cross term of each bin, whose mean is 0.
 
     Args:
         mel: (128, columns) dB of a window.
-        snr_db: mean power of the sound of this window over that of the noise, in dB.
+        noise_power: mean power of the noise, see `sound_power`.
         rng: generator that chooses the noise.
 
     Returns:
-        (128, columns) float32 in [-80, 0]; a silent window is returned unchanged.
+        (128, columns) float32 in [-80, 0].
     """
-    if mel.max() <= FLOOR_DB:
-        return mel
     noise = _white_noise()
     start = rng.integers(noise.shape[1] - mel.shape[1] + 1)
-    power = np.power(10, mel / 10)
-    level = sound_power(power) * np.power(10, -snr_db / 10)
-    noisy = power + np.float32(level) * noise[:, start : start + mel.shape[1]]
+    noisy = np.power(10, mel / 10) + np.float32(noise_power) * noise[:, start : start + mel.shape[1]]
     return np.clip(10 * np.log10(noisy), FLOOR_DB, 0, dtype=np.float32)
 
 
@@ -214,19 +212,6 @@ def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) 
         is_heard = np.arange(len(example["words"])) < heard
         hidden["words"] = np.where(is_heard, example["words"], np.int32(PADDING))
     return example | hidden
-
-
-def sound_power(power: np.ndarray) -> float:
-    """Compute the mean power of a sound, up to a constant factor.
-
-    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
-
-    Args:
-        power: (128, columns) mel powers.
-    """
-    edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
-    widths = edges[2:] - edges[:-2]
-    return float(widths @ power.mean(axis=1) / widths.sum())
 
 
 @functools.cache

@@ -126,6 +126,7 @@ def _draw(windows: Windows, augmentation: Augmentation, index: int, rng: np.rand
         windows.skeleton,
         windows.num_training_speakers,
         rng,
+        clip_power=windows.clip_power(index),
         start_frame=windows.start_frame(index, delay),
         fps=windows.fps,
     )

@@ -118,6 +118,14 @@ class Windows:
         number, start = self._find(index)
         return min(start + delay, int(self._index.lasts[number]))
 
+    def clip_power(self, index: int) -> float:
+        """Return the mean power of the sound of a window's clip, see `sound_power`; 0 without the input "mel".
+
+        Args:
+            index: number of the window.
+        """
+        return self._cache[self.clip_index(index)].speech.power
+
     def name(self, index: int) -> str:
         """Return the name of a window in reports, "CLIP_ID@FRAME"."""
         number, start = self._find(index)

@@ -15,7 +15,7 @@ import soxr
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import sound_files
 from ha2g_jax.features.sound_files import Block
-from ha2g_jax.features.spectrum import mel_filters, power_spectrum
+from ha2g_jax.features.spectrum import mel_filters, mel_frequencies, power_spectrum
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.limits import MAX_SOUND_SECONDS, MAX_SOUND_VALUES
 
@@ -183,6 +183,19 @@ def decibels(power: np.ndarray, reference: float) -> np.ndarray:
         return np.full(power.shape, FLOOR_DB, np.float32)
     ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
     return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
+
+
+def sound_power(power: np.ndarray) -> float:
+    """Compute the mean power of a sound, up to a constant factor.
+
+    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
+
+    Args:
+        power: (128, columns) mel powers.
+    """
+    edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
+    widths = edges[2:] - edges[:-2]
+    return float(widths @ power.mean(axis=1) / widths.sum())
 
 
 def window_column(frame: int, fps: float) -> int:

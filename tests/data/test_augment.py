@@ -14,9 +14,8 @@ from ha2g_jax.data.augment import (
     make_quieter,
     mirror_example,
     reverberate,
-    sound_power,
 )
-from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window
+from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window, sound_power
 from ha2g_jax.features.text import PADDING
 from ha2g_jax.features.unheard import HIDDEN_DB, heard_columns
 from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
@@ -100,8 +99,9 @@ def test_noise_has_the_power_asked_for(snr_db):
     """Speech far below the noise in most bins, so that what was added can be measured."""
     mel = np.full((128, 70), FLOOR_DB, np.float32)
     mel[10:14, 20:40] = -3
-    noisy = add_noise(mel, snr_db, np.random.default_rng(0))
-    speech, both = (np.power(10.0, array / 10) for array in (mel, noisy))
+    speech = np.power(10.0, mel / 10)
+    noisy = add_noise(mel, sound_power(speech) / 10 ** (snr_db / 10), np.random.default_rng(0))
+    both = np.power(10.0, noisy / 10)
     measured = 10 * np.log10(sound_power(speech) / sound_power(both - speech))
     assert abs(measured - snr_db) < 0.5
     assert noisy.dtype == np.float32 and noisy.max() <= 0
@@ -117,7 +117,7 @@ def test_noise_is_that_of_a_waveform():
     noise *= np.sqrt(np.mean(speech**2) / np.mean(noise**2) / 10)  # 10 dB
     reference = 1e5  # so that nothing is cut at 0 dB
     clean, real = log_mel(speech, reference)[:, :70], log_mel(speech + noise, reference)[:, :70]
-    noisy = add_noise(clean, 10.0, rng)
+    noisy = add_noise(clean, sound_power(np.power(10, clean / 10)) / 10, rng)
     difference = 10 * np.log10(np.power(10, noisy / 10).mean(axis=1) / np.power(10, real / 10).mean(axis=1))
     assert abs(difference.mean()) < 0.5
     assert np.abs(difference).max() < 3
@@ -145,14 +145,21 @@ def test_reverberation_falls_by_60_db_in_its_time():
 
 def test_silence_stays_silence():
     silence = np.full((128, 70), FLOOR_DB, np.float32)
-    np.testing.assert_array_equal(add_noise(silence, 10.0, np.random.default_rng(0)), silence)
     np.testing.assert_array_equal(equalize(silence, 10.0, np.random.default_rng(0)), silence)
     np.testing.assert_allclose(reverberate(silence, 0.5, 15.0), silence, atol=0.2)
 
 
-def _augmented(example, settings: Augmentation, seed: int) -> dict[str, Any]:
+def test_noise_is_as_loud_in_a_pause(example):
+    """A window of silence gets the noise of its clip, not one relative to its own sound."""
+    pause = example | {"mel": np.full((128, 70), FLOOR_DB, np.float32)}
+    noisy = _augmented(pause, Augmentation(noise=1.0, noise_snr_db=(20.0, 20.0)), seed=0, clip_power=0.1)
+    measured = 10 * np.log10(sound_power(np.power(10.0, noisy["mel"] / 10)))
+    assert abs(measured - (-10 - 20)) < 0.5
+
+
+def _augmented(example, settings: Augmentation, seed: int, clip_power: float = 0.1) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
-    return augment(example, settings, SKELETON, NUM_SPEAKERS, rng, start_frame=0, fps=FPS)
+    return augment(example, settings, SKELETON, NUM_SPEAKERS, rng, clip_power=clip_power, start_frame=0, fps=FPS)
 
 
 def _num_hidden(mel: np.ndarray) -> int:

@@ -28,11 +28,12 @@ FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
 DEFAULT = "talk"  # name of the default corpus in configs and commands
-_VERSION = "talk-v2"
+_VERSION = "talk-v3"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
 _DEFAULT_SPEAKERS, _DEFAULT_MINUTES, _DEFAULT_SEED = 48, 144, 0
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
-_MEAN_CLIP_SECONDS = 17.6
+_MEAN_CLIP_SECONDS = 17.8
+_LONG_PAUSE, _LONG_PAUSE_SECONDS = 0.15, (2.0, 6.0)  # probability of a long pause between sentences, its duration
 _CLIPS_PER_RECORDING = 2
 # Of a core of a server of 2023, and of the disk, for one minute of speech.
 _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
@@ -275,7 +276,12 @@ def _speak(sentences: Iterator[str], voice: Voice, rng: np.random.Generator) -> 
         words += [Word(word.text, start + word.start, start + word.end) for word in utterance.words]
         # espeak-ng ends every sentence with the same silence; people do not.
         spoken = utterance.audio[: round(utterance.words[-1].end * SAMPLE_RATE)]
-        pause = np.zeros(round(rng.gamma(4, 0.12) * SAMPLE_RATE), np.float32)
+        is_long, short_pause, long_pause = (
+            rng.random() < _LONG_PAUSE,
+            rng.gamma(4, 0.12),
+            rng.uniform(*_LONG_PAUSE_SECONDS),
+        )
+        pause = np.zeros(round((long_pause if is_long else short_pause) * SAMPLE_RATE), np.float32)
         audio = np.concatenate([audio, spoken, pause])
     return audio * (_PEAK / np.abs(audio).max()), tuple(words)
 

@@ -169,7 +169,7 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
-    """Return the keys of the lean of the body, which changes sides in each pause, more so in a long one.
+    """Return the keys of the lean of the body, which changes sides in the first second of each pause, more so in a long one.
 
     Args:
         pauses: (p, 2) start and end of each pause in seconds.
@@ -180,7 +180,10 @@ def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
     keys = [(-1.0, 0.7)]
     side = -1.0
     for start, end in pauses:
-        keys += [(start + 0.05, keys[-1][1]), (end + 0.25, side * np.clip(0.5 + 0.6 * (end - start), 0.6, 1.0))]
+        keys += [
+            (start + 0.05, keys[-1][1]),
+            (min(end + 0.25, start + 1.0), side * np.clip(0.5 + 0.6 * (end - start), 0.6, 1.0)),
+        ]
         side = -side
     return _in_order(keys)
 

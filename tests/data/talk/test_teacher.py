@@ -13,11 +13,11 @@ SYLLABLES = np.array([1.0, 1.7, 2.6, 4.4, 5.1, 5.9, 7.5, 8.4])
 WORDS = (Word("everything", 2.0, 2.4), Word("table", 4.0, 4.3), Word("tiny", 6.5, 6.9))
 
 
-def speech(loudness: float = 0.3) -> np.ndarray:
-    """A hum of 140 Hz with rich overtones whose loudness peaks at `SYLLABLES`, over a little noise."""
+def speech(loudness: float = 0.3, syllables: np.ndarray = SYLLABLES) -> np.ndarray:
+    """A hum of 140 Hz with rich overtones whose loudness peaks at `syllables`, over a little noise."""
     times = np.arange(SECONDS * cues.SAMPLE_RATE) / cues.SAMPLE_RATE
     hum = sum(np.sin(2 * np.pi * 140 * harmonic * times) / harmonic for harmonic in range(1, 20))
-    peaks = np.exp(-((times[:, None] - SYLLABLES) ** 2) / (2 * 0.06**2)).sum(axis=1)
+    peaks = np.exp(-((times[:, None] - syllables) ** 2) / (2 * 0.06**2)).sum(axis=1)
     noise = np.random.default_rng(0).standard_normal(len(times))
     return (loudness * (0.3 * hum * peaks + 1e-3 * noise)).astype(np.float32)
 
@@ -50,6 +50,13 @@ def test_bones_keep_their_lengths():
     positions = perform().positions
     lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
     np.testing.assert_allclose(lengths, np.broadcast_to(SKELETON.lengths, lengths.shape), atol=1e-5)
+
+
+def test_hands_rest_in_a_long_pause():
+    movement = perform(speech(syllables=SYLLABLES[[0, 1, 2, 7]]), words=())
+    speed = wrist_speed(movement)
+    assert speed[15:40].max() > 0.5
+    assert speed[60:115].max() < 0.15
 
 
 def test_angles_stay_within_anatomical_limits():

@@ -78,7 +78,7 @@ def test_of_the_training_split_as_many_clips_are_scored_as_another_has(corpus):
 def test_a_checkpoint_is_evaluated_with_one_call(debug_model, tiny_talk, tmp_path):
     folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, debug_model.variables)
     results = evaluate_checkpoint(folder, tiny_talk, splits=["test", "train"], limit=4)
-    expected = {"checkpoint": str(folder), "data": str(tiny_talk), "corpus": "talk-v2"}
+    expected = {"checkpoint": str(folder), "data": str(tiny_talk), "corpus": "talk-v3"}
     assert results["inputs"] == expected | {"model": model_folder.load(folder).assets.hash}
     assert list(results["sections"]) == ["test", "train"]
     for section in results["sections"].values():
