@@ -7,6 +7,7 @@ from ha2g_jax.motion.rotations import between, from_vector, rotate, to_vector
 from ha2g_jax.motion.smoothing import minimum_jerk
 
 _EASE_FRAMES = 10
+_TOLERANCE = 2.0  # times the usual distance from the course, which is no step
 
 
 def num_windows(frames: int, window: int, overlap: int) -> int:
@@ -41,8 +42,9 @@ def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
 def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: bool = False) -> np.ndarray:
     """Remove the step in a motion of `join_windows` at the border after the frames that two windows have in common.
 
-    In its first M frames a window repeats the poses it was given; its first new frame may lie off the course of these.
-    That frame is rotated to the extrapolation of the motion, by the mean of the steps before and after it, and the
+    In its first M frames a window repeats the poses it was given; its first new frame may lie off the course of these,
+    which the mean of the steps before and after it extrapolates. So do other frames of a lively motion: where a bone is
+    farther off than twice the mean over the frames after the border, it is rotated back to that distance, and the
     rotation fades out over the next 10 frames along a minimum-jerk curve (inertial blending, Bollo 2018). Frames before
     the border do not change, so that a stream can be treated window by window.
 
@@ -67,12 +69,27 @@ def _ease(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
     onward = rotate(between(first, before), log_map(first, after))
     heading = exp_map(before, (onward - log_map(before, earlier)) / 2)
     rotation = to_vector(between(first, heading))
+    distance = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    rotation *= np.maximum(0, 1 - _TOLERANCE * _usual_distance(eased, own, longest) / np.maximum(distance, 1e-12))
     count = max(1, min(_EASE_FRAMES, longest))  # all before the next border
     for step, weight in enumerate(1 - minimum_jerk(np.arange(count) / count)):
         frames = own + step
         exists = frames < len(eased)
         eased[frames[exists]] = rotate(from_vector(weight * rotation[exists]), eased[frames[exists]].astype(np.float64))
     return eased
+
+
+def _usual_distance(motion: np.ndarray, own: np.ndarray, longest: int) -> np.ndarray:
+    """Return how far each bone is from its extrapolation in the frames after each border, (borders, bones, 1) radians.
+
+    It is the mean length of third differences, halved, over the frames from the second after the border on; 0 where a
+    window has too few of them.
+    """
+    if longest < 4:
+        return np.zeros((len(own), *motion.shape[1:-1], 1))
+    after = motion[np.minimum(own[:, None] + np.arange(longest), len(motion) - 1)].astype(np.float64)
+    distances = np.linalg.norm(np.diff(after, 3, axis=1), axis=-1, keepdims=True) / 2
+    return distances.mean(axis=1)
 
 
 class RunningJoin:

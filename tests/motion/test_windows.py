@@ -77,6 +77,17 @@ def test_a_step_at_a_border_becomes_a_course_that_ends_before_the_next():
     assert np.abs(np.diff(steps)).max() < 0.02 + 1e-3
 
 
+def test_easing_leaves_a_border_alone_that_is_like_the_frames_after_it():
+    """A restless motion without a step at the border, beside one with a step far beyond its own jitter."""
+    angle = np.random.default_rng(0).normal(0, 0.05, 64).cumsum()
+    angle[33:36] = angle[32] + np.array([0.01, 0.03, 0.06])
+    np.testing.assert_array_equal(ease_borders(circle(angle), 34, 4), circle(angle))
+    stepped = np.where(np.arange(64) < 34, angle, angle + 1.0)
+    eased = ease_borders(circle(stepped), 34, 4)
+    step = np.arctan2(eased[34, 0, 1], eased[34, 0, 0]) - angle[33]
+    assert 0.02 < abs(step) < 0.25
+
+
 def test_a_given_start_is_a_border_too():
     angle = 0.02 * np.arange(34)
     angle[4:] += 0.3
@@ -89,7 +100,7 @@ def test_a_given_start_is_a_border_too():
 
 
 def test_one_given_frame_has_no_frame_before_it():
-    angle = np.array([0.0, 0.5, 0.52, 0.54, *[0.56] * 30])
+    angle = np.array([0.0, *(0.5 + 0.02 * np.arange(33))])
     eased = ease_borders(circle(angle), 34, 1, from_start=True)
     assert np.arctan2(eased[1, 0, 1], eased[1, 0, 0]) == pytest.approx(0.01, abs=1e-5)
 
