@@ -169,7 +169,7 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
-    """Return the keys of the lean of the body, which changes sides in the first second of each pause, more so in a long one.
+    """Return the keys of the lean of the body, which changes sides in the first second of each pause.
 
     Args:
         pauses: (p, 2) start and end of each pause in seconds.
