@@ -22,6 +22,9 @@ MAX_HEADER_BYTES = 4_194_304
 MAX_WEIGHTS_BYTES = 671_088_640
 """Size of the model.safetensors of a model folder, and of the encoder of a Whisper model in 16 bits."""
 
+MAX_CARD_BYTES = 1_048_576
+"""Size of a text that becomes part of a model card."""
+
 MAX_ONNX_BYTES = 268_435_456
 """Size of an ONNX file; the size of the paper takes 157 MB in float32."""
 

@@ -1,8 +1,9 @@
 """Model folders, the form in which models are shipped: config.json, assets.json and model.safetensors; no pickle.
 
 The config contains what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A model is named
-by "demo", by such a folder, or by the workdir of a training run, which stands for its best checkpoint on the validation
-split. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a particular checkpoint.
+by "demo", by such a folder, by hf://OWNER/NAME on the Hub, or by the workdir of a training run, which stands for its
+best checkpoint on the validation split. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a
+particular checkpoint.
 """
 
 import contextlib
@@ -21,7 +22,7 @@ from flax.errors import FlaxError
 from ha2g_jax import config as configs
 from ha2g_jax import config_renames
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import weights
+from ha2g_jax.checkpoint import hub, weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
@@ -56,11 +57,14 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
     """Load a model.
 
     Args:
-        spec: "demo", a model folder, a workdir, or a checkpoint in a workdir.
+        spec: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION, a model on the
+            Hub, see `hub`.
 
     Raises:
         UserError: there is no model, or it is damaged.
     """
+    if hub.is_hub_name(spec):
+        return _load_folder(hub.fetch(str(spec)))
     if spec == "demo":
         folder = importlib.resources.files("ha2g_jax") / "assets" / "demo"
         with importlib.resources.as_file(folder) as path:

@@ -85,7 +85,9 @@ def _parser() -> argparse.ArgumentParser:
 
     speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move if that is known")
     speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."
-    speakers.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder (default: demo)")
+    speakers.add_argument(
+        "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
+    )
     speakers.add_argument("--json", action="store_true", help="print JSON instead of a table")
     speakers.set_defaults(run=_speakers)
 
@@ -130,6 +132,14 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument("workdir", help="workdir of ha2g train, a checkpoint in it, a model folder, or 'demo'")
     model.add_argument("out", type=pathlib.Path, help="folder to write")
     model.set_defaults(run=_export_model)
+
+    publish = commands.add_parser("publish", help="publish a model on the Hugging Face Hub, with a model card")
+    publish.add_argument("checkpoint", help="'demo', a workdir of ha2g train, a checkpoint in it, or a model folder")
+    publish.add_argument("name", metavar="OWNER/NAME", help="repository on the Hub, which is made if there is none")
+    publish.add_argument("--license", required=True, help="licence of the model, such as apache-2.0 or cc-by-4.0")
+    publish.add_argument("--scores", type=pathlib.Path, help="Markdown for the card, of ha2g evaluate --markdown")
+    publish.add_argument("--private", action="store_true", help="make a new repository private")
+    publish.set_defaults(run=_publish)
 
     onnx = commands.add_parser(
         "export-onnx", help="write a model as an ONNX file, for browsers, engines and fast starts"
@@ -191,6 +201,13 @@ def _describe(arguments: argparse.Namespace) -> None:
 
     rows = describe.describe(launch.load_config(arguments.config))
     print(json.dumps(rows, indent=1) if arguments.json else describe.as_table(rows))
+
+
+def _publish(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.publishing import publish
+
+    is_private = arguments.private
+    print(publish(arguments.checkpoint, arguments.name, arguments.license, arguments.scores, is_private=is_private))
 
 
 def _export_model(arguments: argparse.Namespace) -> None:

@@ -39,7 +39,9 @@ def add_command(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     model = command.add_argument_group("a checkpoint on a corpus or a recording")
-    model.add_argument("--checkpoint", help="'demo', a workdir or a model folder (with --data or --speech: demo)")
+    model.add_argument(
+        "--checkpoint", help="'demo', a workdir, a model folder or hf://OWNER/NAME (with --data or --speech: demo)"
+    )
     model.add_argument("--data", help="'talk' or the folder of a corpus (with --checkpoint: talk)")
     model.add_argument(
         "--split",

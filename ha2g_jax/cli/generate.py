@@ -39,7 +39,9 @@ def add_command(commands: Any) -> None:
         "--format", metavar="SUFFIX", help="write this format where OUT names none, for example bvh (default: npz, mp4)"
     )
     command.add_argument(
-        "--checkpoint", default="demo", help="'demo', a workdir, a model folder, or an .onnx of ha2g export-onnx"
+        "--checkpoint",
+        default="demo",
+        help="'demo', a workdir, a model folder, hf://OWNER/NAME, or an .onnx of ha2g export-onnx",
     )
     command.add_argument(
         "--backend",

@@ -34,7 +34,7 @@ def add_command(commands: Any) -> None:
         help="vmc://HOST:PORT, the VMC protocol (port 39539 by default); udp://HOST:PORT, JSON; ws://HOST:PORT to "
         "listen on, JSON for pages that connect; or a file .npz, written at the end; give several for several sinks",
     )
-    command.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder")
+    command.add_argument("--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME")
     command.add_argument(
         "--rate", type=int, metavar="HZ", help="samples per second of PCM (default: 16000, or those of the microphone)"
     )

@@ -22,7 +22,9 @@ def add_command(commands: Any) -> None:
         "Answer requests for motion over HTTP (POST /v1/motion) and streams over WebSocket (/v1/stream); see "
         "docs/serving.md. SIGTERM ends it when the running requests are done."
     )
-    serve.add_argument("--checkpoint", default="demo", help="'demo', a workdir or a model folder (default: demo)")
+    serve.add_argument(
+        "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
+    )
     serve.add_argument("--host", default=_DEFAULT.host, help="address to listen at (default: this machine only)")
     serve.add_argument("--port", type=int, default=_DEFAULT.port, help="port, 0 for a free one (default: 8000)")
     serve.add_argument(

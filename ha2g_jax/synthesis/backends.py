@@ -5,6 +5,7 @@ import importlib.resources
 import pathlib
 from typing import Any
 
+from ha2g_jax.checkpoint import hub
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX, check_extra
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
@@ -42,12 +43,12 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     """Return the ONNX file of a model in the cache folder, which is written if it is not there.
 
     Args:
-        checkpoint: "demo" or a model folder.
+        checkpoint: "demo", a model folder, or a model on the Hub.
 
     Raises:
         UserError: there is no model folder, the model cannot be exported, or the cache folder cannot be written.
     """
-    folder = pathlib.Path(checkpoint)
+    folder = hub.fetch(str(checkpoint)) if hub.is_hub_name(checkpoint) else pathlib.Path(checkpoint)
     if checkpoint == "demo":
         folder = pathlib.Path(str(importlib.resources.files("ha2g_jax") / "assets" / "demo"))
     assets = folder / "assets.json"
@@ -68,5 +69,5 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
                 check_extra("onnx", "onnxruntime")
                 from ha2g_jax.checkpoint.onnx.export import export
 
-                export(checkpoint, path)
+                export(checkpoint if checkpoint == "demo" else folder, path)
     return path

@@ -114,8 +114,8 @@ def load(source: str | pathlib.Path = "demo") -> Model:
     """Load a trained model.
 
     Args:
-        source: "demo" for the model of the package, a folder that `ha2g export-model` wrote, or a workdir of
-            `ha2g train`.
+        source: "demo" for the model of the package, a folder that `ha2g export-model` wrote, a workdir of `ha2g train`,
+            or hf://OWNER/NAME@REVISION for a model on the Hugging Face Hub.
 
     Raises:
         UserError: there is no model, it is damaged, or it generates no motion, such as the pose auto-encoder.
