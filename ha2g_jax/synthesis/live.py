@@ -186,7 +186,10 @@ class Stream:
         frames = [self._held]
         while (missing := count - self._num_runs * self.hop) > 0:
             shown = self._run()
-            frames.append(shown[: missing if missing <= len(shown) else self.hop])
+            if missing <= len(shown):  # the rest is in this window
+                frames.append(shown[:missing])
+                break
+            frames.append(shown[: self.hop])
         return self._return(frames, count)
 
     def _run(self) -> np.ndarray:
