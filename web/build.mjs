@@ -32,7 +32,6 @@ const entries = {
 const targets = {
   /** dist/: the entries, their types, and the WebAssembly of ONNX Runtime. */
   async package() {
-    rmSync(join(root, "dist"), { recursive: true, force: true });
     await build({ ...common, entryPoints: entries, outdir: "dist", minify: true, sourcemap: true });
     execFileSync(process.execPath, [require.resolve("typescript/bin/tsc"), "-p", "tsconfig.types.json"], {
       cwd: root,

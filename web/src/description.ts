@@ -43,6 +43,8 @@ export interface Description {
   method: string;
   hash: string;
   license: string;
+  /** Form of the weights in the file: float32, float16 or int8. */
+  weights: string;
   /** Frames of a window, N. */
   num_frames: number;
   /** Frames of the seed pose, M. */
@@ -72,7 +74,7 @@ export function checkDescription(value: unknown): Description {
   if (typeof value !== "object" || value === null) throw wrong("no object");
   const found = value as Description;
   if (found.format !== FORMAT) throw wrong(`another format than "${FORMAT}"`);
-  for (const name of ["name", "method", "hash", "license"] as const) {
+  for (const name of ["name", "method", "hash", "license", "weights"] as const) {
     if (typeof found[name] !== "string") throw wrong(`no text ${name}`);
   }
   const ranges = { num_frames: [17, 68], num_seed_frames: [1, 34], fps: [15, 30], style_dim: [0, 8192] } as const;
