@@ -7,6 +7,7 @@ import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 import { build } from "esbuild";
+import { buildSite } from "./site/build.mjs";
 
 const root = dirname(fileURLToPath(import.meta.url));
 const require = createRequire(import.meta.url);
@@ -53,6 +54,11 @@ const targets = {
       external: [...common.external, "node:*"],
       sourcemap: "inline",
     });
+  },
+
+  /** build/site/: the files of the site that do not depend on the model. */
+  async site() {
+    await buildSite({ root, common, writeWasm });
   },
 };
 
