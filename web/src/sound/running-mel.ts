@@ -21,7 +21,7 @@ export class RunningMel {
   private readonly isRunning: boolean;
   private readonly powers: Float32Array; // (kept, 128), the latest column last; silence before the first
   private numColumns = 0; // that were computed since the start
-  private samples = new Float32Array(0); // those that later columns need, from number `first` on
+  private samples: Float32Array = new Float32Array(0); // those that later columns need, from number `first` on
   private first = 0;
 
   /**

@@ -1,8 +1,16 @@
 /** A model that runs in a worker. */
 
-import type { Description } from "../description.js";
-import type { Motion } from "../motion/motion.js";
-import type { StyleOptions } from "./style.js";
+import { checkDescription, type Description } from "../description.js";
+import { checkEnergy } from "../motion/control/effects.js";
+import { Motion } from "../motion/motion.js";
+import { fetchAll } from "./fetching.js";
+import type { Generated, Generation } from "./generate.js";
+import { LiveStream } from "./live-stream.js";
+import { Port } from "./port.js";
+import type { StreamOptions } from "./stream.js";
+import { chooseStyle } from "./style.js";
+
+export type { LiveStream, StreamOptions };
 
 export interface LoadOptions {
   /** URL of worker.js, on the origin of the page; by default beside the module. */
@@ -13,76 +21,93 @@ export interface LoadOptions {
   onprogress?: (fraction: number) => void;
 }
 
-export interface GenerateOptions extends StyleOptions {
-  /** Seed of all random choices, 0 by default. */
-  seed?: number;
-  /** Factor of the movement about the slow mean pose, 0 to 2; 1 is the unchanged motion. */
-  energy?: number;
+export interface GenerateOptions extends Generation {
   /** Called with the fraction of the windows that are generated, 0 to 1. */
   onprogress?: (fraction: number) => void;
   /** Ends the generation; the promise is then rejected with the reason of the signal. */
   signal?: AbortSignal;
 }
 
-/** What may change while a stream goes on. */
-export interface StreamChange extends StyleOptions {
-  /** Factor of the movement about the mean of the poses so far, 0 to 2. */
-  energy?: number;
-  /** Whether the arms rest. */
-  muted?: boolean;
-}
-
-export interface StreamOptions extends StreamChange {
-  /** Frames of speech that are heard beyond the last new frame, 3 by default. */
-  lookAhead?: number;
-  /** Frames that are generated in one run, 1 by default. */
-  hop?: number;
-  /** Seed of all random choices, 0 by default. */
-  seed?: number;
-}
-
-/** Motion that follows speech. */
-export interface LiveStream {
-  /** Seconds from a moment of the speech to its frame at most, without the time of the computation. */
-  readonly latency: number;
-  /** Takes the next mono samples at 16 kHz, and returns the frames that became final, (n, bones, 3) unit vectors. */
-  feed(samples: Float32Array): Promise<Float32Array>;
-  /** Ends the stream, and returns the rest of the frames. */
-  flush(): Promise<Float32Array>;
-  /** Changes energy, mute or style with the next frames, within half a second. */
-  change(change: StreamChange): void;
-  /** Ends the stream without its last frames. */
-  close(): void;
-}
-
-/** A model that turns speech into gestures; it computes in a worker. */
+/** A model that turns speech into gestures; it computes in a worker, so that the page stays responsive. */
 export class Gesturer {
-  private constructor(readonly description: Description) {}
+  private constructor(
+    /** The model without its networks. */
+    readonly description: Description,
+    private readonly port: Port,
+  ) {}
 
   /**
    * Loads a model.
    *
    * @param model - URL of model.onnx; its description is model.json beside it.
+   * @throws Error if a file cannot be fetched or used, or the worker cannot be started.
    */
   static async load(model: string | URL, options: LoadOptions = {}): Promise<Gesturer> {
-    throw new Error(`not built yet: ${model} ${options}`);
+    const address = new URL(model, globalThis.location?.href);
+    const resolved = (url: string | URL | undefined, name: string) =>
+      url === undefined ? new URL(name, import.meta.url) : new URL(url, globalThis.location?.href);
+    const urls = [new URL("model.json", address), address, resolved(options.wasm, "ort.wasm.gz")];
+    const [json, bytes, wasm] = await fetchAll(urls, options.onprogress ?? (() => {}));
+    const description = checkDescription(parsed(json));
+    const port = new Port(options.worker ?? new URL("./worker.js", import.meta.url));
+    try {
+      await port.ask({ kind: "load", description, model: new Uint8Array(bytes), wasm }, [bytes, wasm]);
+    } catch (error) {
+      port.close();
+      throw error;
+    }
+    return new Gesturer(description, port);
   }
 
   /**
-   * Generates gestures for speech; the same arguments give the same motion as Python's `OnnxModel.generate`.
+   * Generates gestures for speech; the same arguments give the same motion as `OnnxModel.generate` of Python.
    *
-   * @param samples - mono samples at 16 kHz.
+   * @param samples - mono samples at 16 kHz, at least 0.2 s.
    * @returns Motion of round(duration x fps) frames.
+   * @throws Error if the speech or an option cannot be used.
    */
   async generate(samples: Float32Array, options: GenerateOptions = {}): Promise<Motion> {
-    throw new Error(`not built yet: ${samples} ${options}`);
+    const { onprogress, signal, ...generation } = options;
+    signal?.throwIfAborted();
+    const job = this.port.begin<Generated>({ kind: "generate", samples, options: generation }, [], onprogress);
+    const cancel = () => {
+      this.port.send({ kind: "cancel", generation: job.id });
+      job.reject(signal!.reason);
+    };
+    signal?.addEventListener("abort", cancel, { once: true });
+    try {
+      const { directions, meta } = await job.promise;
+      return new Motion(this.description.skeleton, directions, this.description.fps, meta);
+    } finally {
+      signal?.removeEventListener("abort", cancel);
+    }
   }
 
-  /** Begins a motion that follows speech. */
+  /**
+   * Begins a motion that follows speech; several may go on at the same time.
+   *
+   * @throws Error if an option cannot be used.
+   */
   async stream(options: StreamOptions = {}): Promise<LiveStream> {
-    throw new Error(`not built yet: ${options}`);
+    const { id, promise } = this.port.begin<number>({ kind: "stream", options });
+    const latency = await promise;
+    const { seed = 0 } = options;
+    return new LiveStream(this.port, id, latency, ({ energy = 1, muted: _, ...style }) => {
+      checkEnergy(energy);
+      chooseStyle(this.description, style, seed);
+    });
   }
 
-  /** Ends the worker. */
-  close(): void {}
+  /** Ends the worker; what is asked and not answered is rejected. */
+  close(): void {
+    this.port.close();
+  }
+}
+
+function parsed(json: ArrayBuffer): unknown {
+  try {
+    return JSON.parse(new TextDecoder().decode(json));
+  } catch {
+    throw new Error("model.json is not JSON; write it again with ha2g web");
+  }
 }
