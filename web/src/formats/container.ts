@@ -13,10 +13,11 @@ export type Json = Record<string, unknown>;
  * Reads a `.glb` file of version 2.
  *
  * @param bytes - contents of the file.
+ * @param maxText - bytes that the JSON text may have.
  * @returns its JSON object and its bytes, empty without any.
  * @throws Error if it is no complete `.glb` file.
  */
-export function readContainer(bytes: Uint8Array): { json: Json; blob: Uint8Array } {
+export function readContainer(bytes: Uint8Array, maxText = Infinity): { json: Json; blob: Uint8Array } {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 20 || view.getUint32(0, true) !== MAGIC || view.getUint32(4, true) !== 2) {
     throw new Error("the file is not a GLB file of glTF 2.0");
@@ -25,6 +26,7 @@ export function readContainer(bytes: Uint8Array): { json: Json; blob: Uint8Array
   if (view.getUint32(8, true) !== bytes.length || view.getUint32(16, true) !== JSON_CHUNK || textEnd > bytes.length) {
     throw new Error("the GLB file is damaged or not complete");
   }
+  if (textEnd - 20 > maxText) throw new Error(`the JSON text of the GLB file has more than ${maxText} bytes`);
   let blob: Uint8Array = new Uint8Array();
   if (textEnd + 8 <= bytes.length) {
     const length = view.getUint32(textEnd, true);
