@@ -8,10 +8,13 @@ export function round(value: number): number {
 }
 
 const SMALLEST = 2 ** -14; // the smallest normal number of half precision
+const number = new Float32Array(1);
+const bits = new Int32Array(number.buffer);
 
-/** Returns the nearest number of half precision to a number within -65504 and 65504. */
+/** Returns the nearest number of half precision to a number of single precision within -65504 and 65504. */
 export function toFloat16(value: number): number {
-  const size = Math.abs(value);
-  const step = size < SMALLEST ? 2 ** -24 : 2 ** (Math.floor(Math.log2(size)) - 10);
-  return round(value / step) * step;
+  if (Math.abs(value) < SMALLEST) return Math.fround(value + 0.75) - 0.75; // the steps are those of 0.5 to 1
+  number[0] = value;
+  bits[0] = (bits[0] + 0xfff + ((bits[0] >>> 13) & 1)) & ~0x1fff; // 13 bits fewer; of two that are near, the even one
+  return number[0];
 }

@@ -44,12 +44,13 @@ export class Gesturer {
    */
   static async load(model: string | URL, options: LoadOptions = {}): Promise<Gesturer> {
     const address = new URL(model, globalThis.location?.href);
-    const resolved = (url: string | URL | undefined, name: string) =>
-      url === undefined ? new URL(name, import.meta.url) : new URL(url, globalThis.location?.href);
-    const urls = [new URL("model.json", address), address, resolved(options.wasm, "ort.wasm.gz")];
+    // Bundlers copy the files that these two expressions name.
+    const runtime = options.wasm ?? new URL("./ort.wasm.gz", import.meta.url);
+    const worker = options.worker ?? new URL("./worker.js", import.meta.url);
+    const urls = [new URL("model.json", address), address, new URL(runtime, globalThis.location?.href)];
     const [json, bytes, wasm] = await fetchAll(urls, options.onprogress ?? (() => {}));
     const description = checkDescription(parsed(json));
-    const port = new Port(options.worker ?? new URL("./worker.js", import.meta.url));
+    const port = new Port(worker);
     try {
       await port.ask({ kind: "load", description, model: new Uint8Array(bytes), wasm }, [bytes, wasm]);
     } catch (error) {
