@@ -15,6 +15,9 @@ const MEANS: Record<string, { mean_dir_vec: number[]; mean_pose: number[] }> = {
   ted_gesture: tedGesture,
 };
 
+/** What `restDirections` returned: frames that arrive one by one need it again and again. */
+const RESTS = new WeakMap<Skeleton, Numbers>();
+
 /**
  * Returns (3,) signs that convert vectors from the skeleton's axes to those of exported files, and back.
  *
@@ -34,16 +37,21 @@ export function exportAxes(skeleton: Skeleton): Numbers {
  * Trunk, arms and fingers are straight. Collarbones and face are those of the mean pose of the data, made symmetric,
  * and so are the bones within the hand, rotated so that the bone of the middle finger lies along the arm and the palm
  * is level.
+ *
+ * @returns an array that is the same for each call with a skeleton, and not to be changed.
  */
 export function restDirections(skeleton: Skeleton): Numbers {
+  const known = RESTS.get(skeleton);
+  if (known) return known;
   const rest = symmetricMean(skeleton);
   const hand = skeleton.joints.includes("left_index_1") ? restHand(skeleton, rest) : {};
   skeleton.bones.forEach(([, child], bone) => {
     const name = skeleton.joints[child];
     const part = name.replace(/^(left|right)_/, "");
-    const known = name === "neck" ? UP : ["elbow", "wrist"].includes(part) ? LEFT : hand[part];
-    if (known) rest.set(name.startsWith("right_") ? [-known[0], known[1], known[2]] : known, 3 * bone);
+    const straight = name === "neck" ? UP : ["elbow", "wrist"].includes(part) ? LEFT : hand[part];
+    if (straight) rest.set(name.startsWith("right_") ? [-straight[0], straight[1], straight[2]] : straight, 3 * bone);
   });
+  RESTS.set(skeleton, rest);
   return rest;
 }
 

@@ -141,11 +141,13 @@ export function about(axis: Numbers, angles: Numbers): Numbers {
 export function toVector(q: Numbers): Numbers {
   const out = new Float64Array((q.length / 4) * 3);
   for (let k = 0; k < q.length / 4; k++) {
-    const sign = q[4 * k + 3] < 0 ? -1 : 1;
-    const axis = q.subarray(4 * k, 4 * k + 3).map((value) => sign * value);
-    const length = Math.hypot(...axis);
-    const factor = length > MIN_NORM ? (2 * Math.atan2(length, sign * q[4 * k + 3])) / length : 2;
-    out.set(axis.map((value) => value * factor), 3 * k);
+    const x = q[4 * k], y = q[4 * k + 1], z = q[4 * k + 2], w = q[4 * k + 3];
+    const sign = w < 0 ? -1 : 1;
+    const length = Math.sqrt(x * x + y * y + z * z);
+    const factor = sign * (length > MIN_NORM ? (2 * Math.atan2(length, sign * w)) / length : 2);
+    out[3 * k] = factor * x;
+    out[3 * k + 1] = factor * y;
+    out[3 * k + 2] = factor * z;
   }
   return out;
 }
@@ -163,8 +165,10 @@ export function twist(q: Numbers, axis: Numbers): Numbers {
   const out = new Float64Array(q.length);
   for (let k = 0; k < q.length; k += 4) {
     const along = q[k] * axis[0] + q[k + 1] * axis[1] + q[k + 2] * axis[2];
-    const part = Float64Array.of(...axis.map((value) => along * value), q[k + 3]);
-    out.set(Math.hypot(along, q[k + 3]) > 1e-9 ? unit(part, 4) : IDENTITY, k);
+    const length = Math.sqrt(along * along + q[k + 3] * q[k + 3]);
+    const sine = length > 1e-9 ? along / length : 0;
+    for (let part = 0; part < 3; part++) out[k + part] = sine * axis[part];
+    out[k + 3] = length > 1e-9 ? q[k + 3] / length : 1;
   }
   return out;
 }
@@ -172,10 +176,12 @@ export function twist(q: Numbers, axis: Numbers): Numbers {
 /** Returns the angles (n) in radians, -pi to pi, of the twists of rotations (n x 4) about a unit axis (3). */
 export function twistAngle(q: Numbers, axis: Numbers): Numbers {
   const twists = twist(q, axis);
-  return Float64Array.from({ length: q.length / 4 }, (_, k) => {
-    const [x, y, z, w] = row(twists, k, 4);
-    return wrapped(2 * Math.atan2(x * axis[0] + y * axis[1] + z * axis[2], w));
-  });
+  const angles = new Float64Array(q.length / 4);
+  for (let k = 0; k < angles.length; k++) {
+    const sine = twists[4 * k] * axis[0] + twists[4 * k + 1] * axis[1] + twists[4 * k + 2] * axis[2];
+    angles[k] = wrapped(2 * Math.atan2(sine, twists[4 * k + 3]));
+  }
+  return angles;
 }
 
 /**
@@ -203,12 +209,11 @@ export function angleBetween(a: Numbers, b: Numbers): Numbers {
  */
 export function continuous(q: Numbers, before?: Numbers): Numbers {
   const out = q.slice();
-  let last = before ?? IDENTITY;
+  const [x, y, z, w] = before ?? IDENTITY;
+  let product = x * q[0] + y * q[1] + z * q[2] + w * q[3];
   for (let k = 0; k < out.length; k += 4) {
-    const frame = out.subarray(k, k + 4);
-    const product = frame.reduce((sum, value, part) => sum + value * last[part], 0);
-    if (product < 0) frame.forEach((value, part) => (frame[part] = -value));
-    last = frame;
+    if (k) product = out[k] * out[k - 4] + out[k + 1] * out[k - 3] + out[k + 2] * out[k - 2] + out[k + 3] * out[k - 1];
+    for (let part = k; product < 0 && part < k + 4; part++) out[part] = -out[part];
   }
   return out;
 }

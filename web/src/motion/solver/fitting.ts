@@ -4,6 +4,8 @@ import { row, type Numbers } from "../rotations.js";
 
 /** Cyclic sweeps of Jacobi's method; a matrix of 4 x 4 needs four or five. */
 const SWEEPS = 12;
+/** Below this a number outside of the diagonal is zero; the matrix is of unit vectors. */
+const ZERO = 1e-17;
 
 /**
  * Fits the rotations from directions at rest to observed directions by least squares (Wahba's problem).
@@ -52,15 +54,19 @@ function largest(matrix: number[][]): { vector: number[]; gap: number } {
 
 /** Rotates in the plane of p and q so that a[p][q] becomes 0. */
 function eliminate(a: number[][], vectors: number[][], p: number, q: number): void {
-  if (a[p][q] === 0) return;
+  if (Math.abs(a[p][q]) < ZERO) return;
   const theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
   const t = (theta < 0 ? -1 : 1) / (Math.abs(theta) + Math.sqrt(theta * theta + 1));
   const c = 1 / Math.sqrt(t * t + 1);
   const s = t * c;
-  const turn = (values: number[]) => {
-    [values[p], values[q]] = [c * values[p] - s * values[q], s * values[p] + c * values[q]];
-  };
-  a.forEach(turn);
-  for (let k = 0; k < 4; k++) [a[p][k], a[q][k]] = [c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]];
-  vectors.forEach(turn);
+  for (const values of [...a, ...vectors]) {
+    const first = values[p];
+    values[p] = c * first - s * values[q];
+    values[q] = s * first + c * values[q];
+  }
+  for (let k = 0; k < 4; k++) {
+    const first = a[p][k];
+    a[p][k] = c * first - s * a[q][k];
+    a[q][k] = s * first + c * a[q][k];
+  }
 }

@@ -25,6 +25,9 @@ type Limits = Record<string, [number, number]>;
 /** Limits in degrees by the name of a joint without its side; one number is the limit of an angle from 0 on. */
 const TABLE = joints as Record<string, Record<string, number | number[]>>;
 
+/** Limits by the name of a joint, as far as they were asked for. */
+const KNOWN = new Map<string, Limits | undefined>();
+
 const DEGREE = Math.PI / 180;
 
 /** Names of the two angles of the swing and of the twist, with their axes, for a left limb and for the head. */
@@ -78,6 +81,11 @@ export function withoutJumps(local: Numbers[], clamped: Numbers[]): Numbers[] {
 
 /** Returns the limits of a joint of the armature, undefined for a joint without limits. */
 function limitsOf(joint: string): Limits | undefined {
+  if (!KNOWN.has(joint)) KNOWN.set(joint, readLimits(joint));
+  return KNOWN.get(joint);
+}
+
+function readLimits(joint: string): Limits | undefined {
   const name = joint.replace(/^(left|right)_/, "");
   const [finger, part] = name.split("_");
   // nose_0 rotates the head, where the skeleton has another joint of that name.
