@@ -5,22 +5,10 @@ import { round } from "../rounding.js";
 import { logMel, melWindow, SAMPLE_RATE } from "../sound/mel.js";
 import { checkSpeech } from "../sound/speech.js";
 import { VERSION } from "../version.js";
+import type { Generated, Generation } from "./options.js";
 import type { Sampler } from "./sampler.js";
-import { chooseStyle, chooseTake, type StyleOptions } from "./style.js";
+import { chooseStyle, chooseTake } from "./style.js";
 import { easeBorders, joinWindows, numWindows } from "./windows.js";
-
-export interface Generation extends StyleOptions {
-  /** Seed of all random choices, 0 by default. */
-  seed?: number;
-  /** Factor of the movement about the slow mean pose, 0 to 2; 1, the default, is the unchanged motion. */
-  energy?: number;
-}
-
-/** Direction vectors (T, bones, 3), and how they were made. */
-export interface Generated {
-  directions: Float32Array;
-  meta: Record<string, unknown>;
-}
 
 /**
  * Generates gestures for speech; the same arguments give the same motion.

@@ -4,10 +4,9 @@ import { checkDescription, type Description } from "../description.js";
 import { checkEnergy } from "../motion/control/effects.js";
 import { Motion } from "../motion/motion.js";
 import { fetchAll } from "./fetching.js";
-import type { Generated, Generation } from "./generate.js";
 import { LiveStream } from "./live-stream.js";
+import type { Generated, Generation, StreamOptions } from "./options.js";
 import { Port } from "./port.js";
-import type { StreamOptions } from "./stream.js";
 import { chooseStyle } from "./style.js";
 
 export type { LiveStream, StreamOptions };

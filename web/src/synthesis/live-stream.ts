@@ -1,7 +1,7 @@
 /** A stream that computes in the worker. */
 
+import type { StreamChange } from "./options.js";
 import type { Port } from "./port.js";
-import type { StreamChange } from "./stream.js";
 
 /** Motion that follows speech, see `Gesturer.stream`. */
 export class LiveStream {

@@ -1,8 +1,7 @@
 /** Messages between a page and its worker. */
 
 import type { Description } from "../description.js";
-import type { Generation } from "./generate.js";
-import type { StreamChange, StreamOptions } from "./stream.js";
+import type { Generation, StreamChange, StreamOptions } from "./options.js";
 
 /** What a page asks for. A stream has the number of the request that began it. */
 export type Request =

@@ -6,28 +6,10 @@ import { round } from "../rounding.js";
 import { SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
 import { RunningMel } from "../sound/running-mel.js";
 import { hideUnheard } from "../sound/unheard.js";
+import type { StreamChange, StreamOptions } from "./options.js";
 import type { Sampler } from "./sampler.js";
-import { chooseStyle, chooseTake, type StyleOptions } from "./style.js";
+import { chooseStyle, chooseTake } from "./style.js";
 import { RunningJoin } from "./windows.js";
-
-/** What may change while a stream goes on. */
-export interface StreamChange extends StyleOptions {
-  /** Factor of the movement about the mean of the poses so far, 0 to 2; 1, the default, is the unchanged motion. */
-  energy?: number;
-  /** Whether the arms rest. */
-  muted?: boolean;
-}
-
-export interface StreamOptions extends StreamChange {
-  /** Frames of speech that are heard beyond the last new frame, 3 by default. */
-  lookAhead?: number;
-  /** Frames that are generated in one run, 1 by default. */
-  hop?: number;
-  /** Seed of all random choices, 0 by default. */
-  seed?: number;
-  /** Mel power of 0 dB; by default a running level. */
-  reference?: number;
-}
 
 /**
  * Motion that follows speech.
