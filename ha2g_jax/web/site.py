@@ -73,24 +73,28 @@ def _add_page(folder: pathlib.Path, scripts: pathlib.Path) -> None:
 
 
 def _add_model(folder: pathlib.Path, checkpoint: str | pathlib.Path, weights: str, license: str) -> None:
-    from ha2g_jax.checkpoint.onnx.export import export  # JAX is imported when all else is there
+    # JAX is imported when all else is there.
+    from ha2g_jax.checkpoint.onnx.export import export
+    from ha2g_jax.checkpoint.onnx.reading import read
     from ha2g_jax.synthesis.takes import page_description
+    from ha2g_jax.viewer.figure_file import write_figure
 
     model = export(checkpoint, folder / "model.onnx", weights=weights, license=license)
     (folder / "model.json").write_text(json.dumps(page_description(model), separators=(",", ":")), encoding="utf-8")
+    write_figure(folder / "figure.glb", read(model)[0].assets.skeleton)
 
 
 def _add_lists(folder: pathlib.Path) -> None:
     """Write the hashes of the files, for the service worker, and their names, for the next `write_site`."""
     worker = folder / "sw.js"
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != worker)
-    hashes = {path.relative_to(folder).as_posix(): _hash(path) for path in files}
+    hashes = {path.relative_to(folder).as_posix(): hash_of(path) for path in files}
     worker.write_text(f"self.FILES = {json.dumps(hashes)};\n{worker.read_text('utf-8')}", encoding="utf-8")
     content = {"format": _FORMAT, "version": __version__, "files": sorted([*hashes, worker.name, LIST])}
     (folder / LIST).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _hash(path: pathlib.Path) -> str:
+def hash_of(path: pathlib.Path) -> str:
     """Return the hash of a file in the form of the Subresource Integrity of browsers."""
     return f"sha256-{base64.b64encode(hashlib.sha256(path.read_bytes()).digest()).decode()}"
 

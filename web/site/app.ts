@@ -11,6 +11,7 @@ declare global {
 }
 
 const page = (window.site = new Page());
+await page.started; // the model comes first
 workOffline(() => page.say("A new version of this page is ready; load the page again to use it.")).catch((error: Error) => {
   console.warn(`The page will not work without a network: ${error.message}`);
 });

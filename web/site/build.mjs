@@ -9,6 +9,7 @@ const SCRIPTS = {
   app: "site/app.ts",
   worker: "src/synthesis/worker.ts",
   reader: "site/reader.ts",
+  energy: "site/energy-worker.ts",
   vrm: "site/avatar-view.ts",
 };
 /** Scripts that browsers run as classic scripts. */

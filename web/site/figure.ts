@@ -1,6 +1,7 @@
 /** The figure of the viewer, which shows a whole motion, or frames while they arrive. */
 
 import type { Skeleton } from "../src/description.js";
+import { restPose } from "../src/motion/control/parts.js";
 import type { Motion } from "../src/motion/motion.js";
 import { exportAxes } from "../src/motion/rest.js";
 
@@ -10,11 +11,10 @@ export class ShownFigure extends ArrivingMotion {
   /**
    * @param skeleton - skeleton of the model.
    * @param fps - frames per second.
-   * @param rest - (bones x 3) vectors of the pose without motion, in the axes of the skeleton.
    */
-  constructor(skeleton: Skeleton, fps: number, rest: number[]) {
+  constructor(skeleton: Skeleton, fps: number) {
     const { joints, bones, lengths } = skeleton;
-    super({ joints, bones, lengths, fps, rest, axes: Array.from(exportAxes(skeleton)) });
+    super({ joints, bones, lengths, fps, rest: Array.from(restPose(skeleton)), axes: Array.from(exportAxes(skeleton)) });
   }
 
   /** Goes to a whole motion within a moment. */
@@ -24,6 +24,14 @@ export class ShownFigure extends ArrivingMotion {
     this.isWhole = true;
     this.frames = Array.from({ length: motion.numFrames }, (_, number) => {
       return { number, directions: this.read(motion.directions.subarray(size * number, size * (number + 1))) };
+    });
+  }
+
+  /** The pose that was drawn last, (bones, 3) unit vectors in the axes of the skeleton. */
+  get directions(): Float32Array {
+    return this.read(this.pose).map((value, i, all) => {
+      const bone = 3 * Math.floor(i / 3);
+      return value / (Math.hypot(all[bone], all[bone + 1], all[bone + 2]) || 1);
     });
   }
 

@@ -1,9 +1,10 @@
 /** The page: what it does, and what it shows of that. */
 
-import { applyEnergy } from "../src/motion/energy.js";
+import { checkDescription } from "../src/description.js";
 import { Motion } from "../src/motion/motion.js";
 import { Gesturer } from "../src/synthesis/gesturer.js";
 import { fileOf, find, press, save, show } from "./elements.js";
+import { Energy } from "./energy.js";
 import { ShownFigure } from "./figure.js";
 import { listen } from "./keys.js";
 import { LiveRun, type Source } from "./live.js";
@@ -18,6 +19,7 @@ import { Video } from "./video.js";
 import { write } from "./writing.js";
 
 const HELLO = "Choose a sound file, or drop one here, or speak into the microphone.";
+const NO_FIGURE = "This browser cannot draw the figure; gestures can still be generated and saved.";
 const FACTS_EVERY = 250; // milliseconds
 
 export class Page {
@@ -25,6 +27,10 @@ export class Page {
     () => this.changeStyle(),
     () => this.changeEnergy(),
   );
+  private readonly energy = new Energy((motion) => {
+    this.motion = motion;
+    if (!this.run) this.showTake();
+  });
   readonly player = new Player();
   gesturer: Gesturer | null = null;
   take: Take | null = null;
@@ -38,13 +44,15 @@ export class Page {
   private job: AbortController | null = null;
   private video: Video | null = null;
   private isMuted = false;
+  /** Resolves when the model is there, or cannot be loaded. */
+  readonly started: Promise<void>;
   private nextFacts = 0;
 
   constructor() {
     listen(this);
     show(Video.isPossible, '[data-format="webm"]');
     requestAnimationFrame((now) => this.tick(now));
-    void this.start();
+    this.started = this.start();
   }
 
   /** Whether something goes on that Stop ends. */
@@ -213,7 +221,8 @@ export class Page {
     this.say("Loading the model ...");
     try {
       await this.loaded();
-      if (!this.isBusy && !this.take) this.say(HELLO);
+      if (!this.screen) this.say(NO_FIGURE, true);
+      else if (!this.isBusy && !this.take) this.say(HELLO);
     } catch (error) {
       this.say((error as Error).message, true);
     }
@@ -231,18 +240,26 @@ export class Page {
   private async load(): Promise<Gesturer> {
     const onprogress = (fraction: number) => this.progress(fraction < 1 ? fraction : null);
     const options = { worker: fileOf("worker.js"), wasm: fileOf("ort.wasm.gz"), onprogress };
-    const gesturer = await Gesturer.load(fileOf("model/model.onnx"), options).finally(() => this.progress(null));
-    const { skeleton, fps, seed_poses, name, license, speakers } = gesturer.description;
-    this.gesturer = gesturer;
-    this.settings.offer(gesturer.description);
+    const loading = Gesturer.load(fileOf("model/model.onnx"), options).finally(() => this.progress(null));
+    [this.gesturer] = await Promise.all([loading, this.showFigure()]);
+    return this.gesturer;
+  }
+
+  /** Shows the figure, for which the description of the model is enough. */
+  private async showFigure(): Promise<void> {
+    if (this.figure) return;
+    const response = await fetch(fileOf("model/model.json"));
+    if (!response.ok) return; // the model is missing as well, which is said
+    const description = checkDescription(await response.json());
+    const { skeleton, fps, name, license, speakers } = description;
+    this.settings.offer(description);
     find("#model").textContent = `Model ${name}, ${Object.keys(speakers).length} speakers${license ? `, ${license}` : ""}.`;
-    this.figure = new ShownFigure(skeleton, fps, seed_poses[0][0].flat());
+    this.figure = new ShownFigure(skeleton, fps);
     try {
-      this.screen = new Screen(this.figure);
+      this.screen = new Screen(this.figure, skeleton);
     } catch (error) {
-      throw new Error(`this browser cannot draw the figure (${(error as Error).message})`);
+      console.warn(`The figure cannot be drawn: ${(error as Error).message}`); // motion can still be made and saved
     }
-    return gesturer;
   }
 
   /** Does one thing at a time: a new one ends the one before. */
@@ -312,10 +329,7 @@ export class Page {
 
   private changeEnergy(): void {
     if (this.run) this.run.stream.change({ energy: this.settings.energy });
-    else if (this.take) {
-      this.motion = applyEnergy(this.take.motion, this.settings.energy);
-      this.showTake();
-    }
+    else if (this.take) this.energy.ask(this.take.motion, this.settings.energy);
   }
 
   private showTake(): void {

@@ -1,5 +1,6 @@
 /** What is drawn: the figure of the viewer, or the avatar of the visitor. */
 
+import type { Skeleton } from "../src/description.js";
 import { fileOf, find, press, show } from "./elements.js";
 import type { ShownFigure } from "./figure.js";
 import type { AvatarView } from "./avatar-view.js";
@@ -11,7 +12,10 @@ export class Screen {
   private avatar: AvatarView | null = null;
   private wasMoving = false;
 
-  constructor(private readonly figure: ShownFigure) {
+  constructor(
+    private readonly figure: ShownFigure,
+    private readonly skeleton: Skeleton,
+  ) {
     this.stage = new Stage(find("#stage"), [figure]);
   }
 
@@ -34,8 +38,9 @@ export class Screen {
     if (!file.size) throw new Error(`${file.name} is empty.`);
     if (file.size > MAX_AVATAR_BYTES) throw new Error(`${file.name} is larger than ${MAX_AVATAR_BYTES / 2 ** 20} MiB.`);
     const { openAvatar } = (await import(fileOf("vrm.js").href)) as typeof import("./avatar-view.js");
-    const avatar = await openAvatar(await file.arrayBuffer(), find<HTMLCanvasElement>("#avatar")).catch((error: Error) => {
-      throw new Error(`${file.name} cannot be shown: ${error.message}`);
+    const canvas = find<HTMLCanvasElement>("#avatar");
+    const avatar = await openAvatar(await file.arrayBuffer(), canvas, this.skeleton).catch((error: Error) => {
+      throw new Error(`${file.name} cannot be shown: ${error.message}.`.replace("..", "."));
     });
     this.avatar?.close();
     this.avatar = avatar;
@@ -90,7 +95,7 @@ export class Screen {
     this.wasMoving = moves;
     if (this.avatar) {
       this.figure.positionsAt(number);
-      this.avatar.draw(this.figure.pose);
+      this.avatar.draw(this.figure.directions);
     } else {
       if (moves) this.stage.keepPace(now);
       this.stage.draw(number, true);

@@ -1,23 +1,20 @@
 /** The controls of style, take, energy and look-ahead. */
 
 import type { Description } from "../src/description.js";
-import type { StyleOptions } from "../src/synthesis/style.js";
+import { chooseStyle, type StyleOptions } from "../src/synthesis/style.js";
 import { find, show } from "./elements.js";
 
-const VARIATION = 0.3; // of the style of a speaker from take to take
 const PATIENCE = 250; // milliseconds without another change before one is followed
 
 export class Settings {
-  private timer = 0;
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private fps = 15;
 
   /**
    * @param onstyle - is called after changes of style or take.
    * @param onenergy - is called at each change of the energy.
    */
-  constructor(
-    onstyle: () => void,
-    onenergy: () => void,
-  ) {
+  constructor(onstyle: () => void, onenergy: () => void) {
     const changed = () => {
       this.label();
       clearTimeout(this.timer);
@@ -46,8 +43,6 @@ export class Settings {
     this.label();
   }
 
-  private fps = 15;
-
   get seed(): number {
     const { valueAsNumber, max } = find<HTMLInputElement>("#seed");
     return Math.min(Math.max(Math.round(valueAsNumber) || 0, 0), Number(max));
@@ -74,12 +69,8 @@ export class Settings {
   }
 
   /** The same style and seed as values, which a stream takes at any time. */
-  values({ speakers, takes }: Description): number[] {
-    const { prior, variation } = takes[this.seed];
-    const [speaker, second] = this.names;
-    if (!speaker) return prior;
-    const other = speakers[second || speaker];
-    return speakers[speaker].map((value, i) => value + this.share * (other[i] - value) + VARIATION * variation[i]);
+  values(description: Description): number[] {
+    return Array.from(chooseStyle(description, this.style, this.seed).values);
   }
 
   private get names(): [string, string] {
@@ -97,6 +88,6 @@ export class Settings {
     find("[for=share]").textContent = `${Math.round(100 * this.share)} %`;
     find("[for=energy]").textContent = this.energy.toFixed(1);
     const latency = Math.round((1000 * Math.max(this.lookAhead + 1, 1.5)) / this.fps);
-    find("[for=ahead]").textContent = `${this.lookAhead} · ${latency} ms`;
+    find("[for=ahead]").textContent = `${latency} ms`;
   }
 }
