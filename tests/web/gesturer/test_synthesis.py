@@ -14,7 +14,7 @@ from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style, load_onnx
 from ha2g_jax.synthesis.takes import page_description
 
-SPEECH = pathlib.Path(__file__).parents[2] / "examples" / "hello.wav"
+SPEECH = pathlib.Path(__file__).parents[3] / "examples" / "hello.wav"
 MEDIAN, WORST = 0.01, 0.2  # degrees
 
 FILES = (

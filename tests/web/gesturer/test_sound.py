@@ -9,7 +9,7 @@ import soxr
 
 from ha2g_jax.features.audio import log_mel, read_audio
 
-SPEECH = pathlib.Path(__file__).parents[2] / "examples" / "hello.wav"
+SPEECH = pathlib.Path(__file__).parents[3] / "examples" / "hello.wav"
 # dB. At other rates the filters that resample differ; a band at the floor may differ by more than one that is heard.
 TOLERANCES = {16000: 1e-3, 48000: 5e-3, 44100: 0.1, 22050: 0.1}
 
