@@ -27,6 +27,7 @@ const common = {
 /** Entry points of the package: name of the file in dist/ -> source. */
 const entries = {
   index: "src/index.ts",
+  vrm: "src/adapters/vrm.ts",
   worker: "src/synthesis/worker.ts",
 };
 
