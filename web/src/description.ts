@@ -88,7 +88,8 @@ export function checkDescription(value: unknown): Description {
   for (const [name, number] of Object.entries(expected)) {
     if (audio?.[name as keyof typeof expected] !== number) throw wrong(`an audio.${name} that is not ${number}`);
   }
-  if (audio.columns !== Math.trunc((num_frames * 16000) / (fps * 512))) throw wrong("an audio.columns of another window");
+  const columns = Math.trunc((num_frames * 16000) / (fps * 512));
+  if (audio.columns !== columns) throw wrong(`an audio.columns that is not ${columns}`);
   if (!isSkeleton(skeleton)) throw wrong("no skeleton");
   const bones = skeleton.bones.length;
   if (!isArray(found.seed_poses, [-1, num_seed_frames, bones, 3])) throw wrong("seed poses of another shape");

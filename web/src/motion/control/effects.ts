@@ -36,7 +36,8 @@ export function energy(skeleton: Skeleton, directions: Float32Array, fps: number
 function slowMean(rotation: Numbers, fps: number, seconds: number): Numbers {
   const width = seconds * fps;
   const reach = Math.ceil(width / 2) - 1;
-  const weights = Float64Array.from({ length: 2 * reach + 1 }, (_, k) => Math.cos((Math.PI * (k - reach)) / width) ** 2);
+  const hann = (offset: number) => Math.cos((Math.PI * offset) / width) ** 2;
+  const weights = Float64Array.from({ length: 2 * reach + 1 }, (_, k) => hann(k - reach));
   const frames = rotation.length / 4;
   const means = new Float64Array(rotation.length);
   for (let frame = 0; frame < frames; frame++) {

@@ -21,7 +21,7 @@ export interface Part {
   parent: number;
 }
 
-/** Divides all bones of a skeleton into parts, each after the part it is attached to; upper arms are attached to none. */
+/** Divides all bones of a skeleton into parts, each after the one it is attached to; upper arms are attached to none. */
 export function parts(skeleton: Skeleton): Part[] {
   const arms = SIDES.flatMap((side) => armParts(skeleton, side));
   const shoulders = SIDES.flatMap((side) => path(skeleton, joint(skeleton, `${side}_shoulder`)));
