@@ -8,7 +8,7 @@ import shutil
 from ha2g_jax.errors import UserError
 
 # What the site is built from; the tests of the npm package and what npm installs are left out.
-_PARTS = ("package.json", "package-lock.json", "tsconfig.json", "build.mjs", "LICENSE", "src", "site")
+PARTS = ("package.json", "package-lock.json", "tsconfig.json", "build.mjs", "LICENSE", "src", "site")
 _ASSETS = ("skeletons", "rigs", "joint_limits.json")  # of this package
 
 
@@ -67,7 +67,7 @@ def _package() -> pathlib.Path:
 
 def _files(sources: pathlib.Path) -> dict[str, pathlib.Path]:
     """Return the files by their names in a checkout."""
-    roots = {"web": (sources, _PARTS), "ha2g_jax/assets": (_package() / "assets", _ASSETS)}
+    roots = {"web": (sources, PARTS), "ha2g_jax/assets": (_package() / "assets", _ASSETS)}
     found = {}
     for root, (folder, parts) in roots.items():
         for part in parts:

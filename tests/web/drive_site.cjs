@@ -53,7 +53,8 @@ const status = (page) => page.textContent("#status");
 const loaded = (page) => page.waitForFunction(() => window.site?.gesturer && !site.isBusy);
 const idle = (page) => page.waitForFunction(() => window.site && !site.isBusy);
 const says = async (page, text) => {
-  await page.waitForFunction((text) => document.querySelector("#status").textContent.includes(text), text);
+  const isSaid = (text) => document.querySelector("#status").textContent.includes(text);
+  await page.waitForFunction(isSaid, text).catch(async () => { throw new Error(`not "${text}" but "${await status(page)}"`); });
   return status(page);
 };
 const wait = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
@@ -69,8 +70,10 @@ async function picture(page, name, viewport, colorScheme = "light") {
   await page.emulateMedia({ colorScheme });
   await wait(0.7);
   await page.screenshot({ path: at(`${name}.png`) });
-  (seen.overflow ||= {})[name] = await page.evaluate(() => [document.documentElement.scrollWidth - innerWidth,
-    Math.max(...[...document.querySelectorAll("#bar > *")].map((part) => part.getBoundingClientRect().bottom)) - innerHeight]);
+  (seen.overflow ||= {})[name] = await page.evaluate(() => {
+    const parts = [...document.querySelectorAll("header *, footer *, #panel *")].map((part) => part.getBoundingClientRect());
+    return [Math.max(...parts.map(({ right }) => right)) - innerWidth, Math.max(...parts.map(({ bottom }) => bottom)) - innerHeight];
+  });
   await page.setViewportSize(SMALL);
   await page.emulateMedia({ colorScheme: "light" });
 }

@@ -44,7 +44,7 @@ def seen(site, tmp_path_factory):
     write_speech(folder / "speech.wav", folder / "speech.mp3")
     write_avatar(folder / "wicked.vrm")
     (folder / "bad").mkdir()
-    write_bad(folder / "bad", folder / "speech.wav")
+    write_bad(folder / "bad")
     return {**drive(pathlib.Path(__file__).with_name("drive_site.cjs"), folder), "folder": folder}
 
 

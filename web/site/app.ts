@@ -1,6 +1,6 @@
 /** Starts the page. */
 
-import { workOffline } from "./offline.js";
+import { takeNewVersion, workOffline } from "./offline.js";
 import { Page } from "./page.js";
 
 declare global {
@@ -10,8 +10,13 @@ declare global {
   }
 }
 
-const page = (window.site = new Page());
-await page.started; // the model comes first
-workOffline(() => page.say("A new version of this page is ready; load the page again to use it.")).catch((error: Error) => {
-  console.warn(`The page will not work without a network: ${error.message}`);
-});
+const NEWER = "A new version of this page is ready; load the page again to use it.";
+
+async function start(): Promise<void> {
+  if (await takeNewVersion()) return;
+  const page = (window.site = new Page());
+  await page.started; // the model comes first
+  await workOffline(() => page.say(NEWER));
+}
+
+start().catch((error: Error) => console.warn(`The page will not work without a network: ${error.message}`));

@@ -8,13 +8,15 @@ declare function registerProcessor(name: string, processor: unknown): void;
 
 class Capture extends AudioWorkletProcessor {
   private readonly start: number;
+  private readonly size: number;
   private piece: Float32Array<ArrayBuffer>;
   private count = 0;
 
   constructor({ processorOptions }: { processorOptions: { start: number; size: number } }) {
     super();
     this.start = processorOptions.start;
-    this.piece = new Float32Array(processorOptions.size);
+    this.size = processorOptions.size;
+    this.piece = new Float32Array(this.size);
   }
 
   process([channels]: Float32Array[][]): boolean {
@@ -22,9 +24,9 @@ class Capture extends AudioWorkletProcessor {
       let sample = 0;
       for (const channel of channels) sample += channel[i] / channels.length;
       this.piece[this.count++] = sample;
-      if (this.count < this.piece.length) continue;
+      if (this.count < this.size) continue;
       this.port.postMessage(this.piece, [this.piece.buffer]);
-      this.piece = new Float32Array(this.piece.length);
+      this.piece = new Float32Array(this.size); // the other one is given away
       this.count = 0;
     }
     return true;

@@ -3,28 +3,36 @@
 import { fileOf } from "./elements.js";
 
 /**
- * Starts the service worker.
+ * Takes a version of the site that was fetched while the page was open before.
  *
- * A new version of the site is fetched while the old one is used. The next start of the page takes it.
+ * @returns Whether the page is being loaded again.
+ */
+export async function takeNewVersion(): Promise<boolean> {
+  const container = navigator.serviceWorker as ServiceWorkerContainer | undefined;
+  const registration = await container?.getRegistration(fileOf("./"));
+  if (!container || !registration?.waiting || !registration.active) return false;
+  const changed = new Promise((resolve) => container.addEventListener("controllerchange", resolve, { once: true }));
+  registration.waiting.postMessage("activate");
+  await changed;
+  location.reload();
+  return true;
+}
+
+/**
+ * Keeps the files of the site. A new version is fetched while the old one is used; the next start of the page takes it.
  *
  * @param onnew - is called when a new version is there.
  */
 export async function workOffline(onnew: () => void): Promise<void> {
-  if (!("serviceWorker" in navigator)) return; // a page of http:// on another computer, or a private window
-  const { serviceWorker } = navigator;
-  const before = await serviceWorker.getRegistration(fileOf("./"));
-  if (before?.waiting && before.active) {
-    const changed = new Promise((resolve) => serviceWorker.addEventListener("controllerchange", resolve, { once: true }));
-    before.waiting.postMessage("activate");
-    await changed;
-    location.reload();
-    return;
-  }
-  const registration = await serviceWorker.register(fileOf("sw.js"), { updateViaCache: "none" });
-  registration.addEventListener("updatefound", () => {
-    const found = registration.installing;
-    found?.addEventListener("statechange", () => {
-      if (found.state === "installed" && registration.active) onnew();
-    });
-  });
+  const container = navigator.serviceWorker as ServiceWorkerContainer | undefined;
+  if (!container) return; // a page of http:// on another computer, or a private window
+  const registration = await container.register(fileOf("sw.js"), { updateViaCache: "none" });
+  const { active } = registration;
+  if (!active) return; // this is the first version
+  const watch = (worker: ServiceWorker | null) => {
+    if (worker?.state === "installed") onnew();
+    else worker?.addEventListener("statechange", () => worker.state === "installed" && onnew());
+  };
+  watch(registration.waiting ?? registration.installing);
+  registration.addEventListener("updatefound", () => watch(registration.installing));
 }

@@ -82,7 +82,7 @@ export class Page {
     try {
       await this.loaded();
       const name = await this.screen?.wear(file);
-      this.say(`Avatar: ${name}.`);
+      this.say(`Avatar: ${name}`);
     } catch (error) {
       this.say((error as Error).message, true);
     }
@@ -210,8 +210,9 @@ export class Page {
     this.screen?.turnBones();
   }
 
+  /** Says a sentence, or nothing, where readers of the screen hear it. */
   say(text: string, isTrouble = false): void {
-    find("#status").textContent = text;
+    find("#status").textContent = !text || /[.?!]$/.test(text) ? text : `${text}.`;
     find("#status").classList.toggle("trouble", isTrouble);
   }
 

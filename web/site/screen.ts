@@ -40,7 +40,7 @@ export class Screen {
     const { openAvatar } = (await import(fileOf("vrm.js").href)) as typeof import("./avatar-view.js");
     const canvas = find<HTMLCanvasElement>("#avatar");
     const avatar = await openAvatar(await file.arrayBuffer(), canvas, this.skeleton).catch((error: Error) => {
-      throw new Error(`${file.name} cannot be shown: ${error.message}.`.replace("..", "."));
+      throw new Error(`${file.name} cannot be shown: ${error.message}`);
     });
     this.avatar?.close();
     this.avatar = avatar;

@@ -108,7 +108,7 @@ async function read(name: string, given: Given, signal: AbortSignal) {
       signal.addEventListener("abort", () => reject(signal.reason));
       worker.postMessage(given, "bytes" in given ? [given.bytes] : given.channels.map((channel) => channel.buffer));
     });
-    if ("error" in found) throw new Error(`${name} cannot be used: ${found.error}.`.replace("..", "."));
+    if ("error" in found) throw new Error(`${name} cannot be used: ${found.error}`);
     if (!found.samples.length) throw new Error(`${name} has no sound.`);
     checkSeconds(name, found.samples.length / RATE);
     return found;
