@@ -5,10 +5,11 @@
  */
 
 import { minimumJerk } from "../motion/minimum-jerk.js";
-import { between, fromVector, rotate, toVector } from "../motion/rotations.js";
+import { between, fromVector, norms, rotate, toVector } from "../motion/rotations.js";
 import { expMap, logMap, slerp } from "../motion/sphere.js";
 
 const EASE_FRAMES = 10;
+const TOLERANCE = 2; // times the usual distance from the course, which is no step
 
 /**
  * Returns the number of windows that cover a motion.
@@ -60,8 +61,9 @@ export function easeBorders(motion: Float32Array, window: number, overlap: numbe
 /**
  * Eases the borders before the frames `own`, each within at most `longest` frames.
  *
- * The first frame after a border is rotated to the extrapolation of the motion, by the mean of the steps before and
- * after it, and the rotation fades out along a minimum-jerk curve (inertial blending, Bollo 2018).
+ * The mean of the steps before and after a border extrapolates the motion. Where a bone of the first frame after it is
+ * farther from there than twice the mean over the frames after the border, it is rotated back to that distance, and the
+ * rotation fades out along a minimum-jerk curve (inertial blending, Bollo 2018).
  */
 function ease(motion: Float32Array, own: number[], longest: number, size: number): Float32Array {
   const eased = motion.slice();
@@ -74,7 +76,13 @@ function ease(motion: Float32Array, own: number[], longest: number, size: number
     const onward = rotate(between(first, before), logMap(first, after));
     const back = logMap(before, earlier);
     const heading = expMap(before, onward.map((value, k) => (value - back[k]) / 2));
-    const rotation = toVector(between(first, heading));
+    const usual = usualDistances(motion, border, longest, size);
+    const off = toVector(between(first, heading));
+    const distances = norms(off, 3);
+    const rotation = off.map((value, k) => {
+      const bone = Math.floor(k / 3);
+      return value * Math.max(0, 1 - (TOLERANCE * usual[bone]) / Math.max(distances[bone], 1e-12));
+    });
     for (let step = 0; step < count && (border + step) * size < motion.length; step++) {
       const weight = 1 - minimumJerk(step / count);
       const at = (border + step) * size;
@@ -83,6 +91,26 @@ function ease(motion: Float32Array, own: number[], longest: number, size: number
     }
   }
   return eased;
+}
+
+/**
+ * Returns how far each bone is from its extrapolation in the frames after a border, (bones,) radians: the mean length of
+ * third differences, halved, over the frames from the second after the border on; 0 where a window has too few of them.
+ */
+function usualDistances(motion: Float32Array, border: number, longest: number, size: number): Float64Array {
+  const last = motion.length / size - 1;
+  const at = (frame: number, k: number) => motion[Math.min(border + frame, last) * size + k];
+  return Float64Array.from({ length: size / 3 }, (_, bone) => {
+    let sum = 0;
+    for (let frame = 0; frame + 3 < longest; frame++) {
+      const third = [0, 1, 2].map((axis) => {
+        const k = 3 * bone + axis;
+        return at(frame + 3, k) - 3 * at(frame + 2, k) + 3 * at(frame + 1, k) - at(frame, k);
+      });
+      sum += Math.hypot(...third) / 2;
+    }
+    return sum / Math.max(longest - 3, 1);
+  });
 }
 
 /** Returns a window whose first frames go over from those that were expected, with weights 1/(n+1), ..., n/(n+1). */
