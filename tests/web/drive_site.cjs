@@ -50,7 +50,7 @@ async function open(browser, options = {}) {
 }
 
 const status = (page) => page.textContent("#status");
-const loaded = (page) => page.waitForFunction(() => window.site?.gesturer && !site.isBusy);
+const loaded = (page) => page.waitForFunction(() => window.site?.model.gesturer && !site.isBusy);
 const idle = (page) => page.waitForFunction(() => window.site && !site.isBusy);
 const says = async (page, text) => {
   const isSaid = (text) => document.querySelector("#status").textContent.includes(text);
@@ -119,7 +119,7 @@ async function files(browser) {
   // What is in the image at a time of the sound.
   await page.waitForFunction(() => site.player.isPlaying && site.time > 1);
   seen.shown = await page.evaluate(() => new Promise((resolve) => {
-    const { figure, player } = site, shown = [], around = figure.around.bind(figure);
+    const { player, model: { figure } } = site, shown = [], around = figure.around.bind(figure);
     figure.around = (number) => {
       shown.push([player.time * figure.fps, number]);
       if (shown.length === 10) { delete figure.around; resolve(shown); }
@@ -178,7 +178,7 @@ async function hostile(browser) {
   await loaded(page);
   fs.truncateSync(at("bad", "huge.wav"), 2 ** 31);
   for (const name of fs.readdirSync(at("bad")).sort()) {
-    await page.evaluate(() => site.say(""));
+    await page.evaluate(() => document.querySelector("#status").className = "");
     await page.setInputFiles("#picker", at("bad", name));
     await page.waitForFunction(() => document.querySelector("#status.trouble") && !site.isBusy);
     seen.bad[name] = await status(page);
@@ -321,7 +321,7 @@ async function memory(browser, minutes) {
     seen.memory.push(await measure());
   }
   seen.liveFactor = (60000 * minutes) / (Date.now() - begin);
-  seen.liveFrames = await page.evaluate(() => site.figure.last + 1);
+  seen.liveFrames = await page.evaluate(() => site.model.figure.last + 1);
   await page.context().close();
 }
 

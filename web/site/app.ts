@@ -1,5 +1,6 @@
 /** Starts the page. */
 
+import { say } from "./news.js";
 import { takeNewVersion, workOffline } from "./offline.js";
 import { Page } from "./page.js";
 
@@ -14,9 +15,9 @@ const NEWER = "A new version of this page is ready; load the page again to use i
 
 async function start(): Promise<void> {
   if (await takeNewVersion()) return;
-  const page = (window.site = new Page());
-  await page.started; // the model comes first
-  await workOffline(() => page.say(NEWER));
+  window.site = new Page();
+  await window.site.started; // the model comes first
+  await workOffline(() => say(NEWER));
 }
 
 start().catch((error: Error) => console.warn(`The page will not work without a network: ${error.message}`));

@@ -1,7 +1,8 @@
 /** The visitor's avatar on a canvas of its own. Its code, with three.js, is loaded when an avatar is opened. */
 
 import { VRMUtils, type VRM } from "@pixiv/three-vrm";
-import { Box3, DirectionalLight, HemisphereLight, PerspectiveCamera, Scene, Spherical, Vector3, WebGLRenderer } from "three";
+import { Box3, DirectionalLight, HemisphereLight, PerspectiveCamera, Scene, Spherical, Vector3 } from "three";
+import { WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { loadVrm, poseVrm } from "../src/adapters/vrm.js";
 import type { Skeleton } from "../src/description.js";
@@ -96,10 +97,15 @@ export class AvatarView {
  * @param bytes - contents of a .vrm file.
  * @throws Error if it cannot be used.
  */
-export async function openAvatar(bytes: ArrayBuffer, canvas: HTMLCanvasElement, skeleton: Skeleton): Promise<AvatarView> {
+export async function openAvatar(
+  bytes: ArrayBuffer,
+  canvas: HTMLCanvasElement,
+  skeleton: Skeleton,
+): Promise<AvatarView> {
   const { vrm, metadata } = await loadVrm(bytes);
   const name = metadata.name ?? metadata.title ?? "";
   const authors = metadata.authors ?? metadata.author ?? "";
-  const shown = [name || "an avatar without a name", authors && `by ${authors}`].filter(Boolean).join(" ");
-  return new AvatarView(vrm, shown.length > MOST_LETTERS ? `${shown.slice(0, MOST_LETTERS)}...` : shown, canvas, skeleton);
+  const whole = [name || "an avatar without a name", authors && `by ${authors}`].filter(Boolean).join(" ");
+  const shown = whole.length > MOST_LETTERS ? `${whole.slice(0, MOST_LETTERS)}...` : whole;
+  return new AvatarView(vrm, shown, canvas, skeleton);
 }

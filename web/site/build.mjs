@@ -16,7 +16,7 @@ const SCRIPTS = {
 const CLASSIC = { sw: "site/sw.ts", capture: "site/capture.ts" };
 const FILES = ["index.html", "style.css", "icon.svg", "manifest.webmanifest"];
 // The package onnxruntime-web has no file with its licence.
-const COPYRIGHTS = { "onnxruntime-web": "Copyright (c) Microsoft Corporation", "onnxruntime-common": "Copyright (c) Microsoft Corporation" };
+const COPYRIGHTS = { "onnxruntime-web": "Copyright (c) Microsoft Corporation" };
 
 /**
  * Writes build/site/.
@@ -29,7 +29,8 @@ export async function buildSite({ root, common, writeWasm }) {
   const folder = join(root, "build/site");
   rmSync(folder, { recursive: true, force: true });
   mkdirSync(folder, { recursive: true });
-  const options = { ...common, external: [], outdir: "build/site", minify: true, metafile: true, legalComments: "none" };
+  const output = { outdir: "build/site", minify: true, metafile: true, legalComments: "none" };
+  const options = { ...common, ...output, external: [] };
   const results = await Promise.all([
     build({ ...options, entryPoints: SCRIPTS }),
     build({ ...options, entryPoints: CLASSIC, format: "iife" }),
@@ -49,7 +50,8 @@ function used(output) {
 function licenses(root, inputs) {
   const packages = inputs.map((name) => /(?:^|\/)(node_modules\/(?:@[^/]+\/)?[^/]+)\//.exec(name)?.[1]).filter(Boolean);
   const texts = [...new Set(packages)].sort().map((folder) => license(join(root, folder)));
-  return [`ha2g-web: Apache-2.0\n\n${readFileSync(join(root, "LICENSE"), "utf8")}`, ...texts].join(`\n${"-".repeat(80)}\n\n`);
+  const own = `ha2g-web: Apache-2.0\n\n${readFileSync(join(root, "LICENSE"), "utf8")}`;
+  return [own, ...texts].join(`\n${"-".repeat(80)}\n\n`);
 }
 
 function license(folder) {
@@ -61,15 +63,16 @@ function license(folder) {
   return `${head}\n\n${COPYRIGHTS[name]}\n\n${MIT}`;
 }
 
-const MIT = `Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated documentation
-files (the "Software"), to deal in the Software without restriction, including without limitation the rights to use, copy,
-modify, merge, publish, distribute, sublicense, and/or sell copies of the Software, and to permit persons to whom the
-Software is furnished to do so, subject to the following conditions:
+const MIT = `Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated
+documentation files (the "Software"), to deal in the Software without restriction, including without limitation the
+rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell copies of the Software, and to permit
+persons to whom the Software is furnished to do so, subject to the following conditions:
 
-The above copyright notice and this permission notice shall be included in all copies or substantial portions of the Software.
+The above copyright notice and this permission notice shall be included in all copies or substantial portions of the
+Software.
 
-THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES
-OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE
-LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR
-IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE
+WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR
+COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR
+OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
 `;

@@ -1,4 +1,4 @@
-/** The sample rate that a file of compressed sound states, so that the browser decodes it without another resampling. */
+/** The sample rate that a file of compressed sound states, at which the browser decodes it without resampling. */
 
 const MP3_RATES = [[11025, 12000, 8000], [], [22050, 24000, 16000], [44100, 48000, 32000]];
 const FALLBACK = 48000; // that of Opus, and of most video

@@ -14,7 +14,8 @@ export class ShownFigure extends ArrivingMotion {
    */
   constructor(skeleton: Skeleton, fps: number) {
     const { joints, bones, lengths } = skeleton;
-    super({ joints, bones, lengths, fps, rest: Array.from(restPose(skeleton)), axes: Array.from(exportAxes(skeleton)) });
+    const [rest, axes] = [restPose(skeleton), exportAxes(skeleton)].map((values) => Array.from(values));
+    super({ joints, bones, lengths, fps, rest, axes });
   }
 
   /** Goes to a whole motion within a moment. */

@@ -22,7 +22,9 @@ export function listen(page: Page): void {
     "#theme": () => page.turnTheme(),
     "#wear": () => (page.hasAvatar ? page.undress() : find("#avatars").click()),
   };
-  for (const [selector, action] of Object.entries(buttons)) find(selector).addEventListener("click", () => void action());
+  for (const [selector, action] of Object.entries(buttons)) {
+    find(selector).addEventListener("click", () => void action());
+  }
   for (const button of document.querySelectorAll<HTMLElement>("[data-format]")) {
     button.addEventListener("click", () => void page.saveAs(button.dataset.format as string));
   }

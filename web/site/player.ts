@@ -4,6 +4,7 @@ export class Player {
   private readonly audio = new Audio();
   private context: AudioContext | null = null;
   private output: MediaStreamAudioDestinationNode | null = null;
+  private speakers: GainNode | null = null;
 
   constructor() {
     this.audio.preload = "auto";
@@ -45,8 +46,10 @@ export class Player {
     return !this.audio.paused && !this.audio.ended;
   }
 
+  /** Whether the sound is not heard; a recorder gets it all the same. */
   set isMuted(isMuted: boolean) {
-    this.audio.muted = isMuted;
+    if (this.speakers) this.speakers.gain.value = isMuted ? 0 : 1;
+    else this.audio.muted = isMuted;
   }
 
   /** Plays, from the start if the sound has ended. Returns false if the browser asks for a click first. */
@@ -79,8 +82,10 @@ export class Player {
       this.context = new AudioContext();
       this.output = new MediaStreamAudioDestinationNode(this.context);
       const source = new MediaElementAudioSourceNode(this.context, { mediaElement: this.audio });
+      this.speakers = new GainNode(this.context, { gain: this.audio.muted ? 0 : 1 });
+      this.audio.muted = false;
       source.connect(this.output);
-      source.connect(this.context.destination);
+      source.connect(this.speakers).connect(this.context.destination);
     }
     void this.context.resume();
     return this.output.stream.getAudioTracks()[0];

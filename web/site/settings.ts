@@ -65,7 +65,8 @@ export class Settings {
   get style(): StyleOptions {
     const [speaker, second] = this.names;
     if (!speaker) return {};
-    return second && second !== speaker ? { mixture: { [speaker]: 1 - this.share, [second]: this.share } } : { speaker };
+    if (!second || second === speaker) return { speaker };
+    return { mixture: { [speaker]: 1 - this.share, [second]: this.share } };
   }
 
   /** The same style and seed as values, which a stream takes at any time. */

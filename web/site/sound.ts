@@ -95,7 +95,9 @@ async function checkPlayable(file: File, signal: AbortSignal): Promise<void> {
   signal.throwIfAborted();
   if (!found) throw new Error(`This browser finds no sound in ${file.name}.`);
   if (Number.isFinite(duration)) checkSeconds(file.name, duration);
-  else if (file.size > MAX_BYTES_OF_UNKNOWN_LENGTH) throw new Error(`${file.name} is large and does not say how long it is.`);
+  else if (file.size > MAX_BYTES_OF_UNKNOWN_LENGTH) {
+    throw new Error(`${file.name} is large and does not say how long it is.`);
+  }
 }
 
 /** Reads samples in a worker. */
