@@ -1,6 +1,7 @@
 // Opens the site in a real browser, uses it as a person would and prints what was seen, as JSON.
 // node drive_site.cjs CHROMIUM FOLDER
-//   FOLDER has site/, newer/ (the site with another title), speech.wav, speech.mp3, wicked.vrm and bad/ with files that cannot be used.
+//   FOLDER has site/, newer/ (the site with another title), speech.wav, speech.mp3, stopped.wav, wicked.vrm, cut.onnx (half of
+//   a model) and bad/ with files that cannot be used.
 const fs = require("fs");
 const http = require("http");
 const path = require("path");
@@ -187,6 +188,8 @@ async function hostile(browser) {
   await drop(page, at("speech.wav"));
   await page.waitForFunction(() => site.motion && !site.isBusy);
   seen.goesOn = await status(page);
+  await page.setInputFiles("#picker", at("stopped.wav"));
+  seen.stopped = await says(page, "stopped.wav: ");
   await page.context().close();
 
   host.instead = { "model/model.onnx": at("cut.onnx") };

@@ -17,7 +17,7 @@ import pygltflib
 import pytest
 import soundfile
 from fixtures.browser import drive
-from fixtures.web_inputs import WICKED, write_avatar, write_bad
+from fixtures.web_inputs import WICKED, write_avatar, write_bad, write_stopped
 
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.motion.motion import Motion
@@ -43,6 +43,7 @@ def seen(site, tmp_path_factory):
     (folder / "cut.onnx").write_bytes(model[: len(model) // 2])
     write_speech(folder / "speech.wav", folder / "speech.mp3")
     write_avatar(folder / "wicked.vrm")
+    write_stopped(folder / "stopped.wav")
     (folder / "bad").mkdir()
     write_bad(folder / "bad")
     return {**drive(pathlib.Path(__file__).with_name("drive_site.cjs"), folder), "folder": folder}
@@ -152,6 +153,7 @@ def test_bad_files_end_in_a_sentence_and_the_page_goes_on(seen):
     assert "512 MiB" in seen["bad"]["huge.wav"]
     assert "60 minutes" in seen["bad"]["hour.wav"]
     assert "s of gestures" in seen["goesOn"]
+    assert "2.0 s of gestures" in seen["stopped"]
     assert seen["imagesOfBad"] == 0
 
 

@@ -48,7 +48,8 @@ function used(output) {
 
 /** Returns the licences of this package and of all packages that the sources belong to. */
 function licenses(root, inputs) {
-  const packages = inputs.map((name) => /(?:^|\/)(node_modules\/(?:@[^/]+\/)?[^/]+)\//.exec(name)?.[1]).filter(Boolean);
+  const folderOf = (name) => /(?:^|\/)(node_modules\/(?:@[^/]+\/)?[^/]+)\//.exec(name)?.[1];
+  const packages = inputs.map(folderOf).filter(Boolean);
   const texts = [...new Set(packages)].sort().map((folder) => license(join(root, folder)));
   const own = `ha2g-web: Apache-2.0\n\n${readFileSync(join(root, "LICENSE"), "utf8")}`;
   return [own, ...texts].join(`\n${"-".repeat(80)}\n\n`);
