@@ -14,9 +14,9 @@ declare global {
 const NEWER = "A new version of this page is ready; load the page again to use it.";
 
 async function start(): Promise<void> {
-  if (await takeNewVersion()) return;
-  window.site = new Page();
-  await window.site.started; // the model comes first
+  const page = (window.site = new Page());
+  await takeNewVersion(() => page.isBusy || page.take !== null);
+  await page.started; // the model comes first
   await workOffline(() => say(NEWER));
 }
 

@@ -3,19 +3,18 @@
 import { fileOf } from "./elements.js";
 
 /**
- * Takes a version of the site that was fetched while the page was open before.
+ * Takes a version of the site that was fetched while the page was open before: the page is loaded again.
  *
- * @returns Whether the page is being loaded again.
+ * @param isUsed - whether the visitor has begun, so that the page stays as it is, also when another page takes it.
  */
-export async function takeNewVersion(): Promise<boolean> {
+export async function takeNewVersion(isUsed: () => boolean): Promise<void> {
   const container = navigator.serviceWorker as ServiceWorkerContainer | undefined;
-  const registration = await container?.getRegistration(fileOf("./"));
-  if (!container || !registration?.waiting || !registration.active) return false;
-  const changed = new Promise((resolve) => container.addEventListener("controllerchange", resolve, { once: true }));
-  registration.waiting.postMessage("activate");
-  await changed;
-  location.reload();
-  return true;
+  if (!container?.controller) return;
+  container.addEventListener("controllerchange", () => {
+    if (!isUsed()) location.reload();
+  });
+  const registration = await container.getRegistration(fileOf("./"));
+  registration?.waiting?.postMessage("activate");
 }
 
 /**

@@ -43,7 +43,7 @@ async function answer(request: Request, file: string): Promise<Response> {
 }
 
 self.addEventListener("install", (event) => event.waitUntil(keepAll()));
-self.addEventListener("activate", (event) => event.waitUntil(removeOld().then(() => self.clients.claim())));
+self.addEventListener("activate", (event) => event.waitUntil(removeOld()));
 self.addEventListener("message", ({ data }) => {
   if (data === "activate") void self.skipWaiting();
 });
