@@ -43,7 +43,8 @@ def test_the_site_has_what_the_page_asks_for(site):
 
 
 def test_every_file_is_kept_for_use_offline(site):
-    hashes = json.loads(re.match(r"self\.FILES = (.*);\n", (site / "sw.js").read_text())[1])
+    (text,) = re.findall(r"\Aself\.FILES = (.*);\n", (site / "sw.js").read_text())
+    hashes = json.loads(text)
     files = {path.relative_to(site).as_posix() for path in site.rglob("*") if path.is_file()}
     assert set(hashes) == files - {"sw.js", "site.json"}
     assert all(value.startswith("sha256-") for value in hashes.values())

@@ -56,8 +56,9 @@ def write_speech(wav, mp3):
     frame = av.AudioFrame.from_ndarray((samples * 32767).astype(np.int16)[None], "s16", "mono")
     frame.sample_rate = rate
     parts = [out.to_ndarray().reshape(-1, 2) for given in (frame, None) for out in graph.resample(given)]
-    soundfile.write(wav, np.concatenate(parts), 44100, "PCM_16")
-    soundfile.write(mp3, np.concatenate(parts), 44100)
+    stereo = np.concatenate(parts).astype(np.int16)
+    soundfile.write(wav, stereo, 44100, "PCM_16")
+    soundfile.write(mp3, stereo, 44100)
 
 
 def say(text):
@@ -131,8 +132,9 @@ def test_files_are_those_of_python(seen, model):
     np.testing.assert_array_equal(motion.directions.astype("<f4").tobytes(), base64.b64decode(seen["second"]))
     assert motion.fps == expected.fps
     assert f"Frames: {expected.num_frames}" in (saved / "speech.bvh").read_text()
-    assert pygltflib.GLTF2().load(saved / "speech.glb").animations
-    with av.open(saved / "speech.webm") as video:
+    scene = pygltflib.GLTF2().load(saved / "speech.glb")
+    assert scene is not None and scene.animations
+    with av.open(str(saved / "speech.webm"), "r") as video:
         (images,), (sound,) = video.streams.video, video.streams.audio
         times = [float(frame.time) for frame in video.decode(images)]
         assert images.width % 2 == images.height % 2 == 0
