@@ -4,6 +4,7 @@
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
 # make test-web      test the pages in Chromium, and exports with the validator of Khronos (needs node and chromium)
+# make web           write a site that runs the demo in browsers, out/site (needs node and npm)
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
 # make notebooks     run the notebooks and store their output
@@ -14,7 +15,7 @@ VENV ?= .venv
 PYTEST_WORKERS ?= 2
 FUZZ_SECONDS ?= 3600
 
-.PHONY: demo test fuzz test-torch test-blender test-web pose lint notebooks clean
+.PHONY: demo test fuzz test-torch test-blender test-web web pose lint notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -36,7 +37,10 @@ test-blender: $(VENV)/test $(VENV)-blender/bpy
 	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats
 
 test-web: $(VENV)/test $(VENV)-web/node_modules
-	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats
+	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/web
+
+web: $(VENV)/onnx
+	$(VENV)/bin/ha2g web demo --out out/site
 
 pose: $(VENV)/demo
 	$(VENV)/bin/ha2g data install-pose
@@ -64,6 +68,10 @@ $(VENV)/test: $(VENV)/bin/python pyproject.toml
 	$(VENV)/bin/python -m pip install --quiet --editable '.[test]'
 	touch $@
 
+$(VENV)/onnx: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable '.[onnx]'
+	touch $@
+
 $(VENV)/notebook: $(VENV)/bin/python pyproject.toml
 	$(VENV)/bin/python -m pip install --quiet --editable '.[notebook]'
 	touch $@
@@ -84,7 +92,7 @@ $(VENV)-blender/bpy:
 	touch $@
 
 $(VENV)-web/node_modules:
-	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core
+	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core axe-core
 
 clean:
 	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web out .cache build dist

@@ -47,6 +47,7 @@ PARSED_ONLY = {
     "live --source microphone": "needs a microphone",
     "live --source ws": "runs until Ctrl-C; tests/live runs it",
     "serve": "runs until it is stopped; tests/serve runs it",
+    "web": "needs node, and npm with its registry; tests/web runs it",
 }
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}

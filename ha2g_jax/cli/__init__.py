@@ -10,7 +10,7 @@ import sys
 import traceback
 
 from ha2g_jax import __version__
-from ha2g_jax.cli import data, evaluate, export, generate, live, serve, view
+from ha2g_jax.cli import data, evaluate, export, generate, live, serve, view, web
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
@@ -82,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_commands(commands)
     view.add_command(commands)
     serve.add_command(commands)
+    web.add_command(commands)
 
     speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move if that is known")
     speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."

@@ -39,9 +39,9 @@ def build_document(
         styles: names of the CSS files.
         scripts: names of the JavaScript files, in the order in which they run.
     """
-    style = "".join(_asset(name) for name in styles)
-    code = tuple(f"\n{_asset(name)}" for name in scripts)
-    text = string.Template(_asset(template)).substitute(
+    style = "".join(read_asset(name) for name in styles)
+    code = tuple(f"\n{read_asset(name)}" for name in scripts)
+    text = string.Template(read_asset(template)).substitute(
         title=html.escape(title),
         style=style,
         three=_three(),
@@ -57,11 +57,16 @@ def source_hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _asset(name: str) -> str:
+def read_asset(name: str) -> str:
+    """Return the text of a file of `assets/viewer`."""
     return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / name).read_text("utf-8")
+
+
+def three_library() -> bytes:
+    """Return the script three.js, release 130 with OrbitControls, as UTF-8."""
+    return (importlib.resources.files("jupyter_threejs_sage") / "static" / "r130" / "three.min.js").read_bytes()
 
 
 @functools.cache
 def _three() -> str:
-    library = importlib.resources.files("jupyter_threejs_sage") / "static" / "r130" / "three.min.js"
-    return deflated(library.read_bytes())
+    return deflated(three_library())

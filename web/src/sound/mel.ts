@@ -1,0 +1,98 @@
+/** The log-mel spectrogram of the models, as `ha2g_jax/features/audio.py` computes it. */
+
+import { round, toFloat16 } from "../rounding.js";
+import { melFilters, PowerSpectrum } from "./spectrum.js";
+
+export const SAMPLE_RATE = 16000;
+export const FFT_SIZE = 1024;
+export const HOP_LENGTH = 512;
+export const NUM_MELS = 128;
+export const FLOOR_DB = -80;
+
+const SILENCE_POWER = 1e-15; // a clip whose loudest mel power is lower is silence
+const LEAST_RATIO = Math.fround(1e-8); // of the floor
+
+const spectrum = new PowerSpectrum(FFT_SIZE);
+const filters = melFilters(SAMPLE_RATE, FFT_SIZE, NUM_MELS);
+const power = new Float32Array(1 + FFT_SIZE / 2);
+
+/**
+ * Computes the mel powers of one column of the spectrogram.
+ *
+ * @param samples - sound at 16 kHz.
+ * @param start - first of the 1024 samples of the column.
+ * @param mel - (128,) that the powers are written to.
+ */
+export function melPower(samples: Float32Array, start: number, mel: Float32Array): void {
+  spectrum.compute(samples, start, power);
+  for (let band = 0; band < NUM_MELS; band++) {
+    const filter = filters[band];
+    let sum = 0;
+    for (let k = 0; k < filter.weights.length; k++) sum += filter.weights[k] * power[filter.start + k];
+    mel[band] = sum;
+  }
+}
+
+/**
+ * Computes the log-mel spectrogram of a clip in dB relative to its maximum.
+ *
+ * @param samples - (samples,) at 16 kHz, at least 1 sample.
+ * @returns (1 + floor(samples / 512), 128) in [-80, 0], one column of the spectrogram after the other.
+ */
+export function logMel(samples: Float32Array): Float32Array {
+  const padded = reflected(samples, FFT_SIZE / 2, FFT_SIZE / 2);
+  const columns = 1 + Math.floor(samples.length / HOP_LENGTH);
+  const powers = new Float32Array(columns * NUM_MELS);
+  for (let column = 0; column < columns; column++) {
+    melPower(padded, column * HOP_LENGTH, powers.subarray(column * NUM_MELS, (column + 1) * NUM_MELS));
+  }
+  const loudest = powers.reduce((most, value) => Math.max(most, value), 0);
+  return powers.map((value) => decibels(value, loudest));
+}
+
+/** Returns a mel power in dB relative to a reference, in [-80, 0]; -80 if the reference is silence. */
+export function decibels(value: number, reference: number): number {
+  if (reference < SILENCE_POWER) return FLOOR_DB;
+  const ratio = Math.min(Math.max(Math.fround(value / Math.fround(reference)), LEAST_RATIO), 1);
+  return Math.min(Math.max(Math.fround(10 * Math.fround(Math.log10(ratio))), FLOOR_DB), 0);
+}
+
+/**
+ * Returns the window of a spectrogram that starts at a frame, as a model reads it, at half precision.
+ *
+ * @param mel - (columns, 128) of a whole clip in dB.
+ * @param startFrame - first frame of the window.
+ * @param columns - columns of the window.
+ * @param fps - frames per second.
+ * @returns (128, columns); past the end of the clip there is silence.
+ */
+export function melWindow(mel: Float32Array, startFrame: number, columns: number, fps: number): Float32Array {
+  const start = windowColumn(startFrame, fps);
+  const window = new Float32Array(NUM_MELS * columns).fill(FLOOR_DB);
+  const known = Math.min(mel.length / NUM_MELS - start, columns);
+  for (let column = 0; column < known; column++) {
+    for (let band = 0; band < NUM_MELS; band++) {
+      window[band * columns + column] = toFloat16(mel[(start + column) * NUM_MELS + band]);
+    }
+  }
+  return window;
+}
+
+/** Returns the column of the spectrogram nearest to the time of a frame. */
+export function windowColumn(frame: number, fps: number): number {
+  return round((frame * SAMPLE_RATE) / (fps * HOP_LENGTH));
+}
+
+/** Returns the number of whole columns of the spectrogram in a number of frames. */
+export function windowColumns(numFrames: number, fps: number): number {
+  return Math.trunc((numFrames * SAMPLE_RATE) / (fps * HOP_LENGTH));
+}
+
+/** Returns sound with `before` and `after` samples more, which are reflected at its first and last sample. */
+export function reflected(samples: Float32Array, before: number, after: number): Float32Array {
+  const period = Math.max(2 * (samples.length - 1), 1);
+  return Float32Array.from({ length: before + samples.length + after }, (_, k) => {
+    const place = (((k - before) % period) + period) % period;
+    return samples[Math.min(place, period - place)];
+  });
+}

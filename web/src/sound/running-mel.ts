@@ -1,0 +1,98 @@
+/**
+ * The log-mel spectrogram of speech that arrives in pieces, in memory that does not grow, as
+ * `ha2g_jax/features/running_mel.py` computes it.
+ *
+ * Its columns are those of `logMel`. Only 0 dB differs: the maximum of a clip is not known before its end, so that 0 dB
+ * is a running level, which each window takes as it is at its time.
+ */
+
+import { toFloat16 } from "../rounding.js";
+import { decibels, FFT_SIZE, HOP_LENGTH, melPower, NUM_MELS, reflected, SAMPLE_RATE } from "./mel.js";
+
+const TYPICAL_POWER = 15; // the loudest mel power of speech with a peak of about 0.2
+// 0 dB falls slowly while there is sound; it does not fall in pauses, and not below the level of a peak of about 0.02.
+const LEAST_POWER = TYPICAL_POWER / 100;
+const FALL = 10 ** ((-0.2 / 10) * (HOP_LENGTH / SAMPLE_RATE)); // by 0.2 dB in a second of sound
+const SOUND = 10 ** (-30 / 10); // a column whose loudest band is within 30 dB of 0 dB is sound
+
+/** The last columns of the spectrogram of speech that goes on. */
+export class RunningMel {
+  private reference: number;
+  private readonly isRunning: boolean;
+  private readonly powers: Float32Array; // (kept, 128), the latest column last; silence before the first
+  private numColumns = 0; // that were computed since the start
+  private samples: Float32Array = new Float32Array(0); // those that later columns need, from number `first` on
+  private first = 0;
+
+  /**
+   * @param kept - number of columns that are kept.
+   * @param reference - mel power of 0 dB; by default a running level that starts at that of typical speech.
+   */
+  constructor(
+    private readonly kept: number,
+    reference?: number,
+  ) {
+    this.reference = reference ?? TYPICAL_POWER;
+    this.isRunning = reference === undefined;
+    this.powers = new Float32Array(kept * NUM_MELS);
+  }
+
+  /** Adds samples at 16 kHz to the end, and computes the columns that they complete. */
+  add(samples: Float32Array): void {
+    const known = new Float32Array(this.samples.length + samples.length);
+    known.set(this.samples);
+    known.set(samples, this.samples.length);
+    while (HOP_LENGTH * (this.numColumns + 1) <= this.first + known.length) {
+      if (this.numColumns === 0) {
+        // The start is reflected; the weight of the first sample of a column is 0.
+        const half = known.subarray(0, HOP_LENGTH);
+        this.addColumn(Float32Array.from([half[0], ...half.subarray(1).toReversed(), ...half]), 0);
+      } else {
+        this.addColumn(known, HOP_LENGTH * (this.numColumns - 1) - this.first);
+      }
+    }
+    // The last column reflects the end of the speech, for which it needs one sample more.
+    const done = Math.max(HOP_LENGTH * (this.numColumns - 1) - 1 - this.first, 0);
+    this.samples = known.slice(done);
+    this.first += done;
+  }
+
+  /** Computes the last column, in which the end of the speech is reflected; silence follows. */
+  end(): void {
+    if (!(this.first + this.samples.length)) return;
+    const half = FFT_SIZE / 2;
+    const padded = reflected(this.samples, this.first ? 0 : half, half);
+    this.addColumn(padded, HOP_LENGTH * this.numColumns - (this.first ? this.first + half : 0));
+  }
+
+  /**
+   * Returns columns of the spectrogram at half precision.
+   *
+   * @param start - number of the first column, which may lie before the start of the speech.
+   * @param columns - number of columns.
+   * @returns (128, columns) dB; columns before the start, and those that are not computed, are silence.
+   */
+  window(start: number, columns: number): Float32Array {
+    const window = new Float32Array(NUM_MELS * columns);
+    const first = this.kept - this.numColumns + start; // row of the first column in `powers`
+    for (let column = 0; column < columns; column++) {
+      const row = start + column < this.numColumns ? first + column : -1;
+      for (let band = 0; band < NUM_MELS; band++) {
+        const power = row < 0 ? 0 : this.powers[row * NUM_MELS + band];
+        window[band * columns + column] = toFloat16(decibels(power, this.reference));
+      }
+    }
+    return window;
+  }
+
+  private addColumn(samples: Float32Array, start: number): void {
+    this.powers.copyWithin(0, NUM_MELS);
+    const latest = this.powers.subarray(-NUM_MELS);
+    melPower(samples, start, latest);
+    this.numColumns++;
+    const loudest = Math.max(...latest);
+    if (this.isRunning && loudest > this.reference * SOUND) {
+      this.reference = Math.max(loudest, this.reference * FALL, LEAST_POWER);
+    }
+  }
+}

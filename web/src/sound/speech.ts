@@ -1,0 +1,47 @@
+/** Checks on the speech that motion is generated for. */
+
+import { SAMPLE_RATE } from "./mel.js";
+
+const LEAST_SECONDS = 0.2;
+const MOST_SECONDS = 3900;
+const INFINITE = 1e30; // greater samples would overflow in sums of them
+
+/**
+ * Checks the length of sound.
+ *
+ * @param numSamples - samples of each channel.
+ * @param rate - samples per second.
+ * @throws Error if it is shorter than 0.2 s or longer than 65 minutes.
+ */
+export function checkLength(numSamples: number, rate: number): void {
+  const seconds = numSamples / rate;
+  if (!(seconds >= LEAST_SECONDS)) {
+    throw new Error(`the sound has ${seconds.toFixed(3)} s; expected at least ${LEAST_SECONDS} s of speech`);
+  }
+  if (seconds > MOST_SECONDS) {
+    throw new Error(`the sound has more than ${MOST_SECONDS / 60} minutes; cut it into shorter parts`);
+  }
+}
+
+/**
+ * Returns samples in which those that are NaN or infinite are 0; the input itself where all are finite.
+ *
+ * @throws Error if none is finite.
+ */
+export function finite(samples: Float32Array): Float32Array {
+  const isFinite = (sample: number) => Math.abs(sample) < INFINITE;
+  if (samples.every(isFinite)) return samples;
+  if (!samples.some(isFinite)) throw new Error("the sound has only NaN or infinite samples; record it again");
+  return samples.map((sample) => (isFinite(sample) ? sample : 0));
+}
+
+/**
+ * Checks mono samples at 16 kHz.
+ *
+ * @returns the samples, with 0 for those that are not finite.
+ */
+export function checkSpeech(samples: Float32Array): Float32Array {
+  if (!(samples instanceof Float32Array)) throw new Error("the speech is no Float32Array; expected samples at 16 kHz");
+  checkLength(samples.length, SAMPLE_RATE);
+  return finite(samples);
+}

@@ -1,0 +1,113 @@
+/** Sound is read and resampled without loss, and files that are no sound are refused with a sentence. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { round, toFloat16 } from "../src/rounding.js";
+import { logMel, melPower, NUM_MELS, reflected } from "../src/sound/mel.js";
+import { resample } from "../src/sound/resample.js";
+import { RunningMel } from "../src/sound/running-mel.js";
+import { readSound } from "../src/sound/wav.js";
+import { noise } from "./model.js";
+
+const sine = (hertz: number, rate: number, seconds = 0.5) =>
+  Float32Array.from({ length: rate * seconds }, (_, k) => 0.5 * Math.sin((2 * Math.PI * hertz * k) / rate));
+
+function wav(samples: number[], { code = 1, bits = 16, rate = 16000, channels = 1, declared = -1 } = {}): ArrayBuffer {
+  const size = bits / 8;
+  const view = new DataView(new ArrayBuffer(44 + samples.length * size));
+  [..."RIFF"].forEach((letter, k) => view.setUint8(k, letter.charCodeAt(0)));
+  [..."WAVEfmt "].forEach((letter, k) => view.setUint8(8 + k, letter.charCodeAt(0)));
+  view.setUint32(16, 16, true);
+  view.setUint16(20, code, true);
+  view.setUint16(22, channels, true);
+  view.setUint32(24, rate, true);
+  view.setUint16(34, bits, true);
+  [..."data"].forEach((letter, k) => view.setUint8(36 + k, letter.charCodeAt(0)));
+  view.setUint32(40, declared < 0 ? samples.length * size : declared, true);
+  samples.forEach((sample, k) => {
+    const at = 44 + k * size;
+    if (code === 3) size === 4 ? view.setFloat32(at, sample, true) : view.setFloat64(at, sample, true);
+    else if (size === 1) view.setUint8(at, sample * 128 + 128);
+    else if (size === 2) view.setInt16(at, sample * 2 ** 15, true);
+    else if (size === 3) view.setUint16(at, (sample * 2 ** 23) & 0xffff, true), view.setInt8(at + 2, (sample * 2 ** 23) >> 16);
+    else view.setInt32(at, sample * 2 ** 31, true);
+  });
+  return view.buffer;
+}
+
+test("samples of every kind are read", () => {
+  const samples = Array.from({ length: 4000 }, (_, k) => ((k % 7) - 3) / 8);
+  for (const [code, bits] of [[1, 8], [1, 16], [1, 24], [1, 32], [3, 32], [3, 64]]) {
+    assert.deepEqual([...readSound(wav(samples, { code, bits }))], samples, `${code} ${bits}`);
+  }
+});
+
+test("channels are averaged, and a recorder that was stopped may state any length", () => {
+  const stereo = Array.from({ length: 8000 }, (_, k) => (k % 2 ? 0.5 : 0.25));
+  const found = readSound(wav(stereo, { channels: 2, declared: 0xffffffff }));
+  assert.equal(found.length, 4000);
+  assert.ok(found.every((sample) => sample === 0.375));
+});
+
+test("NaN is silence, and a peak above 1 is scaled to 1", () => {
+  const found = readSound(wav(Array.from({ length: 4000 }, (_, k) => (k ? 2 : NaN)), { code: 3, bits: 32 }));
+  assert.deepEqual([...found.subarray(0, 3)], [0, 1, 1]);
+});
+
+test("files that are no sound are refused", () => {
+  const text = new TextEncoder().encode("this is a text that is named speech.wav").buffer as ArrayBuffer;
+  const refused: [ArrayBuffer, RegExp][] = [
+    [new ArrayBuffer(0), /no WAV file/],
+    [text, /no WAV file/],
+    [wav([]).slice(0, 20), /no samples/],
+    [wav([0.5]), /0\.000 s; expected at least 0\.2 s/],
+    [wav(Array(8000).fill(0.5), { rate: 1 }), /more than 65 minutes/],
+    [wav(Array(900).fill(0.5), { rate: 900 }), /900 samples per second/],
+    [wav(Array(8000).fill(0.5), { rate: 0 }), /./],
+    [wav(Array(8000).fill(0.5), { channels: 0 }), /0 channels/],
+    [wav(Array(8000).fill(0.5), { code: 85 }), /kind 85/],
+    [wav(Array(8000).fill(NaN), { code: 3, bits: 32 }), /only NaN/],
+  ];
+  for (const [bytes, message] of refused) assert.throws(() => readSound(bytes), message);
+});
+
+test("resampling keeps what the new rate can hold, and removes the rest", () => {
+  for (const rate of [8000, 22050, 44100, 48000, 44099]) {
+    const found = resample(sine(1000, rate), rate);
+    assert.equal(found.length, 8000);
+    const expected = sine(1000, 16000);
+    const errors = found.subarray(2000, 6000).map((sample, k) => Math.abs(sample - expected[2000 + k]));
+    assert.ok(Math.max(...errors) < 1e-5, `${rate}: ${Math.max(...errors)}`);
+  }
+  const above = resample(sine(9000, 48000), 48000).subarray(2000, 6000);
+  assert.ok(above.every((sample) => Math.abs(sample) < 1e-5));
+});
+
+test("the columns of a running spectrogram are those of the whole, however the sound is cut", () => {
+  const samples = noise(16000);
+  const mel = new Float32Array(NUM_MELS);
+  let loudest = 0;
+  const padded = reflected(samples, 512, 512);
+  for (let start = 0; start + 1024 <= padded.length; start += 512) {
+    melPower(padded, start, mel);
+    loudest = Math.max(loudest, ...mel);
+  }
+  const whole = logMel(samples);
+  for (const piece of [1, 100, 511, 512, 1500, 16000]) {
+    const running = new RunningMel(40, loudest);
+    for (let start = 0; start < samples.length; start += piece) running.add(samples.subarray(start, start + piece));
+    running.end();
+    const window = running.window(0, whole.length / NUM_MELS);
+    whole.forEach((value, k) => {
+      const [column, band] = [Math.floor(k / NUM_MELS), k % NUM_MELS];
+      assert.equal(window[band * (whole.length / NUM_MELS) + column], toFloat16(value));
+    });
+  }
+});
+
+test("numbers are rounded as in Python", () => {
+  assert.deepEqual([0.5, 1.5, 2.5, -0.5, -1.5, 2.4, -2.6].map(round).map((value) => value + 0), [0, 2, 2, 0, -2, 2, -3]);
+  const halves = [-80, -79.97, -33.3333, -1.00048828125, -0.1, -6e-5, -1e-6, 0].map(toFloat16);
+  const expected = [-80, -80, -33.34375, -1, -0.0999755859375, -0.00006002187728881836, -1.0132789611816406e-6, 0];
+  assert.deepEqual(halves.map((value) => value + 0), expected);
+});

@@ -1,0 +1,130 @@
+/** Windows are joined as in a whole motion, a stream keeps its promises, and wrong requests are refused. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { checkDescription } from "../src/description.js";
+import { generate } from "../src/synthesis/generate.js";
+import { Stream } from "../src/synthesis/stream.js";
+import { chooseStyle } from "../src/synthesis/style.js";
+import { easeBorders, joinWindows, numWindows, RunningJoin } from "../src/synthesis/windows.js";
+import { makeDescription, makeSampler, noise } from "./model.js";
+
+/** Returns the frames of a stream that hears sound in pieces. */
+async function streamed(samples: Float32Array, piece: number, options = {}): Promise<number[]> {
+  const stream = new Stream(makeSampler(), options);
+  const frames: number[] = [];
+  for (let start = 0; start < samples.length; start += piece) {
+    frames.push(...(await stream.feed(samples.subarray(start, start + piece))));
+  }
+  frames.push(...(await stream.flush()));
+  return frames;
+}
+
+/** Returns how many numbers an object holds. */
+function numbersIn(value: unknown): number {
+  if (ArrayBuffer.isView(value)) return value.byteLength;
+  if (typeof value !== "object" || value === null) return 1;
+  return Object.values(value).reduce((sum, part) => sum + numbersIn(part), 0);
+}
+
+test("windows cover a motion", () => {
+  assert.deepEqual([1, 34, 35, 64, 65].map((frames) => numWindows(frames, 34, 4)), [1, 1, 2, 2, 3]);
+});
+
+test("windows that come one after the other are joined as all of them", async () => {
+  const sampler = makeSampler();
+  const { size } = sampler;
+  const windows: Float32Array[] = [];
+  for (let k = 0; k < 4; k++) {
+    windows.push(await sampler.run(new Float32Array(1), new Float32Array(2), new Float32Array(12 * size)));
+  }
+  const whole = easeBorders(joinWindows(windows, 4, size), 34, 4, size);
+  const join = new RunningJoin(34, 4, 30, 0, size);
+  const parts = windows.map((window, k) => join.add(window).subarray(0, (k < 3 ? 30 : 34) * size));
+  const found = parts.flatMap((part) => [...part]);
+  assert.equal(found.length, whole.length);
+  found.forEach((value, k) => assert.ok(Math.abs(value - whole[k]) < 1e-5));
+});
+
+test("a motion has round(duration x fps) frames, and tells its progress", async () => {
+  const fractions: number[] = [];
+  const onwindow = async (fraction: number) => void fractions.push(fraction);
+  const { directions } = await generate(makeSampler(), noise(16000 * 4 + 600), {}, onwindow);
+  assert.equal(directions.length, 61 * makeSampler().size);
+  assert.deepEqual(fractions, [0.5, 1]);
+});
+
+test("the frames of a stream do not depend on how the sound is cut", async () => {
+  const samples = noise(24000);
+  for (const options of [{}, { hop: 3, lookAhead: 0 }, { hop: 30, lookAhead: 34, energy: 0.5 }]) {
+    const expected = await streamed(samples, 24000, options);
+    assert.equal(expected.length, 22 * makeSampler().size); // of 22.5, the even number, as in Python
+    for (const piece of [333, 5000]) assert.deepEqual(await streamed(samples, piece, options), expected);
+  }
+});
+
+test("a stream of ten minutes holds as much as one of half a minute", async () => {
+  const stream = new Stream(makeSampler(), { hop: 10 });
+  const piece = noise(8000);
+  const held: number[] = [];
+  for (let half = 1; half <= 1200; half++) {
+    await stream.feed(piece);
+    if (half === 64 || half === 1200) held.push(numbersIn(stream));
+  }
+  assert.equal(held[1], held[0]);
+});
+
+test("a style is that of Python's equations", () => {
+  const description = makeDescription();
+  const values = (style: object) => [...chooseStyle(description, style, 0).values];
+  assert.deepEqual(values({ speaker: "ada", variation: 0.5 }), [1.5, 1.5]);
+  assert.deepEqual(values({ mixture: { ada: 1, ben: 3 }, variation: 0 }), [2.5, -1]);
+  assert.deepEqual(values({ values: [7, 8] }), [7, 8]);
+  assert.deepEqual(values({}), [0.5, -0.5]);
+});
+
+test("wrong requests are refused with a sentence", async () => {
+  const sampler = makeSampler();
+  const refused: [object, RegExp][] = [
+    [{ speaker: "eve" }, /no speaker "eve" in the model; expected one of: ada, ben/],
+    [{ speaker: "toString" }, /no speaker "toString"/],
+    [{ speaker: "ada", values: [1, 2] }, /more than one source/],
+    [{ mixture: { ada: 0 } }, /the weights of the style are ada 0/],
+    [{ mixture: { ada: -1, ben: 2 } }, /the weights/],
+    [{ values: [1] }, /1 values; expected 2/],
+    [{ speaker: "ada", variation: 3 }, /the variation of the style is 3/],
+    [{ seed: 1 }, /the seed is 1; expected a whole number from 0 to 0/],
+    [{ seed: 0.5 }, /the seed is 0.5/],
+    [{ energy: NaN }, /the energy is NaN/],
+  ];
+  for (const [options, message] of refused) {
+    await assert.rejects(generate(sampler, noise(16000), options), message);
+    assert.throws(() => new Stream(sampler, options), message);
+  }
+  await assert.rejects(generate(sampler, noise(100)), /0\.006 s; expected at least 0\.2 s/);
+  for (const options of [{ lookAhead: 35 }, { lookAhead: 1.5 }, { hop: 0 }, { hop: 27 }, { reference: -1 }]) {
+    assert.throws(() => new Stream(sampler, options), /expected/);
+  }
+});
+
+test("a description that does not fit a model is refused", () => {
+  assert.ok(checkDescription(makeDescription()));
+  const { audio, skeleton, seed_poses, takes } = makeDescription();
+  const wrong: object[] = [
+    { format: "other" },
+    { fps: "15" },
+    { num_seed_frames: 20 },
+    { audio: { ...audio, columns: 71 } },
+    { skeleton: { ...skeleton, bones: [...skeleton.bones.slice(1), [0, 99]] } },
+    { skeleton: { ...skeleton, lengths: [] } },
+    { seed_poses: [] },
+    { seed_poses: [seed_poses[0].slice(1)] },
+    { speakers: { ada: [1] } },
+    { takes: [] },
+    { takes: [{ ...takes[0], seed_pose: 5 }] },
+  ];
+  for (const changes of wrong) {
+    assert.throws(() => checkDescription({ ...makeDescription(), ...changes }), /^Error: model.json has /, JSON.stringify(changes));
+  }
+  for (const value of [null, 3, "text"]) assert.throws(() => checkDescription(value), /model.json has no object/);
+});
