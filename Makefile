@@ -3,7 +3,7 @@
 # make fuzz          give every reader damaged files, for an hour (FUZZ_SECONDS)
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
-# make test-web      test the pages in Chromium, and exports with the validator of Khronos (needs node and chromium)
+# make test-web      test ha2g-web, the pages in Chromium, and exports with the validator of Khronos (needs node and chromium)
 # make web           write a site that runs the demo in browsers, out/site (needs node and npm)
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
@@ -36,7 +36,8 @@ test-torch: $(VENV)-torch/torch
 test-blender: $(VENV)/test $(VENV)-blender/bpy
 	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats
 
-test-web: $(VENV)/test $(VENV)-web/node_modules
+test-web: $(VENV)/test $(VENV)-web/node_modules web/node_modules
+	npm test --silent --prefix web
 	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/web
 
 web: $(VENV)/onnx
@@ -91,8 +92,12 @@ $(VENV)-blender/bpy:
 	$(VENV)-blender/bin/python -m pip install --quiet bpy numpy
 	touch $@
 
+web/node_modules: web/package-lock.json
+	npm ci --silent --no-audit --no-fund --ignore-scripts --prefix web
+	touch $@
+
 $(VENV)-web/node_modules:
 	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core axe-core
 
 clean:
-	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web out .cache build dist
+	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web web/node_modules web/build web/dist out .cache build dist
