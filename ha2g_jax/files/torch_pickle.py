@@ -3,8 +3,8 @@
 A pickle is a program for a stack machine. Of its opcodes only those are followed that make plain values, containers and
 tensors; no name in it is ever imported or called. What the files of the field hold besides is accepted as `Inert`: the
 name of a class, with the state of the object, if there is one, as plain values. These are objects that are made without
-arguments, such as the settings of a program, and arrays of NumPy, whose numbers are not read. A request to call anything
-else is an error.
+arguments, such as the settings of a program, and arrays of NumPy, whose numbers are not read. A request to call
+anything else is an error.
 """
 
 import dataclasses
@@ -27,10 +27,10 @@ _INERT = {
 }
 _TENSOR, _PARAMETER = ("torch._utils", "_rebuild_tensor_v2"), ("torch._utils", "_rebuild_parameter")
 
-_VALUES = frozenset(
-    "NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 LONG4 BINFLOAT BINUNICODE SHORT_BINUNICODE BINUNICODE8 BINBYTES "
-    "SHORT_BINBYTES BINBYTES8 BINSTRING SHORT_BINSTRING".split()
-)
+_NUMBERS = ("BININT", "BININT1", "BININT2", "LONG1", "LONG4", "BINFLOAT")
+_TEXTS = ("BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINSTRING", "SHORT_BINSTRING")
+_BYTES = ("BINBYTES", "SHORT_BINBYTES", "BINBYTES8")
+_VALUES = frozenset(("NONE", "NEWTRUE", "NEWFALSE", *_NUMBERS, *_TEXTS, *_BYTES))
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _MARK = object()
 _MAX_KEY = 2**31
@@ -99,9 +99,7 @@ def read_pickle(data: bytes, make_tensor: MakeTensor) -> Any:
     """
     machine = _Machine(make_tensor)
     try:
-        for count, (opcode, argument, _) in enumerate(pickletools.genops(data)):
-            if count >= MAX_TORCH_OPCODES:
-                raise RefusedError(f"its pickle has more than {MAX_TORCH_OPCODES} opcodes")
+        for opcode, argument, _ in pickletools.genops(data):
             machine.step(opcode.name, argument)
     except RefusedError:
         raise
@@ -118,6 +116,7 @@ class _Machine:
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
         self._make_tensor = make_tensor
+        self._count = 0
 
     def result(self) -> Any:
         """Return the value after the last opcode."""
@@ -132,6 +131,9 @@ class _Machine:
             argument: its argument, None without one.
         """
         stack = self._stack
+        self._count += 1
+        if self._count > MAX_TORCH_OPCODES:
+            raise RefusedError(f"its pickle has more than {MAX_TORCH_OPCODES} opcodes")
         if name in _VALUES:
             stack.append(_CONSTANTS.get(name, argument))
         elif name in ("PROTO", "FRAME", "STOP"):

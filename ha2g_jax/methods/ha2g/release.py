@@ -161,7 +161,8 @@ class ReleaseHA2G(nn.Module):
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> SpeechFeatures:
         """Maps "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
         audio = self.audio(inputs["mel"], train=train)
-        return SpeechFeatures(*audio, tuple(it.encode_text(inputs["words"], train=train) for it in self.stages))
+        texts = tuple(stage.encode_text(inputs["words"], train=train) for stage in self.stages)
+        return SpeechFeatures(audio.low, audio.mid, audio.high, texts)
 
     def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
         """Maps word indices on frames (B, N) to f_t (B, N, 32), which serves the contrastive loss only."""
