@@ -14,8 +14,8 @@ from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.released import names, table
-from ha2g_jax.checkpoint.released.conversions import FIRST_SPEAKER, FIRST_WORD
-from ha2g_jax.checkpoint.released.mapping import DoesNotFitError, convert, left_out
+from ha2g_jax.checkpoint.released.conversions import FIRST_SPEAKER, FIRST_WORD, SPEAKERS, WORDS
+from ha2g_jax.checkpoint.released.mapping import DoesNotFitError, check_names, convert, left_out
 from ha2g_jax.checkpoint.released.table import DISCRIMINATOR, Row
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
@@ -93,6 +93,8 @@ def read_released(content: Any, size: str = "") -> Released:
     parts = {str(key): value for key, value in content.items() if _is_part(key, value)}
     data = _data_of(content)
     method, config, rows = _choose(parts, data, size)
+    used = {row.part for row in rows}
+    check_names({part: entries for part, entries in parts.items() if part in used}, rows)
     skeleton = load_skeleton(config.skeleton)
     notes = []
     if (mean := names.mean_directions(content.get("args"), skeleton.num_bones)) is not None:
@@ -114,7 +116,7 @@ def read_released(content: Any, size: str = "") -> Released:
         {name.replace(f"/{DISCRIMINATOR}", "", 1): it for name, it in flat.items() if _is_of_discriminator(name)}
     )
     assets = Assets(skeleton, words, _styles(spec, variables, speakers), _start_poses(spec, skeleton))
-    config.name = f"{method}_release"
+    config.name = f"released_{method}"
     return Released(config, spec, variables, discriminator, assets, rows, notes)
 
 
@@ -165,15 +167,13 @@ def _names(
 ) -> tuple[Vocabulary, list[str]]:
     """Return the words and the speakers of the tables; made-up names, and a note, where the file does not have them."""
     found = []
-    for key, table_name, first in (
-        ("lang_model", "text_encoder.embedding.weight", FIRST_WORD),
-        ("speaker_model", "speaker_embedding.0.weight", FIRST_SPEAKER),
-    ):
-        tables = [parts.get(row.part, {}).get(row.name) for row in rows if row.name == table_name]
+    for key, conversion, first in (("lang_model", WORDS, FIRST_WORD), ("speaker_model", SPEAKERS, FIRST_SPEAKER)):
+        tables = [parts[row.part][row.name].shape for row in rows if row.conversion is conversion]
         if not tables:
             found.append([])
             continue
-        count = max(tables[0].shape[0] - first, 0) if isinstance(tables[0], np.ndarray) and tables[0].ndim else 0
+        if len(tables[0]) != 2 or (count := tables[0][0] - first) < 1:
+            raise DoesNotFitError(f"the table of {key} has shape {tables[0]}, expected more than {first} rows")
         made = names.names_of(content.get(key), first, count)
         if made is None or len(set(made)) < count:
             notes.append(f"{key} does not name all {count} rows of its table: they are named by their numbers")
@@ -206,11 +206,10 @@ def _notes(
     *,
     has_discriminator: bool,
 ) -> list[str]:
-    notes = []
+    notes, used = [], {row.part for row in rows}
     if has_discriminator:
         count = sum(row.part == "dis_dict" for row in rows)
         notes.append(f"the {count} tensors of dis_dict fit, and are left out: a model folder has no discriminator")
-    used = {row.part for row in rows}
     if unread := sorted(str(key)[:40] for key in content if key not in used and key not in _KNOWN):
         notes.append(f"not read: {', '.join(unread)[:200]}")
     if rest := left_out({part: parts[part] for part in used}, rows):

@@ -22,8 +22,28 @@ class DoesNotFitError(ValueError):
     """Error for a file whose entries are not those of the table."""
 
 
+def check_names(parts: Parts, rows: Sequence[Row]) -> None:
+    """Check that a file has the tensors of the table and no others.
+
+    Args:
+        parts: values by name, for each key of the file that rows name.
+        rows: the table.
+
+    Raises:
+        DoesNotFitError: an entry is missing, no tensor, or unknown.
+    """
+    missing = [row for row in rows if not isinstance(parts.get(row.part, {}).get(row.name), np.ndarray)]
+    if missing:
+        more = f" and {len(missing) - 1} more" if missing[1:] else ""
+        raise DoesNotFitError(f"no tensor {_shown(missing[0].part, missing[0].name)}{more}")
+    odd = [(part, name) for part, name in left_out(parts, rows) if not _may_be_left_out(parts[part], str(name))]
+    if odd:
+        more = f" and {len(odd) - 1} more" if odd[1:] else ""
+        raise DoesNotFitError(f"{_shown(*odd[0])}{more} is in no row of the table (docs/released_weights.md)")
+
+
 def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    """Convert the tensors of a file.
+    """Convert the tensors of a file whose names were checked.
 
     Args:
         parts: arrays by name, for each key of the file that rows name.
@@ -34,9 +54,8 @@ def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, .
         Float32 arrays by the names of `shapes`.
 
     Raises:
-        DoesNotFitError: an entry is missing, unknown, of another shape or type, or has values that are not finite.
+        DoesNotFitError: an entry is of another shape or type, or has values that are not finite.
     """
-    _check_names(parts, rows)
     targets = [row.target for row in rows]
     if len(set(targets)) != len(targets) or set(targets) != set(shapes):
         raise ValueError(f"the table and the networks differ in {sorted(set(targets) ^ set(shapes))[:3]}")
@@ -58,17 +77,6 @@ def left_out(parts: Parts, rows: Iterable[Row]) -> list[tuple[str, str]]:
     """Return (part, name) of the entries that have no row."""
     wanted = {(row.part, row.name) for row in rows}
     return [(part, name) for part, entries in parts.items() for name in entries if (part, name) not in wanted]
-
-
-def _check_names(parts: Parts, rows: Sequence[Row]) -> None:
-    missing = [row for row in rows if not isinstance(parts.get(row.part, {}).get(row.name), np.ndarray)]
-    if missing:
-        more = f" and {len(missing) - 1} more" if missing[1:] else ""
-        raise DoesNotFitError(f"no tensor {_shown(missing[0].part, missing[0].name)}{more}")
-    odd = [(part, name) for part, name in left_out(parts, rows) if not _may_be_left_out(parts[part], str(name))]
-    if odd:
-        more = f" and {len(odd) - 1} more" if odd[1:] else ""
-        raise DoesNotFitError(f"{_shown(*odd[0])}{more} is in no row of the table (docs/released_weights.md)")
 
 
 def _may_be_left_out(entries: Mapping[str, Any], name: str) -> bool:

@@ -6,16 +6,22 @@ import jax
 import numpy as np
 import pytest
 
+import ha2g_jax
 from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder, weights
+from ha2g_jax.checkpoint.onnx import export
 from ha2g_jax.checkpoint.released import table
 from ha2g_jax.checkpoint.released.importing import read_released
 from ha2g_jax.checkpoint.released.mapping import DoesNotFitError
 from ha2g_jax.cli import main
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
 from ha2g_jax.files.torch_pickle import Inert
 from ha2g_jax.methods.build import build, discriminator_shapes, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.study.evaluation.features import PoseFeatures
+from ha2g_jax.synthesis import Style
 
 WORDS, SPEAKERS = ["the", "Hand", "hand"], ["a", "b"]
 
@@ -26,7 +32,9 @@ def _parts(rows, shapes):
     parts = {}
     for row in rows:
         shape = row.conversion.stored(shapes[row.target])
-        parts.setdefault(row.part, {})[row.name] = rng.uniform(0.1, 1, shape).astype(np.float32)
+        parts.setdefault(row.part, {})[row.name] = rng.uniform(
+            0.1 if "running_var" in row.name else -0.6, 0.6, shape
+        ).astype(np.float32)
     return parts
 
 
@@ -108,6 +116,24 @@ def test_a_file_without_names_is_numbered_and_says_so(content):
     assert [note.split()[0] for note in found.notes] == ["the", "lang_model", "speaker_model", "not"]
 
 
+def test_a_model_folder_generates_motion_with_words(content, tmp_path):
+    found = read_released(content, "debug")
+    folder = model_folder.save(tmp_path / "model", found.config, found.assets, found.variables, is_exact=True)
+    model = ha2g_jax.load(folder)
+    assert model.name == "released_ha2g" and model.reads_words
+    speech = 0.1 * np.random.default_rng(0).normal(size=3 * SAMPLE_RATE).astype(np.float32)
+    motions = [
+        model.generate(speech, words=words, style=Style(speaker="a", variation=0))
+        for words in ((), (Word("the", 0.5, 0.8), Word("hand", 1.0, 1.4)))
+    ]
+    assert all(motion.directions.shape == (45, 9, 3) and np.isfinite(motion.directions).all() for motion in motions)
+    assert not np.allclose(motions[0].directions, motions[1].directions)
+    with pytest.raises(UserError, match="networks of the public code"):
+        export.export(folder, tmp_path / "model.onnx")
+    with pytest.raises(UserError, match="ha2g reads mel, words"):
+        model.stream()
+
+
 def _set(content, part, name, value):
     content[part][name] = value
 
@@ -136,6 +162,10 @@ def _set(content, part, name, value):
             r"no tensor 'gen_dict_2: out\.2\.bias'",
         ),
         (lambda it: it.update(pose_dim=126), r"no tensor 'gen_dict_4"),
+        (
+            lambda it: _set(it, "audio_dict", "feat_extractor.speaker_embedding.0.weight", np.ones((1, 16))),
+            r"the table of speaker_model has shape \(1, 16\), expected more than 1 rows",
+        ),
         (lambda it: it.update(pose_dim=30), "pose_dim is 30, expected 27"),
         (lambda it: it.pop("pose_dim"), "pose_dim is None, expected 27"),
         (lambda it: [it.pop(key) for key in list(it) if key.endswith(("1", "2", "3"))], "expected gen_dict_1"),
