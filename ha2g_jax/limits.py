@@ -28,7 +28,7 @@ MAX_CARD_BYTES = 1_048_576
 MAX_ONNX_BYTES = 268_435_456
 """Size of an ONNX file; the size of the paper takes 157 MB in float32."""
 
-MAX_TORCH_BYTES = 1 << 30
+MAX_TORCH_BYTES = 671_088_640
 """Size of an archive of weights of PyTorch."""
 
 MAX_TORCH_PICKLE_BYTES = 1 << 28

@@ -67,9 +67,8 @@ def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pat
         UserError: the file cannot be read, is none that was released, or does not fit the table; or the folder exists
             or cannot be written.
     """
-    content = read_torch(path)
     try:
-        found = read_released(content)
+        found = read_released(read_torch(path))
     except DoesNotFitError as error:
         raise UserError(
             f"{shown(path)} is not a released file as docs/released_weights.md describes: {error}"
