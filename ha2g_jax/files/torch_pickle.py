@@ -14,7 +14,9 @@ from typing import Any
 
 from ha2g_jax.limits import MAX_TORCH_OPCODES
 
-_MAPPING = ("collections", "OrderedDict")
+_MAPPINGS = {("collections", "OrderedDict"), ("collections", "Counter")}
+_DEFAULTDICT = ("collections", "defaultdict")
+_SETS = {(module, name) for module in ("builtins", "__builtin__") for name in ("set", "frozenset")}
 # Callables whose results stay inert, whatever their arguments.
 _INERT = {
     ("_codecs", "encode"),
@@ -183,8 +185,14 @@ class _Machine:
     def _call(self) -> Any:
         arguments, called = self._pop(tuple), self._pop(_Name)
         which = (called.module, called.name)
-        if which == _MAPPING:
-            return {_key(key): _plain(value) for key, value in (arguments[0] if arguments else [])}
+        if which in _MAPPINGS:
+            pairs = arguments[0] if arguments else {}
+            pairs = pairs.items() if isinstance(pairs, dict) else pairs
+            return {_key(key): _plain(value) for key, value in pairs}
+        if which == _DEFAULTDICT:
+            return {}
+        if which in _SETS:
+            return list(map(_plain, arguments[0] if arguments else ()))
         if which == _TENSOR:
             return self._tensor(*arguments[:4])
         if which == _PARAMETER:

@@ -21,6 +21,8 @@ NUMBERS = np.arange(12, dtype=np.float32).reshape(3, 4)
 class Settings:
     """An object of a class that only its writer knows."""
 
+    rate = 0.0
+
 
 class Call:
     """Asks to be made by a call, as a malicious pickle does."""
@@ -56,6 +58,7 @@ def test_values_and_tensors_come_back(torch_files, tmp_path):
         "args": argparse.Namespace(numbers=[[0.5], [1.5]], none=None, yes=True, large=1 << 40),
         "settings": settings,
         "vectors": np.ones(3),
+        "counts": [collections.Counter(a=2), collections.defaultdict(list, b=[1]), {3}],
         "epoch": 7,
     }
     found = read_torch(torch_files.Archive(value).save(tmp_path / "good.bin"))
@@ -67,6 +70,7 @@ def test_values_and_tensors_come_back(torch_files, tmp_path):
     assert found["args"] == Inert("argparse.Namespace", args)
     assert found["settings"].name.endswith("Settings") and found["settings"].state == {"rate": 0.5}
     assert isinstance(found["vectors"], Inert)
+    assert found["counts"] == [{"a": 2}, {"b": [1]}, [3]]
 
 
 @pytest.mark.parametrize("where", ["value", "state of an object", "list"])

@@ -22,6 +22,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.torch_archive import read_torch
+from ha2g_jax.files.torch_pickle import Inert
 from ha2g_jax.methods.build import build, discriminator_shapes, generating_method_of, variable_shapes
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
@@ -88,7 +89,8 @@ def read_released(content: Any, size: str = "") -> Released:
         DoesNotFitError: the value is none of a released file.
     """
     if not isinstance(content, dict):
-        raise DoesNotFitError(f"it holds a {type(content).__name__} instead of a mapping")
+        kind = content.name if isinstance(content, Inert) else type(content).__name__
+        raise DoesNotFitError(f"it holds a {kind} instead of a mapping")
     parts = {str(key): value for key, value in content.items() if _is_part(key, value)}
     data = _data_of(content)
     method, config, rows = _choose(parts, data, size)

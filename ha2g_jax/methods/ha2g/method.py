@@ -18,7 +18,7 @@ from ha2g_jax.layers.whisper import WhisperEncoder
 from ha2g_jax.methods.choices import ARCHITECTURES, choice, some_of
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
 from ha2g_jax.methods.forward import apply
-from ha2g_jax.methods.ha2g import losses
+from ha2g_jax.methods.ha2g import losses, release
 from ha2g_jax.methods.ha2g.model import HA2G, SEED_LEVELS
 from ha2g_jax.methods.ha2g.release import ReleaseHA2G, SpeechFeatures
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, speech_arguments
@@ -31,15 +31,6 @@ has_parts = True
 init_arguments = speech_arguments
 
 _COORDINATORS = ("levels", "tied")
-# Settings with one value where the networks are those of the public code.
-_OF_RELEASE = (
-    ("audio", "kind", "resnet_se"),
-    ("text", "receptive_field", "causal"),
-    ("identity", "kind", "speakers"),
-    ("inferer", "seed_level", "own"),
-    ("inferer", "coordinator", "levels"),
-)
-_RELEASE_SLOPE = 0.01  # of the discriminator
 _LOSS_VERSION = 2  # before D13 to D16, the terms had other scales
 
 
@@ -99,7 +90,8 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: an unknown choice.
     """
     if choice("model.architecture", config.model.architecture, ARCHITECTURES) == "release":
-        return _build_release(config, skeleton, vocabulary_size, num_speakers)
+        audio = _resnet_se(config, reads_decibels=True)
+        return release.build(config, skeleton, vocabulary_size, num_speakers, audio)
     audio, inferer = config.model.audio, config.model.inferer
     encoder = _AUDIO_ENCODERS[choice("model.audio.kind", audio.kind, tuple(_AUDIO_ENCODERS))](config)
     generator = HA2G(
@@ -119,29 +111,6 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     inputs = encoder.inputs
     # The words serve the contrastive loss alone, so that generation does without them.
     return make_spec(config, skeleton, generator, discriminator, inputs=inputs, training_inputs=(*inputs, "words"))
-
-
-def _build_release(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of the public code; the settings that only those of the paper follow must be the paper's."""
-    inferer = config.model.inferer
-    for part, name, expected in _OF_RELEASE:
-        choice(f"model.{part}.{name}", config.model[part][name], (expected,))
-    if tuple(config.model.audio.levels) != losses.AUDIO_LEVELS or inferer.levels:
-        raise UserError("config.model.architecture=release has all levels: leave out model.audio and inferer levels")
-    generator = ReleaseHA2G(
-        audio=_resnet_se(config, reads_decibels=True),
-        text=text_encoder(config, vocabulary_size),
-        identity=speaker_table(config, num_speakers, has_hidden=True),
-        level_channels=skeleton.level_channels,
-        num_seed_frames=config.data.num_seed_frames,
-        has_shifted_head=skeleton.name == "ted_expressive",
-        hidden_dim=inferer.hidden_dim,
-        layers=inferer.layers,
-        dropout=inferer.dropout,
-    )
-    discriminator = Discriminator(**config.model.discriminator, slope=_RELEASE_SLOPE)
-    spec = make_spec(config, skeleton, generator, discriminator, inputs=("mel", "words"))
-    return spec._replace(style_dim=config.model.identity.feature_dim * (1 + skeleton.num_levels))
 
 
 def _resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:

@@ -6,19 +6,37 @@ states of the GRU to poses. Identities are those of a table; the style coordinat
 perceptron itself. The networks see the spectrogram in dB. docs/released_weights.md has the whole comparison.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
+from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
+from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.frame_decoder import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import speaker_table, text_encoder
+from ha2g_jax.methods.ha2g.losses import AUDIO_LEVELS
+from ha2g_jax.methods.method import Spec, make_spec
+from ha2g_jax.skeleton import Skeleton
 
 _HEAD_BONES = 5  # the last ones of every level of TED-Expressive
 _COORDINATOR_DIM = 32
+_DISCRIMINATOR_SLOPE = 0.01
+# Settings of the networks of the paper that have one value here.
+_FIXED = (
+    ("audio", "kind", "resnet_se"),
+    ("text", "receptive_field", "causal"),
+    ("identity", "kind", "speakers"),
+    ("inferer", "seed_level", "own"),
+    ("inferer", "coordinator", "levels"),
+)
 
 
 class SpeechFeatures(NamedTuple):
@@ -113,7 +131,7 @@ class ReleaseHA2G(nn.Module):
         hidden_dim, layers, dropout: of each level's GRU.
     """
 
-    audio: Any
+    audio: AudioEncoder
     text: TextEncoder
     identity: SpeakerIdentity
     level_channels: tuple[tuple[int, ...], ...]
@@ -223,3 +241,40 @@ class ReleaseHA2G(nn.Module):
                 places = places[:-head] + [place + 1 for place in places[-head:]]
             free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
         return jnp.concatenate([given, free], axis=1)
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, audio: AudioEncoder) -> Spec:
+    """Build the networks of `config.model` with architecture "release"; see `Method.build`.
+
+    Args:
+        config: settings; those that only the networks of the paper follow have one value.
+        skeleton: skeleton with the statistics of the training split.
+        vocabulary_size: number of words of the training split.
+        num_speakers: number of speakers of the training split.
+        audio: E_a, which reads dB.
+
+    Raises:
+        UserError: a setting that these networks cannot follow.
+    """
+    for part, name, expected in _FIXED:
+        choice(f"model.{part}.{name}", config.model[part][name], (expected,))
+    inferer = config.model.inferer
+    if tuple(config.model.audio.levels) != AUDIO_LEVELS or inferer.levels:
+        raise UserError(
+            "config.model.architecture is 'release', which has all levels of audio and motion: leave out "
+            "--config.model.audio.levels and --config.model.inferer.levels"
+        )
+    generator = ReleaseHA2G(
+        audio=audio,
+        text=text_encoder(config, vocabulary_size),
+        identity=speaker_table(config, num_speakers, has_hidden=True),
+        level_channels=skeleton.level_channels,
+        num_seed_frames=config.data.num_seed_frames,
+        has_shifted_head=skeleton.name == "ted_expressive",
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    discriminator = Discriminator(**config.model.discriminator, slope=_DISCRIMINATOR_SLOPE)
+    spec = make_spec(config, skeleton, generator, discriminator, inputs=("mel", "words"))
+    return spec._replace(style_dim=config.model.identity.feature_dim * (1 + skeleton.num_levels))
