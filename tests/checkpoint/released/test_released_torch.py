@@ -67,7 +67,8 @@ def _check_each_tensor_is_used_once(content, found):
 
 
 @pytest.mark.parametrize(
-    ("data", "size"), [("ted_gesture", "paper"), ("ted_gesture", "small"), ("ted_expressive", "small")]
+    ("data", "size"),
+    [("ted_gesture", "paper"), ("ted_gesture", "small"), ("ted_expressive", "small"), ("ted_expressive", "paper")],
 )
 def test_ha2g(data, size, nets, oracles, tmp_path):
     torch, skeleton = nets.torch, load_skeleton(data)
