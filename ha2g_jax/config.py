@@ -50,6 +50,7 @@ def paper(skeleton: str) -> Config:
     config.data.cache_gib = 8.0  # GiB of memory for the decoded clips of a split, for all workers of this host
 
     config.model = ml_collections.ConfigDict()
+    config.model.architecture = "paper"  # or "release": of ha2g, trimodal and autoencoder as in the public code
     config.model.recompute = False  # compute activations of ResNets again in the backward pass instead of keeping them
     config.model.audio = ml_collections.ConfigDict()
     config.model.audio.kind = "resnet_se"  # or "whisper" (D5); baselines have "spectrogram", "waveform" or "none"

@@ -28,6 +28,18 @@ MAX_CARD_BYTES = 1_048_576
 MAX_ONNX_BYTES = 268_435_456
 """Size of an ONNX file; the size of the paper takes 157 MB in float32."""
 
+MAX_TORCH_BYTES = 671_088_640
+"""Size of an archive of weights of PyTorch."""
+
+MAX_TORCH_PICKLE_BYTES = 1 << 28
+"""Size of the pickle in an archive of PyTorch, which may have the word vectors of a vocabulary."""
+
+MAX_TORCH_OPCODES = 5_000_000
+"""Opcodes of the pickle in an archive of PyTorch; three make an entry of a vocabulary."""
+
+MAX_TORCH_FILES = 8_000
+"""Files in an archive of PyTorch, one for each tensor."""
+
 MAX_VOCABULARY = 1_000_000
 """Words of a model."""
 

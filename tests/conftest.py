@@ -33,7 +33,13 @@ ROOT = pathlib.Path(__file__).parent.parent
 # that one worker computes while another waits, and at the end two workers share what is quick.
 SLOW = ("data/video", "train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "study")
 
-pytest_plugins = ["fixtures.methods", "fixtures.states", "fixtures.torch_layers", "fixtures.training"]
+pytest_plugins = [
+    "fixtures.methods",
+    "fixtures.states",
+    "fixtures.torch_files",
+    "fixtures.torch_layers",
+    "fixtures.training",
+]
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 

@@ -42,6 +42,8 @@ BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PARSED_ONLY = {
     "data build-video": "needs the environment of data install-pose; tests/data/video runs it",
     "data install-pose": "needs the network and 400 MB",
+    "import-weights": "needs released weights; tests/checkpoint/released imports some",
+    "generate speech.wav --words speech.srt --checkpoint models/released": "needs released weights",
     "generate speech.wav --checkpoint hf://": "needs a model on the Hub; tests/checkpoint/test_hub.py fetches one",
     "publish": "needs a token of the Hub; tests/checkpoint/test_hub.py publishes",
     "live --source microphone": "needs a microphone",

@@ -102,7 +102,14 @@ def _is_workdir(folder: pathlib.Path) -> bool:
     return (folder / CONFIG).is_file() and any((folder / name).exists() for name in (BEST, LATEST, FAILED, RUN))
 
 
-def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: dict[str, Any]) -> pathlib.Path:
+def save(
+    folder: str | pathlib.Path,
+    config: Config,
+    assets: Assets,
+    variables: dict[str, Any],
+    *,
+    is_exact: bool = False,
+) -> pathlib.Path:
     """Write a model folder, completely or not at all; its assets contain the hash of the weights.
 
     Weights are float32, or float16 if float32 would take more than 20 MB.
@@ -112,6 +119,7 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
         config: settings of the model; losses and settings of training are left out.
         assets: assets of the model.
         variables: {"params", "batch_stats"} of the generator.
+        is_exact: whether weights are float32 whatever their size.
 
     Returns:
         The folder.
@@ -123,7 +131,7 @@ def save(folder: str | pathlib.Path, config: Config, assets: Assets, variables: 
     with _writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise UserError(f"{shown(folder)} exists already; choose another folder or remove it")
-        data = weights.to_bytes(variables)
+        data = weights.to_bytes(variables, is_exact=is_exact)
         assets = dataclasses.replace(assets, hash=weights.hash_of(data))
         folder.absolute().parent.mkdir(parents=True, exist_ok=True)
         # The name of the folder may have as many letters as a name can have.

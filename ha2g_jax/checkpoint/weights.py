@@ -19,17 +19,19 @@ Shapes = dict[str, tuple[int, ...]]
 _HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
 
 
-def to_bytes(variables: dict[str, Any]) -> bytes:
+def to_bytes(variables: dict[str, Any], *, is_exact: bool = False) -> bytes:
     """Return variables as the content of a file: float32, or float16 if float32 would take more than 20 MB.
 
     Args:
         variables: {"params", "batch_stats"} of the generator.
+        is_exact: whether to store float32 whatever the size.
 
     Raises:
         UserError: there are more weights than a model folder may have.
     """
     flat = flatten(jax.tree.map(np.asarray, variables))
-    dtype = np.float32 if sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE else np.float16
+    is_small = sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE
+    dtype = np.float32 if is_exact or is_small else np.float16
     data = safetensors.numpy.save({name: np.ascontiguousarray(array, dtype) for name, array in flat.items()})
     if len(data) > MAX_WEIGHTS_BYTES:
         raise UserError(

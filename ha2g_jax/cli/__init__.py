@@ -142,6 +142,17 @@ def _parser() -> argparse.ArgumentParser:
     publish.add_argument("--private", action="store_true", help="make a new repository private")
     publish.set_defaults(run=_publish)
 
+    weights = commands.add_parser("import-weights", help="write released weights of HA2G or Trimodal as a model folder")
+    weights.description = (
+        "Write weights that the authors of HA2G or Trimodal released, for PyTorch, as a model folder. Nothing in the "
+        "file is run. See docs/released_weights.md."
+    )
+    weights.add_argument(
+        "weights", type=pathlib.Path, metavar="CHECKPOINT", help="file of torch.save, such as best.bin"
+    )
+    weights.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="DIR", help="folder to write")
+    weights.set_defaults(run=_import_weights)
+
     onnx = commands.add_parser(
         "export-onnx", help="write a model as an ONNX file, for browsers, engines and fast starts"
     )
@@ -215,6 +226,15 @@ def _export_model(arguments: argparse.Namespace) -> None:
     from ha2g_jax.checkpoint import model_folder
 
     print(model_folder.export(arguments.workdir, arguments.out))
+
+
+def _import_weights(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.released.importing import import_weights
+
+    folder, notes = import_weights(arguments.weights, arguments.out)
+    for note in notes:
+        print(f"ha2g: {note}", file=sys.stderr)
+    print(folder)
 
 
 def _export_onnx(arguments: argparse.Namespace) -> None:

@@ -15,12 +15,11 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.small_reads import SmallReads, read_exactly
 from ha2g_jax.limits import MAX_NPZ_OF_ANY_RATIO, MAX_NPZ_RATIO
 
 _MAGIC = b"\x93NUMPY"
 _MAX_HEADER = 1 << 16
-_MAX_CONTENTS = 1 << 20  # bytes in the table of contents of a zip file, enough for thousands of arrays
-_CHUNK = 1 << 18
 
 _DESCR = re.compile(rb"'descr':\s*'([^']*)'")
 _FORTRAN = re.compile(rb"'fortran_order':\s*(True|False)")
@@ -49,7 +48,7 @@ def read_npz(
     """
     path = pathlib.Path(path)
     try:
-        with path.open("rb", buffering=0) as file, _SmallReads(file) as reader:
+        with path.open("rb", buffering=0) as file, SmallReads(file) as reader:
             size = os.fstat(file.fileno()).st_size
             if reader.peek(len(_MAGIC))[: len(_MAGIC)] != _MAGIC:
                 return _read_zip(reader, size, max_bytes, names)
@@ -72,15 +71,6 @@ def read_npz(
 
 class _BadArrays(Exception):
     """Error for a complete file with unusable arrays."""
-
-
-class _SmallReads(io.BufferedReader):
-    """Reader that refuses large reads, because zipfile would read a table of contents of any size into objects."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        if size is not None and size > _MAX_CONTENTS:
-            raise zipfile.BadZipFile(f"a table of contents of {size} bytes")
-        return super().read(size)
 
 
 def _read_zip(
@@ -140,14 +130,7 @@ def _read_array(file: IO[bytes], size: int, max_bytes: int) -> np.ndarray:
         raise _BadArrays(f"shape {shape} of {dtype} needs {num_bytes} bytes, but it has {found}")
     if num_bytes > max_bytes:
         raise _BadArrays(f"it unpacks to {num_bytes} bytes, more than the {max_bytes} allowed")
-    data = memoryview(bytearray(num_bytes))
-    position = 0
-    while position < num_bytes:
-        chunk = file.read(min(_CHUNK, num_bytes - position))
-        if not chunk:
-            raise EOFError("it ends early")
-        data[position : position + len(chunk)] = chunk
-        position += len(chunk)
+    data = read_exactly(file, num_bytes)
     file.read(1)  # zipfile compares the checksum at the end
     if num_bytes == 0:
         return np.zeros(shape, dtype.newbyteorder("="))

@@ -7,8 +7,6 @@ from ha2g_jax.layers import initializers
 from ha2g_jax.layers.gru import BiGRU
 from ha2g_jax.layers.norm import BatchNorm
 
-_SLOPE = 0.2
-
 
 class Discriminator(nn.Module):
     """Discriminator of the poses of a window: three convolutions, a bidirectional GRU, two linear maps.
@@ -19,19 +17,21 @@ class Discriminator(nn.Module):
         hidden_dim: number of values of the state of the GRU in one direction.
         layers: number of layers of the GRU; Table 8 states none, we use 1, and the authors' release has 4.
         dropout: dropout rate between the layers of the GRU.
+        slope: slope of the activations for negative values; the release of HA2G has 0.01, that of Trimodal 1.
     """
 
     hidden_dim: int = 64
     layers: int = 1
     dropout: float = 0.3
+    slope: float = 0.2
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
         """Map mean-subtracted poses (B, N, pose_dim) to logits (B,); the loss applies the sigmoid."""
         x = _conv(16, name="conv_1")(poses)
-        x = nn.leaky_relu(BatchNorm(name="norm_1")(x, train=train), _SLOPE)
+        x = nn.leaky_relu(BatchNorm(name="norm_1")(x, train=train), self.slope)
         x = _conv(8, name="conv_2")(x)
-        x = nn.leaky_relu(BatchNorm(name="norm_2")(x, train=train), _SLOPE)
+        x = nn.leaky_relu(BatchNorm(name="norm_2")(x, train=train), self.slope)
         x = _conv(8, name="conv_3")(x)
         x = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
         x = nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_1")(x)[..., 0]

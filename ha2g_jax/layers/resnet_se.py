@@ -179,6 +179,7 @@ class AudioEncoder(nn.Module):
         num_frames: frames of a window, N.
         fps: frames per second.
         is_recomputed: see `recompute.run`.
+        reads_decibels: whether the network sees the dB themselves and not dB / 80 + 1 (D3), as the release.
     """
 
     blocks: tuple[int, int, int, int] = (3, 4, 6, 3)
@@ -188,6 +189,7 @@ class AudioEncoder(nn.Module):
     num_frames: int = 34
     fps: float = 15
     is_recomputed: bool = False
+    reads_decibels: bool = False
 
     inputs = ("mel",)
 
@@ -203,7 +205,7 @@ class AudioEncoder(nn.Module):
             raise ValueError(
                 f"a mel of {mel.shape[-1]} columns; expected {expected} for {self.num_frames} frames at {self.fps} fps"
             )
-        x = (mel / MEL_RANGE + 1)[..., None]  # D3
+        x = (mel if self.reads_decibels else mel / MEL_RANGE + 1)[..., None]  # D3
         run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
         x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
         maps = []

@@ -1,5 +1,8 @@
 """The pose auto-encoder of the Frechet gesture distance (HA2G, Table 9), trained like any other method.
 
+With `config.model.architecture = "release"` it has the networks of the public code: the activations between the linear
+maps have slope 1, which makes them the identity, and on TED-Gesture a further linear map gives the latent.
+
 The paper says nothing of its training. Ours: mean L1 of the poses and of their velocities, and a small cosine term,
 between restored vectors, as angles are everywhere here; selected on the validation split.
 """
@@ -14,6 +17,7 @@ from flax import linen as nn
 from ha2g_jax.config import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.methods.choices import ARCHITECTURES, choice
 from ha2g_jax.methods.forward import Poses, apply
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, subtract_mean
 from ha2g_jax.skeleton import Skeleton, normalize
@@ -25,9 +29,17 @@ _SLOPE = 0.2
 
 
 class PoseEncoder(nn.Module):
-    """Poses (B, N, pose_dim) to a latent (B, latent_dim)."""
+    """Poses (B, N, pose_dim) to a latent (B, latent_dim).
+
+    Attributes:
+        latent_dim: values of the latent.
+        slope: slope of the activations between the linear maps for negative values.
+        has_mean: whether a further linear map follows, that of the mean of a Gaussian.
+    """
 
     latent_dim: int
+    slope: float = _SLOPE
+    has_mean: bool = False
 
     @nn.compact
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
@@ -36,20 +48,27 @@ class PoseEncoder(nn.Module):
         x = _conv(64, 4, 2, name="conv_3")(_activate(x, "norm_2", train))
         x = _conv(32, 3, 1, name="conv_4")(_activate(x, "norm_3", train))
         x = x.transpose(0, 2, 1).reshape(x.shape[0], -1)  # channel-major, as PyTorch flattens (C, N)
-        x = _activate(_linear(256, name="linear_1")(x), "norm_4", train)
-        x = _activate(_linear(128, name="linear_2")(x), "norm_5", train)
-        return _linear(self.latent_dim, name="linear_3")(x)
+        x = _activate(_linear(256, name="linear_1")(x), "norm_4", train, self.slope)
+        x = _activate(_linear(128, name="linear_2")(x), "norm_5", train, self.slope)
+        x = _linear(self.latent_dim, name="linear_3")(x)
+        return _linear(self.latent_dim, name="mean")(x) if self.has_mean else x
 
 
 class PoseDecoder(nn.Module):
-    """Latent (B, latent_dim) to poses (B, N, pose_dim)."""
+    """Latent (B, latent_dim) to poses (B, N, pose_dim).
+
+    Attributes:
+        pose_dim, num_frames: see `PoseAutoencoder`.
+        slope: slope of the activation between the linear maps for negative values.
+    """
 
     pose_dim: int
     num_frames: int = 34
+    slope: float = _SLOPE
 
     @nn.compact
     def __call__(self, latent: jax.Array, *, train: bool) -> jax.Array:
-        x = _activate(_linear(64, name="linear_1")(latent), "norm_1", train)
+        x = _activate(_linear(64, name="linear_1")(latent), "norm_1", train, self.slope)
         x = _linear(4 * self.num_frames, name="linear_2")(x)
         x = x.reshape(x.shape[0], 4, self.num_frames).transpose(0, 2, 1)
         x = _activate(_transposed_conv(32, name="conv_1")(x), "norm_2", train)
@@ -65,15 +84,18 @@ class PoseAutoencoder(nn.Module):
         pose_dim: values of a flat pose.
         latent_dim: values of the latent, see LATENT_DIMS.
         num_frames: frames of a window, N, which the linear maps of both parts are built for.
+        slope, has_mean: see `PoseEncoder`.
     """
 
     pose_dim: int
     latent_dim: int
     num_frames: int = 34
+    slope: float = _SLOPE
+    has_mean: bool = False
 
     def setup(self) -> None:
-        self.encoder = PoseEncoder(self.latent_dim)
-        self.decoder = PoseDecoder(self.pose_dim, self.num_frames)
+        self.encoder = PoseEncoder(self.latent_dim, self.slope, self.has_mean)
+        self.decoder = PoseDecoder(self.pose_dim, self.num_frames, self.slope)
 
     def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
         """Maps mean-subtracted poses (B, N, pose_dim) to their reconstruction."""
@@ -88,8 +110,8 @@ class PoseAutoencoder(nn.Module):
         return self.decoder(latent, train=train)
 
 
-def _activate(x: jax.Array, name: str, train: bool) -> jax.Array:
-    return nn.leaky_relu(BatchNorm(name=name)(x, train=train), _SLOPE)
+def _activate(x: jax.Array, name: str, train: bool, slope: float = _SLOPE) -> jax.Array:
+    return nn.leaky_relu(BatchNorm(name=name)(x, train=train), slope)
 
 
 def _linear(values: int, *, name: str) -> nn.Dense:
@@ -126,9 +148,20 @@ has_parts = False
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the auto-encoder of a skeleton; it has no settings, as values of different ones cannot be compared."""
+    """Build the auto-encoder of a skeleton, without other settings, as values of different ones cannot be compared.
+
+    Raises:
+        UserError: an unknown choice.
+    """
     del vocabulary_size, num_speakers
-    generator = PoseAutoencoder(skeleton.pose_dim, LATENT_DIMS[skeleton.name], config.data.num_frames)
+    is_release = choice("model.architecture", config.model.architecture, ARCHITECTURES) == "release"
+    generator = PoseAutoencoder(
+        skeleton.pose_dim,
+        LATENT_DIMS[skeleton.name],
+        config.data.num_frames,
+        slope=1.0 if is_release else _SLOPE,
+        has_mean=is_release and skeleton.name == "ted_gesture",
+    )
     return make_spec(config, skeleton, generator, inputs=())
 
 

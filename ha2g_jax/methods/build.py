@@ -4,6 +4,7 @@ import functools
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.errors import UserError
@@ -90,3 +91,9 @@ def variable_shapes(spec: Spec) -> Any:
 
     shapes = jax.eval_shape(init)
     return {"params": shapes["params"], "batch_stats": shapes.get("batch_stats", {})}
+
+
+def discriminator_shapes(spec: Spec) -> Any:
+    """Return {"params", "batch_stats"} of the discriminator as `variable_shapes` does, for a method that has one."""
+    poses = jax.ShapeDtypeStruct((1, spec.num_frames, spec.skeleton.pose_dim), jnp.float32)
+    return jax.eval_shape(functools.partial(spec.discriminator.init, train=False), jax.random.key(0), poses)

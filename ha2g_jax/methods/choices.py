@@ -5,6 +5,9 @@ from collections.abc import Sequence
 
 from ha2g_jax.errors import UserError
 
+# Networks as the paper describes them, or as the authors' public code has them (docs/released_weights.md).
+ARCHITECTURES = ("paper", "release")
+
 
 def choice(field: str, value: str, choices: Sequence[str]) -> str:
     """Return `value` if it is one of `choices`.

@@ -86,6 +86,7 @@ _RANGES: dict[str, Range] = {
     "data.num_reference_images": _whole(1, MAX_REFERENCE_IMAGES),
     "data.image_size": _whole(1, MAX_IMAGE_SIZE),
     "data.mirror": _FRACTION,
+    "model.architecture": _TEXT,
     "model.recompute": _FLAG,
     "model.audio.kind": _TEXT,
     "model.audio.feature_dim": _SIZE,

@@ -253,6 +253,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: an unknown choice.
     """
     del num_speakers
+    choice("model.architecture", config.model.architecture, ("paper",))
     choice("model.identity.kind", config.model.identity.kind, ("none",))
     inferer = config.model.inferer
     generator = Seq2Seq(

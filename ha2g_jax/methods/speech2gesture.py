@@ -240,6 +240,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: an unknown choice.
     """
     del vocabulary_size, num_speakers
+    choice("model.architecture", config.model.architecture, ("paper",))
     choice("model.identity.kind", config.model.identity.kind, ("none",))
     choice("model.audio.kind", config.model.audio.kind, ("spectrogram",))
     legacy = config.model.legacy

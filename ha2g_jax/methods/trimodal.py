@@ -13,7 +13,7 @@ from ha2g_jax.layers.frame_decoder import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.choices import ARCHITECTURES, choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
@@ -33,6 +33,7 @@ class Trimodal(nn.Module):
         identity: the table of speakers.
         pose_dim: values of a flat pose.
         hidden_dim, layers, dropout: of the GRU.
+        slope: of the activation of the decoder, see `FrameDecoder`.
     """
 
     audio: WaveformEncoder
@@ -42,9 +43,10 @@ class Trimodal(nn.Module):
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
+    slope: float = 0.01
 
     def setup(self) -> None:
-        self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
+        self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout, self.slope)
 
     def __call__(
         self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
@@ -85,6 +87,17 @@ term_names: tuple[str, ...] = ("gan", "huber", "style", "kld")
 reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments
+
+
+class _Slopes(NamedTuple):
+    """Slopes of activations for negative values."""
+
+    decoder: float
+    discriminator: float
+
+
+# The release passes True for the slope, which makes it 1 and the activation the identity.
+_SLOPES = {"paper": _Slopes(0.01, 0.2), "release": _Slopes(1.0, 1.0)}
 
 
 class LossSettings(NamedTuple):
@@ -132,9 +145,10 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     Raises:
         UserError: an unknown choice.
     """
+    architecture = choice("model.architecture", config.model.architecture, ARCHITECTURES)
     choice("model.identity.kind", config.model.identity.kind, ("speakers",))
     choice("model.audio.kind", config.model.audio.kind, ("waveform",))
-    inferer = config.model.inferer
+    inferer, slopes = config.model.inferer, _SLOPES[architecture]
     generator = Trimodal(
         audio=waveform_encoder(config),
         text=text_encoder(config, vocabulary_size),
@@ -143,8 +157,9 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
+        slope=slopes.decoder,
     )
-    discriminator = Discriminator(**config.model.discriminator)
+    discriminator = Discriminator(**config.model.discriminator, slope=slopes.discriminator)
     return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words"))
 
 

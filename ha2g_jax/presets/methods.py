@@ -31,6 +31,16 @@ def ha2g_release(config: Config, size: str) -> None:
     _optimizer(config, size, 5e-4, 1e-4)
 
 
+def release(config: Config, size: str) -> None:
+    """Set up HA2G as `ha2g_release` with the networks of the public code in place of the paper's."""
+    ha2g_release(config, size)
+    config.name = "release"
+    config.model.architecture = "release"
+    config.model.text.receptive_field = "causal"
+    config.model.identity.kind = "speakers"
+    config.model.identity.feature_dim = 16
+
+
 def seq2seq(config: Config, size: str) -> None:
     """Set up Attention Seq2Seq (Yoon et al. 2019): from words to poses."""
     _rename(config, "seq2seq", "mse", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}, audio="none")
@@ -99,6 +109,7 @@ def autoencoder(config: Config, size: str) -> None:
 METHODS = {
     "ha2g": ha2g,
     "ha2g_release": ha2g_release,
+    "release": release,
     "seq2seq": seq2seq,
     "speech2gesture": speech2gesture,
     "joint_embedding": joint_embedding,

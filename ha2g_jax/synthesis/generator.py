@@ -111,7 +111,7 @@ class Generator(abc.ABC, Generic[S]):
             smoothing: length in seconds of the window over which poses are averaged, see `motion.smoothing`; 0 for no
                 smoothing.
             controls: controls of the motion, see `motion.control`.
-            words: words of the speech, in order of time, for a model that `reads_words`; HA2G needs none.
+            words: words of the speech, in order of time, for a model that `reads_words`; HA2G of the paper needs none.
 
         Returns:
             Motion of exactly round(duration x fps) frames, at least 1.

@@ -256,7 +256,7 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     if spec.inputs != ("mel",):
         raise UserError(
             f"{spec.method} reads {', '.join(spec.inputs)}, but a stream has only a mel spectrogram; load a model of "
-            "speech2gesture, or of ha2g with config.model.audio.kind=resnet_se"
+            "speech2gesture, or of ha2g with config.model.audio.kind=resnet_se and architecture=paper"
         )
     window, overlap = spec.num_frames, spec.num_seed_frames
     if not (isinstance(look_ahead, int) and 0 <= look_ahead <= window):

@@ -170,7 +170,8 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
         middle = windows[:, keep].reshape(-1, windows.shape[-1])
         return np.concatenate([windows[0, : keep.start], middle, windows[-1, keep.stop :]])[: _num_frames(model, audio)]
 
-    return jax.tree.map(join, _encode_windows(model, audio, ()))
+    low, mid, high, *_ = _encode_windows(model, audio, ())
+    return jax.tree.map(join, Features(low, mid, high))
 
 
 def _num_frames(model: Model, audio: np.ndarray) -> int:

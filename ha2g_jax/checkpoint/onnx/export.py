@@ -19,6 +19,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.limits import MAX_ONNX_BYTES
+from ha2g_jax.methods.ha2g.model import HA2G
 
 
 def export(
@@ -70,6 +71,10 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     spec, generator = loaded.spec, loaded.spec.generator
     if spec.method != "ha2g":
         raise UserError(f"the model is of {spec.method}; only HA2G can be exported to ONNX")
+    if not isinstance(generator, HA2G):
+        raise UserError(
+            "the model has the networks of the public code; only those of the paper can be exported to ONNX"
+        )
     if not isinstance(generator.audio, AudioEncoder):
         kind = loaded.config.model.audio.kind
         raise UserError(f"the audio encoder of the model is {kind}; only resnet_se can be exported to ONNX")

@@ -15,11 +15,12 @@ from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.whisper import WhisperEncoder
-from ha2g_jax.methods.choices import choice, some_of
+from ha2g_jax.methods.choices import ARCHITECTURES, choice, some_of
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
 from ha2g_jax.methods.forward import apply
-from ha2g_jax.methods.ha2g import losses
+from ha2g_jax.methods.ha2g import losses, release
 from ha2g_jax.methods.ha2g.model import HA2G, SEED_LEVELS
+from ha2g_jax.methods.ha2g.release import ReleaseHA2G, SpeechFeatures
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, speech_arguments
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
@@ -88,6 +89,9 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     Raises:
         UserError: an unknown choice.
     """
+    if choice("model.architecture", config.model.architecture, ARCHITECTURES) == "release":
+        audio = _resnet_se(config, reads_decibels=True)
+        return release.build(config, skeleton, vocabulary_size, num_speakers, audio)
     audio, inferer = config.model.audio, config.model.inferer
     encoder = _AUDIO_ENCODERS[choice("model.audio.kind", audio.kind, tuple(_AUDIO_ENCODERS))](config)
     generator = HA2G(
@@ -109,7 +113,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, discriminator, inputs=inputs, training_inputs=(*inputs, "words"))
 
 
-def _resnet_se(config: Config) -> AudioEncoder:
+def _resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
     audio, data = config.model.audio, config.data
     settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
     return AudioEncoder(
@@ -118,6 +122,7 @@ def _resnet_se(config: Config) -> AudioEncoder:
         num_frames=data.num_frames,
         fps=data.fps,
         is_recomputed=config.model.recompute,
+        reads_decibels=reads_decibels,
     )
 
 
@@ -169,14 +174,14 @@ def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[
     return tuple(skeleton.level_channels[number - 1] for number in numbers)
 
 
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features:
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features | SpeechFeatures:
     """Encode the spectrograms of windows to f_low, f_mid and f_high, each (B, N, 32); see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method=HA2G.encode_speech)
+    return spec.generator.apply(variables, speech, train=False, method="encode_speech")
 
 
 def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
     """Encode images or speaker indices to the mean of f_id, (B, 18); see `GeneratingMethod`."""
-    mean, _ = spec.generator.apply(variables, identity, train=False, method=HA2G.encode_identity)
+    mean, _ = spec.generator.apply(variables, identity, train=False, method="encode_identity")
     return mean
 
 
@@ -185,7 +190,7 @@ def sample(
 ) -> jax.Array:
     """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
     del key
-    levels = spec.generator.apply(variables, features, style, seed_pose, train=False, method=HA2G.infer)
+    levels = spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")
     return levels[-1]
 
 
@@ -224,21 +229,24 @@ def run(
         f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
     # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
-    other_f_id = jax.lax.stop_gradient(jnp.roll(f_id, shift, axis=0))
+    own_blend, drawn = jnp.split(f_id, [spec.generator.blend_dim], axis=-1)
+    other_f_id = jax.lax.stop_gradient(jnp.concatenate([own_blend, jnp.roll(drawn, shift, axis=0)], axis=-1))
 
     def infer(key: jax.Array, clips: Any) -> tuple[tuple[jax.Array, ...], jax.Array]:
         return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
 
-    clips = (tuple(features), f_id, other_f_id, seed)
+    clips = (features, f_id, other_f_id, seed)
     if train and compute.num_parts > 1:
         poses, other_poses = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
     else:
         poses, other_poses = infer(keys["dropout"], clips)
-    outputs = Outputs(poses, tuple(features), text, mean, log_variance)
-    return outputs, (batch_stats, Contrast(other_poses, f_id, other_f_id))
+    low, mid, high, *_ = features
+    values = spec.generator.drawn_values
+    outputs = Outputs(poses, (low, mid, high), text, mean[:, values], log_variance[:, values])
+    return outputs, (batch_stats, Contrast(other_poses, f_id[:, values], other_f_id[:, values]))
 
 
-def _encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
+def _encode(model: HA2G | ReleaseHA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
     return (
         model.encode_speech(speech, train=train),
         model.encode_text(speech["words"], train=train),
@@ -250,7 +258,7 @@ def _infer_both(
     spec: Spec,
     variables: Variables,
     key: jax.Array,
-    features: tuple[jax.Array, ...],
+    features: Features | SpeechFeatures,
     f_id: jax.Array,
     other_f_id: jax.Array,
     seed: jax.Array,
@@ -265,7 +273,7 @@ def _infer_both(
     """
 
     def infer(variables: Variables, key: jax.Array, *clips: Any) -> tuple[jax.Array, ...]:
-        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method=HA2G.infer)[0]
+        return apply(spec.generator, variables, key, *clips, train=train, compute=compute, method="infer")[0]
 
     own_key, other_key = jax.random.split(key)
     own = infer(variables, own_key, features, f_id, seed)

@@ -96,6 +96,9 @@ class HA2G(nn.Module):
     layers: int = 4
     dropout: float = 0.3
 
+    blend_dim = 0  # number of the first values of f_id that only the blend of the audio follows from
+    drawn_values = slice(None)  # values of f_id that the KLD and the style term see
+
     def setup(self) -> None:
         self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
         self.stages = [

@@ -1,0 +1,280 @@
+"""HA2G, the generator with the networks of the authors' public code, for the weights that were released.
+
+It differs from the paper and from `model.py` as follows. Every level of the motion has a text encoder and a table of
+speakers of its own, whose features and style enter its GRU, so that words are needed to generate. A perceptron maps the
+states of the GRU to poses. Identities are those of a table; the style coordinator has another table, and is a
+perceptron itself. The networks see the spectrogram in dB. docs/released_weights.md has the whole comparison.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config import Config
+from ha2g_jax.errors import UserError
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.discriminator import Discriminator
+from ha2g_jax.layers.frame_decoder import FrameDecoder
+from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.resnet_se import AudioEncoder
+from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.methods.choices import choice
+from ha2g_jax.methods.encoders import speaker_table, text_encoder
+from ha2g_jax.methods.ha2g.losses import AUDIO_LEVELS
+from ha2g_jax.methods.method import Spec, make_spec
+from ha2g_jax.skeleton import Skeleton
+
+_HEAD_BONES = 5  # the last ones of every level of TED-Expressive
+_COORDINATOR_DIM = 32
+_DISCRIMINATOR_SLOPE = 0.01
+# Settings of the networks of the paper that have one value here.
+_FIXED = (
+    ("audio", "kind", "resnet_se"),
+    ("text", "receptive_field", "causal"),
+    ("identity", "kind", "speakers"),
+    ("inferer", "seed_level", "own"),
+    ("inferer", "coordinator", "levels"),
+)
+
+
+class SpeechFeatures(NamedTuple):
+    """Features of the speech: audio, each (B, N, 32), and the text of each level of the motion, H arrays (B, N, 32)."""
+
+    low: jax.Array
+    mid: jax.Array
+    high: jax.Array
+    texts: tuple[jax.Array, ...]
+
+
+class ReleaseStage(nn.Module):
+    """The network of one level of the motion.
+
+    Attributes:
+        text: encoder of the words, of this level alone.
+        identity: table of speakers of this level.
+        pose_dim: d^h, values of the level's pose.
+        hidden_dim, layers, dropout: of the GRU.
+    """
+
+    text: TextEncoder
+    identity: SpeakerIdentity
+    pose_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+
+    def setup(self) -> None:
+        self.decoder = FrameDecoder(self.pose_dim, self.hidden_dim, self.layers, self.dropout)
+
+    def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
+        """Map word indices on frames (B, N) to text features (B, N, 32)."""
+        return self.text(words, train=train)
+
+    def encode_identity(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Map speaker indices (B,) to mean and log-variance of the level's style, each (B, 16)."""
+        return self.identity(speaker, train=train)
+
+    def decode(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Map [pose, bit, audio, text, style] of each frame (B, N, d^h + 81) to p^h (B, N, d^h)."""
+        return self.decoder(x, train=train)
+
+
+class ReleaseCoordinator(nn.Module):
+    """How much each audio level counts in each level of the motion, from a table of speakers of its own.
+
+    Attributes:
+        num_speakers: number of rows of the table.
+        feature_dim: number of values of a row.
+        num_levels: H.
+    """
+
+    num_speakers: int
+    feature_dim: int
+    num_levels: int
+
+    def setup(self) -> None:
+        kernel = initializers.LINEAR
+        self.embedding = nn.Embed(
+            self.num_speakers, self.feature_dim, dtype=jnp.float32, embedding_init=initializers.normal(1.0)
+        )
+        self.linear_1 = nn.Dense(self.feature_dim, kernel_init=kernel)
+        self.linear_2 = nn.Dense(_COORDINATOR_DIM, kernel_init=kernel)
+        self.linear_3 = nn.Dense(3 * self.num_levels, kernel_init=kernel)
+
+    def encode(self, speaker: jax.Array) -> jax.Array:
+        """Map speaker indices (B,) to the values that the blend follows from (B, 16)."""
+        return self.linear_1(self.embedding(speaker).astype(self.embedding.embedding.dtype))
+
+    def blend(self, values: jax.Array) -> jax.Array:
+        """Map the values of a speaker (B, 16) to C (B, 3, H), whose columns over low, mid and high sum to 1."""
+        scores = self.linear_3(nn.elu(self.linear_2(nn.elu(values))))
+        scores = scores.reshape(len(values), 3, self.num_levels)
+        return nn.softmax(scores.astype(jnp.float32), axis=1).astype(scores.dtype)
+
+
+class ReleaseHA2G(nn.Module):
+    """Speech audio, its words, a speaker and M seed poses to N poses on each level of the motion hierarchy.
+
+    It has the methods of `model.HA2G`. A style f_id has 16 (1 + H) values: those that the coordinator's blend follows
+    from, which are not drawn, then the style of each level.
+
+    Attributes:
+        audio: E_a.
+        text: encoder of the words for the contrastive loss only; each level has one like it.
+        identity: table of speakers, one like which each level has.
+        level_channels: channels of the flat pose that each level h = 1..H holds.
+        num_seed_frames: M.
+        has_shifted_head: whether the bones of the head enter the levels after the first one channel late, as in the
+            networks of TED-Expressive that were released.
+        hidden_dim, layers, dropout: of each level's GRU.
+    """
+
+    audio: AudioEncoder
+    text: TextEncoder
+    identity: SpeakerIdentity
+    level_channels: tuple[tuple[int, ...], ...]
+    num_seed_frames: int = 4
+    has_shifted_head: bool = False
+    hidden_dim: int = 300
+    layers: int = 4
+    dropout: float = 0.3
+
+    @property
+    def blend_dim(self) -> int:
+        """Number of the first values of f_id, which only the blend of the audio follows from."""
+        return self.identity.feature_dim
+
+    @property
+    def drawn_values(self) -> slice:
+        """Values of f_id that the KLD and the style term see: the style of the last level."""
+        return slice(-self.identity.feature_dim, None)
+
+    def setup(self) -> None:
+        identity = self.identity
+        self.coordinator = ReleaseCoordinator(identity.num_speakers, identity.feature_dim, len(self.level_channels))
+        self.stages = [
+            ReleaseStage(
+                text=self.text.clone(parent=None, name=None),
+                identity=identity.clone(parent=None, name=None),
+                pose_dim=len(channels),
+                hidden_dim=self.hidden_dim,
+                layers=self.layers,
+                dropout=self.dropout,
+                name=f"pose_{level}",
+            )
+            for level, channels in enumerate(self.level_channels, 1)
+        ]
+
+    def __call__(
+        self, inputs: dict[str, jax.Array], identity: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Runs every part once, with the mean for f_id; returns the poses of each level, as `infer`."""
+        features = self.encode_speech(inputs, train=train)
+        self.encode_text(inputs["words"], train=train)
+        mean, _ = self.encode_identity(identity, train=train)
+        return self.infer(features, mean, seed, train=train)
+
+    def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> SpeechFeatures:
+        """Maps "mel" (B, 128, 70) in dB and "words" (B, N) to features of the audio and of the text of each level."""
+        audio = self.audio(inputs["mel"], train=train)
+        texts = tuple(stage.encode_text(inputs["words"], train=train) for stage in self.stages)
+        return SpeechFeatures(audio.low, audio.mid, audio.high, texts)
+
+    def encode_text(self, words: jax.Array, *, train: bool) -> jax.Array:
+        """Maps word indices on frames (B, N) to f_t (B, N, 32), which serves the contrastive loss only."""
+        return self.text(words, train=train)
+
+    def encode_identity(self, identity: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
+        """Maps speaker indices (B,) to mean and log-variance of f_id, each (B, 16 (1 + H)).
+
+        The values of the blend have no noise: their log-variance is minus infinity.
+        """
+        blend = self.coordinator.encode(identity)
+        levels = [it.encode_identity(identity, train=train) for it in self.stages]
+        means, log_variances = zip(*levels, strict=True)
+        exact = jnp.full_like(blend, -jnp.inf)
+        return jnp.concatenate([blend, *means], axis=-1), jnp.concatenate([exact, *log_variances], axis=-1)
+
+    def coordinate(self, f_id: jax.Array) -> jax.Array:
+        """Maps f_id (B, 16 (1 + H)) to the style coordinator C (B, 3, H)."""
+        return self.coordinator.blend(f_id[:, : self.blend_dim])
+
+    def infer(
+        self, features: SpeechFeatures, f_id: jax.Array, seed: jax.Array, *, train: bool
+    ) -> tuple[jax.Array, ...]:
+        """Pose inferer, coarse to fine.
+
+        Args:
+            features: result of `encode_speech`.
+            f_id: (B, 16 (1 + H)) identity, sampled or the mean.
+            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
+
+        Returns:
+            Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
+        """
+        low, mid, high, texts = features
+        blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack([low, mid, high], axis=1))  # Eq. 3
+        styles = jnp.split(f_id[:, self.blend_dim :], len(self.level_channels), axis=-1)
+        poses: list[jax.Array] = []
+        for level, stage in enumerate(self.stages):
+            known = self._known(level, poses, seed, low.shape[1])
+            style = jnp.broadcast_to(styles[level][:, None], (*low.shape[:2], styles[level].shape[-1]))
+            x = jnp.concatenate([known, blended[level], texts[level], style], axis=-1)
+            poses.append(stage.decode(x, train=train))
+        return tuple(poses)
+
+    def _known(self, level: int, poses: list[jax.Array], seed: jax.Array, num_frames: int) -> jax.Array:
+        """Return what a level sees of poses, and the bit that marks the seed, (B, N, d^h + 1).
+
+        In the frames of the seed these are its poses and 1, at every level; after them the poses of the level below, 0
+        in channels that the level adds, and 0.
+        """
+        channels = self.level_channels[level]
+        given = jnp.concatenate([seed[..., jnp.array(channels)], jnp.ones_like(seed[..., :1])], axis=-1)
+        free = jnp.zeros((len(seed), num_frames - self.num_seed_frames, len(channels) + 1), seed.dtype)
+        if poses:
+            places = [channels.index(channel) for channel in self.level_channels[level - 1]]
+            if self.has_shifted_head:  # the last of them takes the place of the bit
+                head = 3 * _HEAD_BONES
+                places = places[:-head] + [place + 1 for place in places[-head:]]
+            free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
+        return jnp.concatenate([given, free], axis=1)
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, audio: AudioEncoder) -> Spec:
+    """Build the networks of `config.model` with architecture "release"; see `Method.build`.
+
+    Args:
+        config: settings; those that only the networks of the paper follow have one value.
+        skeleton: skeleton with the statistics of the training split.
+        vocabulary_size: number of words of the training split.
+        num_speakers: number of speakers of the training split.
+        audio: E_a, which reads dB.
+
+    Raises:
+        UserError: a setting that these networks cannot follow.
+    """
+    for part, name, expected in _FIXED:
+        choice(f"model.{part}.{name}", config.model[part][name], (expected,))
+    inferer = config.model.inferer
+    if tuple(config.model.audio.levels) != AUDIO_LEVELS or inferer.levels:
+        raise UserError(
+            "config.model.architecture is 'release', which has all levels of audio and motion: leave out "
+            "--config.model.audio.levels and --config.model.inferer.levels"
+        )
+    generator = ReleaseHA2G(
+        audio=audio,
+        text=text_encoder(config, vocabulary_size),
+        identity=speaker_table(config, num_speakers, has_hidden=True),
+        level_channels=skeleton.level_channels,
+        num_seed_frames=config.data.num_seed_frames,
+        has_shifted_head=skeleton.name == "ted_expressive",
+        hidden_dim=inferer.hidden_dim,
+        layers=inferer.layers,
+        dropout=inferer.dropout,
+    )
+    discriminator = Discriminator(**config.model.discriminator, slope=_DISCRIMINATOR_SLOPE)
+    spec = make_spec(config, skeleton, generator, discriminator, inputs=("mel", "words"))
+    return spec._replace(style_dim=config.model.identity.feature_dim * (1 + skeleton.num_levels))
