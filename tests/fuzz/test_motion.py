@@ -19,8 +19,8 @@ from ha2g_jax import cli
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion_files.reading import find_skeleton, read_motion_file
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.study.evaluation.motion_files import find_skeleton, read_motion_file
 from ha2g_jax.viewer import view
 
 SKELETON = load_skeleton("ted_gesture")

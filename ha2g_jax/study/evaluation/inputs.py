@@ -40,7 +40,7 @@ def evaluate_folders(
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
-        joint_map: names of the joints, see `motion_files`.
+        joint_map: names of the joints, see `motion_files.reading`.
         seed: seed of everything random.
 
     Returns:

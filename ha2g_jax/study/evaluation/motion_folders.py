@@ -15,9 +15,9 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.motion_files.reading import SUFFIXES, FileMotion, find_skeleton, read_motion_file
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 from ha2g_jax.study.evaluation.clip_result import ClipResult
-from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
 
@@ -76,13 +76,13 @@ def from_folders(
     Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
     recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
     the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
-    motion is brought to 15 frames per second, see `motion_files`.
+    motion is brought to 15 frames per second, see `motion_files.reading`.
 
     Args:
         motion: folder of the motion to be evaluated.
         reference: folder of the true motion.
         skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
-        joint_map: names of the joints of the files, see `motion_files`.
+        joint_map: names of the joints of the files, see `motion_files.reading`.
         with_audio: whether the sound is kept, which the legacy scores need.
 
     Raises:

@@ -23,8 +23,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.motion_files import named_positions
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, positions_to_directions
-from ha2g_jax.study.evaluation import array_files
 
 SUFFIXES = (".npz", ".bvh", ".json")
 
@@ -67,10 +67,10 @@ def read_motion_file(
         positions = read_motion(path, skeleton, fps=fps, joint_map=joint_map).positions.astype(np.float64)
         _check_positions(positions, skeleton, path)
         return FileMotion(positions_to_directions(skeleton, positions).astype(np.float32), bvh.fps, ())
-    content = array_files.read_content(path)
+    content = named_positions.read_content(path)
     if _is_ours(content):
         return _ours(path, content, skeleton, fps)
-    arrays = array_files.read_arrays(content, path)
+    arrays = named_positions.read_arrays(content, path)
     positions = _choose_joints(arrays, skeleton, joint_map, path)
     _check_positions(positions, skeleton, path)
     directions = positions_to_directions(skeleton, _in_skeleton_axes(positions, skeleton, path))
@@ -92,10 +92,10 @@ def find_skeleton(path: pathlib.Path, joint_map: str = joint_maps.AUTO) -> str:
                 continue
             return name
         return SKELETONS[-1]  # the error at reading then says what is missing
-    content = array_files.read_content(path)
+    content = named_positions.read_content(path)
     if _is_ours(content):
         return Motion.from_arrays(content, path).meta["skeleton"]
-    arrays = array_files.read_arrays(content, path)
+    arrays = named_positions.read_arrays(content, path)
     for name in SKELETONS:
         if not _find_joints(arrays.joint_names, load_skeleton(name), joint_map)[1]:
             return name
@@ -115,7 +115,7 @@ def _ours(path: pathlib.Path, content: Mapping[str, Any], skeleton: Skeleton, fp
             "motion of one skeleton at a time"
         )
     try:
-        borders = array_files.read_borders(motion.meta | dict(content), motion.num_frames)
+        borders = named_positions.read_borders(motion.meta | dict(content), motion.num_frames)
     except (ValueError, TypeError, OverflowError) as error:
         raise UserError(
             f"{shown(path)} has borders that are no frames ({reason(error)}); generate the motion again"
@@ -123,7 +123,9 @@ def _ours(path: pathlib.Path, content: Mapping[str, Any], skeleton: Skeleton, fp
     return _at_rate(motion.directions, motion.fps, fps, borders)
 
 
-def _choose_joints(arrays: array_files.Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
+def _choose_joints(
+    arrays: named_positions.Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path
+) -> np.ndarray:
     places, missing = _find_joints(arrays.joint_names, skeleton, joint_map)
     if missing:
         raise _lacks(path, arrays.joint_names, skeleton.name, missing)

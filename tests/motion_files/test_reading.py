@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion_files.reading import find_skeleton, read_motion_file
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
-from ha2g_jax.study.evaluation.motion_files import find_skeleton, read_motion_file
 
 
 @pytest.fixture

@@ -1,0 +1,1 @@
+"""Reading of motion from files of any system."""
