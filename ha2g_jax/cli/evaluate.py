@@ -69,7 +69,7 @@ def add_command(commands: Any) -> None:
     )
     folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of the two folders (default: found out)")
     folders.add_argument(
-        "--joint-map", help="joint names of .bvh files: auto, mixamo, zeroeggs, beat, ha2g or a YAML file"
+        "--joint-map", help="joint names of .bvh files: auto, mixamo, zeroeggs, beat, genea, ha2g or a YAML file"
     )
     scores = command.add_argument_group("scores")
     scores.add_argument(

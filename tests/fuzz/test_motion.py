@@ -19,7 +19,7 @@ from ha2g_jax import cli
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion_files.reading import find_skeleton, read_motion_file
+from ha2g_jax.motion_files import find_skeleton, read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.viewer import view
 
@@ -134,7 +134,7 @@ def test_damaged_meta_is_answered(data, answered):
 
 def score(path: pathlib.Path) -> None:
     find_skeleton(path)
-    read_motion_file(path, SKELETON, fps=15)
+    read_motion(path, skeleton=SKELETON.name, fps=15)
 
 
 @FUZZ

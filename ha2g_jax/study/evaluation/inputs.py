@@ -30,6 +30,7 @@ def evaluate_folders(
     legacy: bool = False,
     skeleton: str | None = None,
     joint_map: str = AUTO,
+    source_fps: float | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Score the motion in folders, each made by one system, against that in another one, paired by names of files.
@@ -40,7 +41,8 @@ def evaluate_folders(
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
-        joint_map: names of the joints, see `motion_files.reading`.
+        joint_map: names of the joints, see `motion_files.read_motion`.
+        source_fps: frames per second of files that do not say it.
         seed: seed of everything random.
 
     Returns:
@@ -57,7 +59,8 @@ def evaluate_folders(
         skeleton = features.skeleton.name
     read = {}
     for name, folder in zip(names, folders, strict=True):
-        read[name] = from_folders(folder, reference, skeleton=skeleton, joint_map=joint_map, with_audio=legacy)
+        options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
+        read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
         skeleton = read[name].skeleton.name
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
