@@ -76,7 +76,9 @@ class LowerBody:
         shapes = ((len(JOINTS) + 1, 3), (num_frames, len(JOINTS), 4), (num_frames, 3))
         for name, array, shape in zip(ARRAYS, self.as_arrays().values(), shapes, strict=True):
             if array.shape != shape or array.dtype.kind != "f":
-                raise UserError(f"the motion's {name} are {array.dtype} of shape {array.shape}; expected floats, {shape}")
+                raise UserError(
+                    f"the motion's {name} are {array.dtype} of shape {array.shape}; expected floats, {shape}"
+                )
             if not (np.abs(array) <= _MAX_METRES).all():
                 raise UserError(f"the motion's {name} have values that are not finite or too large; export it again")
         if (np.abs(np.linalg.norm(self.rotations, axis=-1) - 1) > 1e-2).any():

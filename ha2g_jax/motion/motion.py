@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ha2g_jax import lower_body
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import parse_json, reading, reason, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JOINTS, MAX_MOTION_META_BYTES
-from ha2g_jax import lower_body
 from ha2g_jax.lower_body import LowerBody
 from ha2g_jax.motion import checks
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize, positions_to_directions
@@ -134,7 +134,8 @@ class Motion:
         """Write the motion to an `.npz` file; `formats.export` writes the files of other programs.
 
         The file is a numpy archive without pickle that holds directions, positions, fps, joint_names, meta (JSON text),
-        and where they are known the arrays of `lower_body.ARRAYS` and of the face. The same motion gives the same bytes. The file is written completely or not at all.
+        and where they are known the arrays of `lower_body.ARRAYS` and of the face. The same motion gives the same
+        bytes. The file is written completely or not at all.
 
         Args:
             path: `.npz` file to write.

@@ -19,9 +19,9 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
     `ha2g` joints point in the same directions as there. So the positions of those joints relative to the chest are
     the same where the rig takes the motion's bone lengths, except for the knuckles of rigs without bones in the palm,
     whose hand is rigid, and for joints below a bone of the table's own length. The joints of the spine divide the
-    rotation of the chest, so that the chest moves a little. Where the armature has a pelvis and legs, the rig's pelvis is
-    at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest pose and stand
-    on the ground, y = 0.
+    rotation of the chest, so that the chest moves a little. Where the armature has a pelvis and legs, the rig's
+    pelvis is at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest
+    pose and stand on the ground, y = 0.
 
     Args:
         animation: animation of the `ha2g` armature.
@@ -142,7 +142,7 @@ def _rest_pose(armature: Armature, rig: Rig) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _pelvis(armature: Armature, rig: Rig, places: np.ndarray) -> np.ndarray:
-    """Return the (3,) position at rest of the rig's joint that is at the root of an armature, 0 if that is no pelvis."""
+    """Return the (3,) place at rest of the rig's pelvis, 0 for an armature without pelvis."""
     if armature.joints[0] != PELVIS:
         return np.zeros(3)
     return next((places[index] for index, joint in enumerate(rig.joints) if joint.carries == PELVIS), places[0])

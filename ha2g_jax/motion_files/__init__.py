@@ -5,7 +5,7 @@
 | own | `.npz` that `ha2g generate` or `Motion.save` wrote |
 | BVH | `.bvh` of any skeleton that a joint map knows |
 | SMPL-X | `.npz` in the layouts of `data.mocap.smplx_arrays`, `.npy` of joint positions |
-| directions | `.npy` of direction vectors (T, 126), (T, 42, 3), (T, 27) or (T, 9, 3), whole or less the mean of the data |
+| directions | `.npy` of direction vectors (T, 126), (T, 42, 3), (T, 27), (T, 9, 3), whole or less the mean |
 | positions | `.npz` or `.json` with `positions` (T, J, 3), `fps` and `joint_names`; `.npy` (T, 43, 3) or (T, 10, 3) |
 
 Nothing is unpickled, and sizes are checked before anything is unpacked.

@@ -1,4 +1,4 @@
-"""Files of motion by what they hold: the container is found by the first bytes, the suffix decides only among unknowns."""
+"""What a file of motion holds: the first bytes tell the container, and the suffix only where they do not."""
 
 import pathlib
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """Direction vectors in a bare array, as models of the TED data sets write them, whole or less the mean of the data.
 
 An array says neither its frame rate, which is that of the TED data unless another is given, nor whether the mean
-direction vectors of the data were subtracted. The lengths tell: those of direction vectors are near 1, and those of
-residuals become so when the mean is added.
+direction vectors of the data were subtracted. Unit lengths tell, before or after the mean is added. Outputs of networks
+have no unit length; there, the vectors must also resemble the mean, or not resemble it.
 """
 
 import pathlib
@@ -15,8 +15,9 @@ from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 FPS = 15.0  # frames per second of the TED data
 
-_MAX_ERROR = 0.35  # median difference of the lengths from 1; outputs of networks are no unit vectors
-_CLEARER = 2.0  # how many times nearer to 1 the lengths must be one way than the other
+_EXACT = 0.02  # median difference of the lengths from 1 that rounding explains
+_MAX_ERROR = 0.35  # the same of outputs of networks
+_ALIKE, _UNLIKE = 0.7, 0.3  # fraction of the mean that direction vectors have, and residuals have not
 
 
 def find_skeleton(array: np.ndarray) -> str | None:
@@ -47,11 +48,13 @@ def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -
     whole = array.astype(np.float64).reshape(len(array), skeleton.num_bones, 3)
     added = whole + skeleton.mean_directions
     errors = [float(np.median(np.abs(np.linalg.norm(vectors, axis=-1) - 1))) for vectors in (whole, added)]
-    nearer = int(np.argmin(errors))
-    if errors[nearer] > _MAX_ERROR or max(errors) < _CLEARER * errors[nearer]:
-        raise UserError(
-            f"{shown(path)} has vectors whose lengths differ from 1 by {errors[0]:.2f}, and by {errors[1]:.2f} with the "
-            f"mean of {skeleton.name} added; expected direction vectors, or the same less this mean: add the mean that "
-            "was subtracted"
-        )
-    return (whole, added)[nearer], nearer == 1
+    mean = skeleton.mean_directions
+    share = float(np.sum(whole.mean(axis=0) * mean) / np.sum(mean * mean))
+    if errors[0] <= _EXACT or (errors[0] <= _MAX_ERROR and share >= _ALIKE):
+        return whole, False
+    if errors[1] <= _EXACT or (errors[1] <= _MAX_ERROR and share <= _UNLIKE):
+        return added, True
+    raise UserError(
+        f"{shown(path)} has vectors whose lengths differ from 1 by {errors[0]:.2f}, and by {errors[1]:.2f} with the "
+        f"mean of {skeleton.name} added; expected direction vectors, or the same less this mean: add what was subtracted"
+    )

@@ -55,6 +55,10 @@ def _is_own(content: Content) -> bool:
     return "directions" in content.arrays and "meta" in content.arrays
 
 
+def _own_skeleton(content: Content, options: Options) -> str:
+    return Motion.from_arrays(content.arrays, content.path).meta["skeleton"]
+
+
 def _read_own(content: Content, skeleton: Skeleton, options: Options) -> Motion:
     motion = Motion.from_arrays(content.arrays, content.path)
     if motion.meta["skeleton"] != skeleton.name:
@@ -173,7 +177,7 @@ def _at_rate(motion: Motion, skeleton: Skeleton, fps: float | None) -> Motion:
 OWN, SMPLX, POSITIONS, BVH, DIRECTIONS = "own", "SMPL-X", "positions", "BVH", "directions"
 
 KINDS = (
-    Kind(OWN, _is_own, lambda content, options: Motion.from_arrays(content.arrays, content.path).meta["skeleton"], _read_own),
+    Kind(OWN, _is_own, _own_skeleton, _read_own),
     Kind(BVH, lambda content: content.container == ".bvh", _bvh_skeleton, _read_bvh),
     Kind(
         SMPLX,

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax import cli
+from ha2g_jax.errors import UserError
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
@@ -240,10 +241,10 @@ def test_json_that_is_no_motion_is_refused(content, what, refused, tmp_path):
     assert what in refused("evaluate", "--motion", str(tmp_path), "--reference", str(tmp_path))
 
 
-def test_a_bvh_is_no_motion_to_export(refused, tmp_path):
+def test_a_bvh_is_no_start_of_a_motion(tmp_path):
     (tmp_path / "x.bvh").write_text("HIERARCHY\n")
-    line = refused("export", str(tmp_path / "x.bvh"), "-o", str(tmp_path / "x.glb"))
-    assert "ha2g view, video and keyframes show a BVH, and ha2g data import-bvh imports it" in line
+    with pytest.raises(UserError, match="ha2g export, view, video and keyframes take a BVH"):
+        Motion.load(tmp_path / "x.bvh")
 
 
 OUTPUTS = {

@@ -48,11 +48,14 @@ def _bend(positions: np.ndarray, skeleton: Skeleton, side: str) -> float:
 
     along = at("middle_1") - at("wrist")
     palm = np.cross(at("index_1") - at("pinky_1"), along) * (1 if side == "right" else -1)
-    palm = palm / np.maximum(np.linalg.norm(palm, axis=-1, keepdims=True), 1e-12)
+    palm = _unit(palm)
     bends = []
     for finger in _FINGERS:
         first, second = at(f"{finger}_2") - at(f"{finger}_1"), at(f"{finger}_3") - at(f"{finger}_2")
         # The second bone is bent against the first, which flat hands do not show.
-        first, second = (bone / np.maximum(np.linalg.norm(bone, axis=-1, keepdims=True), 1e-12) for bone in (first, second))
-        bends.append(np.sum((second - first) * palm, axis=-1))
+        bends.append(np.sum((_unit(second) - _unit(first)) * palm, axis=-1))
     return float(np.clip(2 * np.median(bends), -1, 1))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -23,7 +23,8 @@ from ha2g_jax.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.lower_body import OPTIONAL
 from ha2g_jax.skeleton import Skeleton
 
-MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")  # the most demanding first, because "auto" takes the first that fits
+# The most demanding first, because "auto" takes the first that fits.
+MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")
 AUTO = "auto"
 HEAD = "head"
 

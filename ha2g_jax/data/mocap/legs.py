@@ -80,7 +80,9 @@ def from_rest_pose(rest: np.ndarray, spine: np.ndarray, rotations: np.ndarray, p
     return LowerBody(offsets.astype(np.float32), quaternions.astype(np.float32), pelvis.astype(np.float32))
 
 
-def _constant(own: Rotation, exact: np.ndarray, exact_rest: np.ndarray, about: np.ndarray, rest: np.ndarray) -> Rotation:
+def _constant(
+    own: Rotation, exact: np.ndarray, exact_rest: np.ndarray, about: np.ndarray, rest: np.ndarray
+) -> Rotation:
     """Return the rotation from the T-pose to the axes of a joint.
 
     Args:

@@ -144,7 +144,7 @@ def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) ->
     metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
     if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
         raise UserError(
-            f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of {metres:g} m; "
-            f"expected about {_ARM} m: give the metres in one unit (--unit)"
+            f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
+            f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"
         )
     return metres

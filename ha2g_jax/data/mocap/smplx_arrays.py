@@ -121,7 +121,7 @@ def _poses(arrays: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
         array = arrays[POSES]
         widths = {len(JOINTS): range(len(JOINTS)), _NUM_SMPLH: _SMPLH}
         flat = array.reshape(len(array), -1) if array.ndim in (2, 3) and len(array) else np.zeros((0, 0))
-        if array.ndim == 3 and array.shape[2] != 3 or flat.shape[1] not in (3 * width for width in widths):
+        if (array.ndim == 3 and array.shape[2] != 3) or flat.shape[1] not in (3 * width for width in widths):
             raise UserError(
                 f"{POSES} has shape {array.shape}; expected (frames, {3 * len(JOINTS)}), three values for each of "
                 f"{len(JOINTS)} joints, or (frames, {3 * _NUM_SMPLH}) of SMPL-H"

@@ -29,9 +29,9 @@ def export(
     """Write a motion to a file in the format that the suffix of the path names.
 
     `.bvh`, `.glb`, `.json` and `.csv` take any rig. `.vrma` always has the rig vrm. `.npz` is the file of
-    `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the person are written where the
-    motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The same motion gives the same bytes. The file is
-    written completely or not at all.
+    `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the person are written where
+    the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The same motion gives the
+    same bytes. The file is written completely or not at all.
 
     Args:
         motion: motion to export.

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion_files import find_skeleton
-from ha2g_jax.study.evaluation.motion_folders import read_directions
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
+from ha2g_jax.study.evaluation.motion_folders import read_directions
 
 
 @pytest.fixture
