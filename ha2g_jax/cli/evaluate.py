@@ -26,7 +26,17 @@ _OPTIONS = {
     "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
     "--motion with --reference": (
-        *("motion", "reference", "skeleton", "joint_map", "source_fps", "protocol", "autoencoder", "legacy"),
+        *(
+            "motion",
+            "reference",
+            "skeleton",
+            "joint_map",
+            "source_fps",
+            "protocol",
+            "body_model",
+            "autoencoder",
+            "legacy",
+        ),
     ),
 }
 _CORPUS, _SPEECH, _FOLDERS = _OPTIONS
@@ -71,8 +81,9 @@ def add_command(commands: Any) -> None:
     )
     folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of the two folders (default: found out)")
     add_reading(folders, joint_map=None)
+    folders.add_argument("--protocol", choices=("beat2",), help="add the scores of the papers on BEAT2 (SMPL-X only)")
     folders.add_argument(
-        "--protocol", choices=("beat2",), help="scores as the papers on BEAT2 define them, in place of our own"
+        "--body-model", type=pathlib.Path, metavar="FILE", help="SMPLX_NEUTRAL.npz for the joints of --protocol beat2"
     )
     scores = command.add_argument_group("scores")
     scores.add_argument(
@@ -112,7 +123,8 @@ def run(arguments: argparse.Namespace) -> None:
         options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
         if kind == _FOLDERS:
             options |= {"joint_map": arguments.joint_map or "auto", "source_fps": arguments.source_fps}
-            options |= {"skeleton": arguments.skeleton}
+            options |= {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
+            options |= {"body_model": arguments.body_model}
             results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
         else:
             checkpoint, data = arguments.checkpoint or "demo", arguments.data or "talk"

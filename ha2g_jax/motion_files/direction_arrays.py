@@ -56,5 +56,5 @@ def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -
         return added, True
     raise UserError(
         f"{shown(path)} has vectors whose lengths differ from 1 by {errors[0]:.2f}, and by {errors[1]:.2f} with the "
-        f"mean of {skeleton.name} added; expected direction vectors, or the same less this mean: add what was subtracted"
+        f"mean of {skeleton.name} added; expected direction vectors, or the same less this mean: add what is missing"
     )

@@ -129,6 +129,28 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
     return SmplxMotion(positions, len(frames) / rate, rate, kind, up, lower, face)
 
 
+def joints_at_origin(arrays: SmplxArrays, rest: np.ndarray, fps: float) -> np.ndarray:
+    """Return the positions of all joints without the translation, the pelvis where it is in the T-pose.
+
+    Args:
+        arrays: poses or positions of a file.
+        rest: (61, 3) points of the person in the T-pose.
+        fps: frames per second of the result.
+
+    Returns:
+        (T, 55, 3) metres in the axes of the file.
+
+    Raises:
+        UserError: the motion is too long.
+    """
+    moments = _moments(len(arrays.frames), arrays.fps, fps)
+    check_size(len(JOINTS), len(moments))
+    if arrays.are_poses:
+        return _pose(arrays.frames, rest, moments)[0][:, : len(JOINTS)]
+    places = _between(arrays.frames[:, : len(JOINTS)], moments)
+    return places - places[:, :1] + rest[0]
+
+
 def _moments(num_frames: int, source_fps: float, fps: float) -> np.ndarray:
     """Return the fractional frames (T,) of the file at which poses are sampled."""
     last = num_frames - 1

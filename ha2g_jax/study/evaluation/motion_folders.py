@@ -206,17 +206,21 @@ def _read(pair: _Pair) -> _Read:
         num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
     true = reference._replace(directions=reference.directions[:num_frames])
     return _Read(
-        _clip_result(pair, motion),
-        _clip_result(pair, true, onsets, audio if pair.with_audio else None),
+        _clip_result(pair, pair.motion, motion),
+        _clip_result(pair, pair.reference, true, onsets, audio if pair.with_audio else None),
         (motion.fps, reference.fps),
         num_frames < len(reference.directions) - 1,
     )
 
 
 def _clip_result(
-    pair: _Pair, motion: FileMotion, onsets: np.ndarray | None = None, audio: np.ndarray | None = None
+    pair: _Pair,
+    path: pathlib.Path,
+    motion: FileMotion,
+    onsets: np.ndarray | None = None,
+    audio: np.ndarray | None = None,
 ) -> ClipResult:
-    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders)
+    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders, path)
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
