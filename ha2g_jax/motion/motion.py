@@ -149,6 +149,9 @@ class Motion:
                 f"Motion.save writes .npz, not {path.name!r}; for other files call "
                 f"ha2g_jax.motion.formats.export(motion, {path.name!r})"
             )
+        more: dict[str, Any] = {f"face_{name}": values for name, values in self.face.items()}
+        if self.lower is not None:
+            more |= self.lower.as_arrays()
         with whole_file(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
@@ -157,8 +160,7 @@ class Motion:
                 fps=np.float64(self.fps),
                 joint_names=np.array(self.joint_names),
                 meta=np.array(json.dumps(self.meta, indent=1, sort_keys=True)),
-                **({} if self.lower is None else self.lower.as_arrays()),
-                **{f"face_{name}": values for name, values in self.face.items()},
+                **more,
             )
 
     @classmethod

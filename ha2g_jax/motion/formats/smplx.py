@@ -2,6 +2,7 @@
 
 import pathlib
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ def write(
     if "jaw" in face:
         vectors[:, animation.armature.joint("jaw")] = face.pop("jaw")
     with whole_file(path) as temporary, temporary.open("wb") as file:
+        arrays: dict[str, Any] = face
         np.savez(
             file,
             poses=vectors.reshape(frames, -1).astype(np.float32),
@@ -50,5 +52,5 @@ def write(
             gender=np.array("neutral"),
             surface_model_type=np.array("smplx"),
             joint_names=np.array(animation.armature.joints),
-            **face,
+            **arrays,
         )
