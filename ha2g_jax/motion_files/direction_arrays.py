@@ -17,6 +17,7 @@ FPS = 15.0  # frames per second of the TED data
 
 _EXACT = 0.02  # median difference of the lengths from 1 that rounding explains
 _MAX_ERROR = 0.35  # the same of outputs of networks
+_MAX_VALUE = 1e3
 _ALIKE, _UNLIKE = 0.7, 0.3  # fraction of the mean that direction vectors have, and residuals have not
 
 
@@ -24,7 +25,7 @@ def find_skeleton(array: np.ndarray) -> str | None:
     """Return the name of the skeleton whose direction vectors an array has by its shape, None without one."""
     for name in SKELETONS:
         bones = load_skeleton(name).num_bones
-        if len(array) and array.shape[1:] in ((3 * bones,), (bones, 3)):
+        if array.size and array.shape[1:] in ((3 * bones,), (bones, 3)):
             return name
     return None
 
@@ -43,8 +44,8 @@ def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -
     Raises:
         UserError: the array has no numbers, or its lengths are those of neither.
     """
-    if array.dtype.kind != "f" or not np.isfinite(array).all():
-        raise UserError(f"{shown(path)} holds values that are no finite numbers; expected direction vectors")
+    if array.dtype.kind != "f" or not (np.abs(array) <= _MAX_VALUE).all():
+        raise UserError(f"{shown(path)} holds values that are no or too large numbers; expected direction vectors")
     whole = array.astype(np.float64).reshape(len(array), skeleton.num_bones, 3)
     added = whole + skeleton.mean_directions
     errors = [float(np.median(np.abs(np.linalg.norm(vectors, axis=-1) - 1))) for vectors in (whole, added)]

@@ -1,5 +1,6 @@
 """The table of all kinds of motion that are read, and how a file of each becomes a `Motion`."""
 
+import dataclasses
 import pathlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -67,7 +68,9 @@ def _read_own(content: Content, skeleton: Skeleton, options: Options) -> Motion:
             "evaluate motion of one skeleton at a time"
         )
     if "borders" in content.arrays:
-        motion.meta["borders"] = content.arrays["borders"].tolist()
+        facts = motion.meta | {"borders": content.arrays["borders"]}
+        motion = dataclasses.replace(motion, meta=facts)
+        motion.meta["borders"] = list(borders_of(motion, content.path))
     return motion
 
 
@@ -139,7 +142,7 @@ def _array_skeleton(content: Content, options: Options) -> str:
     name = direction_arrays.find_skeleton(content.array)
     if name is None:
         joints = [name for name in SKELETONS if content.array.shape[1:] == (load_skeleton(name).num_joints, 3)]
-        name = joints[0] if joints and len(content.array) else None
+        name = joints[0] if joints and content.array.size else None
     if name is None:
         raise UserError(
             f"{shown(content.path)} holds an array of shape {content.array.shape}; expected directions (T, 126), "

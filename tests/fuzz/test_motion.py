@@ -35,7 +35,14 @@ def make_motion(frames: int = 6) -> Motion:
 
 def arrays_of(motion: Motion) -> dict[str, np.ndarray]:
     """Return the arrays of a file of a motion."""
+    lower = {
+        "lower_offsets": np.full((10, 3), 0.1),
+        "lower_rotations": np.tile([0.0, 0.0, 0.0, 1.0], (motion.num_frames, 9, 1)),
+        "lower_translation": np.ones((motion.num_frames, 3)),
+    }
     return {
+        **lower,
+        "face_jaw": np.zeros((motion.num_frames, 3)),
         "directions": motion.directions,
         "positions": motion.positions,
         "fps": np.array(motion.fps),
@@ -131,6 +138,38 @@ def test_odd_arrays_are_answered(data, answered):
 def test_damaged_meta_is_answered(data, answered):
     meta = data.draw(damaged_tree(make_motion().meta | {"more": {"list": [1, "a", {"x": 0.5}]}}))
     answered(copy, npz(arrays_of(make_motion(1)) | {"meta": np.array(json.dumps(meta))}), "m.npz")
+
+
+def read_any(path: pathlib.Path) -> None:
+    """Read a file of any kind and write what was read."""
+    motion = read_motion(path, source_fps=15)
+    motion.save(path.with_name("out.npz"))
+    export(motion, path.with_name("x.npz"), rig="smplx")
+
+
+SMPLX = {
+    "poses": np.full((6, 165), 0.1),
+    "trans": np.ones((6, 3)),
+    "betas": np.zeros(10),
+    "expressions": np.zeros((6, 100)),
+    "mocap_frame_rate": np.array(30.0),
+}
+
+
+@FUZZ
+@given(data=st.data())
+def test_odd_smplx_is_answered(data, answered):
+    odd = {name: data.draw(odd_array(SMPLX[name])) for name in data.draw(st.sets(st.sampled_from(sorted(SMPLX))))}
+    answered(read_any, npz(SMPLX | odd), "m.npz")
+
+
+@FUZZ
+@given(data=st.data())
+def test_odd_direction_arrays_are_answered(data, answered):
+    file = io.BytesIO()
+    np.save(file, data.draw(odd_array(GOOD["directions"])))
+    content = file.getvalue()
+    answered(read_any, data.draw(st.one_of(st.just(content), damaged_bytes(content))), "m.npy")
 
 
 def score(path: pathlib.Path) -> None:

@@ -1,6 +1,7 @@
 """Motion of every kind goes through every command, at the joint positions that a reader of its own finds."""
 
 import shutil
+from typing import Any
 
 import numpy as np
 import pygltflib
@@ -10,6 +11,7 @@ from motion_files.conftest import FRAMES, GENEA, MIXAMO, bvh, read_bvh_positions
 from ha2g_jax import cli
 from ha2g_jax.data.mocap.smplx_template import JOINTS
 from ha2g_jax.errors import UserError
+from ha2g_jax.lower_body import LowerBody
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion_files import read_motion
@@ -32,6 +34,11 @@ def rigid(points: np.ndarray, to: np.ndarray) -> np.ndarray:
     left, _, right = np.linalg.svd(points.reshape(-1, 3).T @ to.reshape(-1, 3))
     sign = np.diag([1, 1, np.sign(np.linalg.det(left @ right))])
     return left @ sign @ right
+
+
+def lower_of(motion: Motion) -> LowerBody:
+    assert motion.lower is not None
+    return motion.lower
 
 
 def run(*arguments) -> int:
@@ -72,7 +79,7 @@ def test_joints_are_where_an_independent_reader_finds_them(kind, files, person):
 
 @pytest.mark.parametrize("kind", POSED)
 def test_legs_and_place_are_where_an_independent_reader_finds_them(kind, files, person):
-    lower = read_motion(files[kind]).lower
+    lower = lower_of(read_motion(files[kind]))
     theirs = np.stack([person.at(name) for name in LOWER], axis=1)
     turn = rigid(theirs - theirs[:, :1], lower.positions() - lower.positions()[:, :1])
     np.testing.assert_allclose(theirs @ turn, lower.positions(), atol=1e-3)
@@ -82,7 +89,7 @@ def test_legs_and_place_are_where_an_independent_reader_finds_them(kind, files, 
 @pytest.mark.parametrize("kind", POSED)
 def test_legs_and_place_reach_the_files_of_other_programs(kind, files, person, tmp_path):
     motion = read_motion(files[kind])
-    expected = motion.lower.positions()
+    expected = lower_of(motion).positions()
     formats.export(motion, tmp_path / "x.bvh")
     found = read_bvh_positions(tmp_path / "x.bvh")
     np.testing.assert_allclose(np.stack([found[name] for name in LOWER], axis=1) / 100, expected, atol=1e-3)
@@ -90,7 +97,7 @@ def test_legs_and_place_reach_the_files_of_other_programs(kind, files, person, t
     found = read_bvh_positions(tmp_path / "mixamo.bvh")
     np.testing.assert_allclose(found["mixamorig:LeftFoot"] / 100, expected[:, 3], atol=1e-3)
     formats.export(motion, tmp_path / "x.glb")
-    gltf = pygltflib.GLTF2().load(str(tmp_path / "x.glb"))
+    gltf: Any = pygltflib.GLTF2().load(str(tmp_path / "x.glb"))
     moved = {(gltf.nodes[channel.target.node].name, channel.target.path) for channel in gltf.animations[0].channels}
     assert {("pelvis", "translation"), ("pelvis", "rotation"), ("left_knee", "rotation")} <= moved
 
@@ -111,7 +118,7 @@ def test_a_saved_motion_keeps_legs_and_face(files, tmp_path):
     motion = read_motion(files["BEAT2"])
     motion.save(tmp_path / "x.npz")
     again = read_motion(tmp_path / "x.npz")
-    np.testing.assert_array_equal(again.lower.rotations, motion.lower.rotations)
+    np.testing.assert_array_equal(lower_of(again).rotations, lower_of(motion).rotations)
     assert set(again.face) == {"expressions", "jaw"}
 
 
@@ -177,7 +184,7 @@ def test_a_real_recording_is_where_an_independent_reader_finds_it(private_data):
     places = motion.positions[:, [motion.joint_names.index(name) for name in ours]].astype(np.float64)
     np.testing.assert_allclose(theirs @ rigid(theirs, places), places, atol=1e-3)
     legs = np.stack([found["Hips"], found["LeftFoot"], found["RightToeBase"]], axis=1) / 100
-    lower = motion.lower.positions()[:, [0, 3, 8]]
+    lower = lower_of(motion).positions()[:, [0, 3, 8]]
     np.testing.assert_allclose(legs @ rigid(legs - legs[:, :1], lower - lower[:, :1]), lower, atol=1e-3)
 
 
