@@ -45,23 +45,40 @@ def run(*arguments) -> int:
     return cli.main([str(argument) for argument in arguments])
 
 
+def go_through_all(path, folder, capsys, *rate):
+    """Give a file to every command, which must succeed."""
+    for suffix in (".glb", ".bvh", ".npz"):
+        assert run("export", path, *rate, "-o", folder / f"x{suffix}") == 0
+    assert run("export", path, *rate, "-o", folder / "smplx.npz", "--rig", "smplx") == 0
+    assert run("view", path, *rate, "-o", folder / "x.html") == 0
+    assert run("keyframes", path, *rate, "-o", folder / "x.svg", "--size", 64, "--count", 2) == 0
+    assert run("video", path, *rate, "-o", folder / "x.mp4", "--size", "64x64", "--workers", 1) == 0
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        shutil.copy(path, folder / name / f"talk{path.suffix}")
+    capsys.readouterr()
+    assert run("evaluate", "--motion", folder / "a", "--reference", folder / "b", *rate) == 0
+    assert "1 clips" in capsys.readouterr().out
+    assert Motion.load(folder / "x.npz").num_frames == FRAMES
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_goes_through_every_command(kind, files, tmp_path, capsys):
-    path = files[kind]
-    rate = ("--source-fps", 30) if kind in WITHOUT_RATE else ()
-    for suffix in (".glb", ".bvh", ".npz"):
-        assert run("export", path, *rate, "-o", tmp_path / f"x{suffix}") == 0
-    assert run("export", path, *rate, "-o", tmp_path / "smplx.npz", "--rig", "smplx") == 0
-    assert run("view", path, *rate, "-o", tmp_path / "x.html") == 0
-    assert run("keyframes", path, *rate, "-o", tmp_path / "x.svg", "--size", 64, "--count", 2) == 0
-    assert run("video", path, *rate, "-o", tmp_path / "x.mp4", "--size", "64x64", "--workers", 1) == 0
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        shutil.copy(path, tmp_path / name / f"talk{path.suffix}")
-    capsys.readouterr()
-    assert run("evaluate", "--motion", tmp_path / "a", "--reference", tmp_path / "b", *rate) == 0
-    assert "1 clips" in capsys.readouterr().out
-    assert Motion.load(tmp_path / "x.npz").num_frames == FRAMES
+    go_through_all(files[kind], tmp_path, capsys, *(("--source-fps", 30) if kind in WITHOUT_RATE else ()))
+
+
+def test_a_real_recording_goes_through_every_command(private_data, tmp_path, capsys):
+    [path] = private_data.glob("zeroeggs_067/*.bvh")
+    head, motion = path.read_text().split("MOTION")
+    _, rate, *rows = motion.strip().splitlines()[: 2 + FRAMES]
+    (tmp_path / "real.bvh").write_text("\n".join([f"{head}MOTION", f"Frames: {FRAMES}", rate, *rows]) + "\n")
+    go_through_all(tmp_path / "real.bvh", tmp_path, capsys)
+
+
+def test_a_real_array_of_another_layout_is_refused_in_one_line(private_data, capsys):
+    [path] = private_data.glob("zeroeggs_neutral_001/*.npy")
+    assert run("export", path, "-o", "x.glb") == 2
+    assert "holds an array of shape (7286, 9, 7); expected directions (T, 126)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", [*POSED, "SMPL-X joints"])
