@@ -243,3 +243,6 @@ MAX_SMPLX_FRAMES = 400_000
 
 MAX_POSED_JOINTS = 6_000_000
 """Joints of an imported motion times its frames at the new rate; 50 joints have 5,400,000 in an hour at 30 a second."""
+
+MAX_FACE_VALUES = 400
+"""Values of a face in a frame: weights of expressions; FLAME has 100."""

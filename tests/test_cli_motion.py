@@ -98,7 +98,9 @@ def test_video_and_key_frames_show_a_bvh_beside_a_motion(files, tmp_path):
 
 def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
     def names(*paths, names=None):
-        arguments = argparse.Namespace(motions=[files / path for path in paths], names=names)
+        arguments = argparse.Namespace(
+            motions=[files / path for path in paths], names=names, joint_map="auto", source_fps=None
+        )
         return list(export._load(arguments))
 
     assert names("a.npz", "b.npz") == ["a", "b"]
@@ -107,7 +109,7 @@ def test_motions_go_by_the_names_of_their_files_and_if_need_be_folders(files):
 
 
 MISTAKES = {
-    "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no motion at"),
+    "missing": (["export", "{}/none.npz", "-o", "{out}/x.bvh"], "no file at"),
     "not a motion": (["export", "{}/text.npz", "-o", "{out}/x.bvh"], "is not a whole .npz"),
     "format": (["export", "{}/a.npz", "-o", "{out}/x.fbx"], ".fbx"),
     "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),

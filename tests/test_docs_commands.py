@@ -222,6 +222,9 @@ def write_smplx(folder):
     write["_motion"](beat / "smplxflame_30" / "2_scott_0_1_1.npz")
     write["_speech"](beat / "wave16k" / "2_scott_0_1_1.wav", beat / "textgrid" / "2_scott_0_1_1.TextGrid")
     write["_motion"](folder / "poses.npz")
+    np.save(folder / "directions.npy", swaying(0).directions)
+    for system in ("emage", "ours", "true"):
+        write["_motion"](folder / "smplx" / system / "one.npz")
     write["_speech"](folder / "poses.wav", folder / "poses.TextGrid")
     model = functions_of("mocap/test_smplx_model.py")["_model"]()
     np.savez(folder / "SMPLX_NEUTRAL.npz", allow_pickle=True, **model)

@@ -67,7 +67,7 @@ def _add_import_bvh(data: Any) -> None:
         "--joint-map",
         default="auto",
         metavar="MAP",
-        help="auto, mixamo, zeroeggs, beat, ha2g, or a YAML file (default: auto)",
+        help="auto, mixamo, zeroeggs, beat, genea, ha2g, or a YAML file (default: auto)",
     )
     command.add_argument(
         "--unit", default="auto", metavar="METRES", help="metres in one unit of the file (default: by the arms' length)"

@@ -5,7 +5,7 @@ import json
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.cli.parser import add_reading, read_seed
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
@@ -25,7 +25,19 @@ a further part of each section. An option that does not apply is an error."""
 _OPTIONS = {
     "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
-    "--motion with --reference": ("motion", "reference", "skeleton", "joint_map", "autoencoder", "legacy"),
+    "--motion with --reference": (
+        *(
+            "motion",
+            "reference",
+            "skeleton",
+            "joint_map",
+            "source_fps",
+            "protocol",
+            "body_model",
+            "autoencoder",
+            "legacy",
+        ),
+    ),
 }
 _CORPUS, _SPEECH, _FOLDERS = _OPTIONS
 
@@ -68,8 +80,10 @@ def add_command(commands: Any) -> None:
         "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
     )
     folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of the two folders (default: found out)")
+    add_reading(folders, joint_map=None)
+    folders.add_argument("--protocol", choices=("beat2",), help="add the scores of the papers on BEAT2 (SMPL-X only)")
     folders.add_argument(
-        "--joint-map", help="joint names of .bvh files: auto, mixamo, zeroeggs, beat, ha2g or a YAML file"
+        "--body-model", type=pathlib.Path, metavar="FILE", help="SMPLX_NEUTRAL.npz for the joints of --protocol beat2"
     )
     scores = command.add_argument_group("scores")
     scores.add_argument(
@@ -108,7 +122,9 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
         if kind == _FOLDERS:
-            options |= {"skeleton": arguments.skeleton, "joint_map": arguments.joint_map or "auto"}
+            options |= {"joint_map": arguments.joint_map or "auto", "source_fps": arguments.source_fps}
+            options |= {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
+            options |= {"body_model": arguments.body_model}
             results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
         else:
             checkpoint, data = arguments.checkpoint or "demo", arguments.data or "talk"

@@ -5,6 +5,7 @@ import pathlib
 import re
 from typing import TYPE_CHECKING, Any
 
+from ha2g_jax.cli.parser import add_reading
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 
@@ -23,7 +24,8 @@ def add_commands(commands: Any) -> None:
         commands: subparsers of the parser of `ha2g`.
     """
     export = commands.add_parser("export", help="export motion for Blender, Unity, Unreal, three.js or a robot")
-    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="an .npz of ha2g generate")
+    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="motion of ha2g or of others")
+    add_reading(export)
     export.add_argument(
         "-o",
         "--out",
@@ -62,9 +64,8 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_motions(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="an .npz of ha2g generate, or a .bvh"
-    )
+    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="motion of ha2g or of others")
+    add_reading(command)
     command.add_argument(
         "--names", nargs="+", metavar="NAME", help="names of the motions (default: the names of the files)"
     )
@@ -72,10 +73,10 @@ def _add_motions(command: argparse.ArgumentParser) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     from ha2g_jax.motion import formats
-    from ha2g_jax.motion.motion import Motion
+    from ha2g_jax.motion_files import read_motion
 
     _check_out(arguments.out, [arguments.motion, arguments.audio])
-    motion = Motion.load(arguments.motion)
+    motion = read_motion(arguments.motion, joint_map=arguments.joint_map, source_fps=arguments.source_fps)
     seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
     formats.export(motion, arguments.out, rig=arguments.rig, audio_seconds=seconds)
     print(arguments.out)
@@ -140,7 +141,7 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     """Load the motions by name; the names of files with equal names include their folders."""
-    from ha2g_jax.viewer.files import names_of, read_motion_or_bvh
+    from ha2g_jax.viewer.files import names_of, read_shown
 
     paths, names = arguments.motions, arguments.names
     if names is None:
@@ -149,7 +150,8 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
         raise UserError("two motions have the same name; give different names with --names")
-    return {shown(name): read_motion_or_bvh(path) for name, path in zip(names, paths, strict=True)}
+    options = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
+    return {shown(name): read_shown(path, **options) for name, path in zip(names, paths, strict=True)}
 
 
 def _check_out(out: pathlib.Path, sources: list[pathlib.Path | None]) -> None:

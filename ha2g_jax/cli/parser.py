@@ -42,3 +42,21 @@ def read_seed(text: str) -> int:
     if not (text.isdecimal() and len(text) <= len(str(MAX_SEED)) and int(text) <= MAX_SEED):
         raise UserError(f"the seed is {text[:40]!r}; give a whole number from 0 to {MAX_SEED}")
     return int(text)
+
+
+def add_reading(command: Any, *, joint_map: str | None = "auto") -> None:
+    """Add the options that reading motion of others may need.
+
+    Args:
+        command: parser or group of a command.
+        joint_map: default of `--joint-map`.
+    """
+    command.add_argument(
+        "--joint-map",
+        default=joint_map,
+        metavar="MAP",
+        help="joint names of BVH files: auto, mixamo, zeroeggs, beat, genea, ha2g or a YAML file (default: auto)",
+    )
+    command.add_argument(
+        "--source-fps", type=float, metavar="FPS", help="frames per second of files that do not say it"
+    )

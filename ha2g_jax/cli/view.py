@@ -4,6 +4,8 @@ import argparse
 import pathlib
 from typing import Any
 
+from ha2g_jax.cli.parser import add_reading
+
 
 def add_command(commands: Any) -> None:
     """Add the command `view` to a parser.
@@ -13,8 +15,9 @@ def add_command(commands: Any) -> None:
     """
     view = commands.add_parser("view", help="write a page that shows motion in a browser and works offline")
     view.add_argument(
-        "motion", type=pathlib.Path, nargs="+", help="an .npz of ha2g generate, or a .bvh; several are side by side"
+        "motion", type=pathlib.Path, nargs="+", help="motion of ha2g or of others; several are side by side"
     )
+    add_reading(view)
     view.add_argument(
         "-o",
         "--out",
@@ -30,4 +33,5 @@ def add_command(commands: Any) -> None:
 def _view(arguments: argparse.Namespace) -> None:
     from ha2g_jax.viewer.files import view_files
 
-    print(view_files(arguments.motion, arguments.out, audio=arguments.audio, words=arguments.words))
+    options = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
+    print(view_files(arguments.motion, arguments.out, audio=arguments.audio, words=arguments.words, **options))

@@ -5,6 +5,7 @@ A new metric is one file that defines a `Metric`, and one line in `METRICS`.
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import (
+    beat2,
     beats,
     canonical,
     diversity,
@@ -49,6 +50,7 @@ _REGISTERED: tuple[Metric, ...] = (
     *known_causes.CAUSE_METRICS,
     known_causes.PROBE_ACCURACY,
     *beats.RECORDING_METRICS,
+    *beat2.BEAT2_METRICS,
 )
 METRICS: dict[str, Metric] = {metric.name: metric for metric in _REGISTERED}
 if len(METRICS) < len(_REGISTERED):

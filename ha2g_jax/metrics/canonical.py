@@ -109,4 +109,4 @@ def correlation_of_sums(sums: np.ndarray) -> float:
     return float((xy - x * y / count) / scale) if scale > 1e-9 else 0.0
 
 
-CCA = Metric("cca", "CCA", "", "higher", RECONSTRUCTION, 3, _measure)
+CCA = Metric("cca", "CCA", "", "higher", RECONSTRUCTION, 3, _measure, is_paired=True)

@@ -146,4 +146,4 @@ DIVERSITY_L1 = Metric(
     "diversity_l1", "diversity L1", "", "higher", LIKENESS, 2, _norm(0), draws=_draws(0), is_paired=True
 )
 DIVERSITY_L2 = Metric("diversity_l2", "diversity L2", "", "higher", LIKENESS, 2, _norm(1), draws=_draws(1))
-MULTIMODALITY = Metric("multimodality", "multimodality L1", "", "higher", LIKENESS, 2, _multimodality)
+MULTIMODALITY = Metric("multimodality", "multimodality L1", "", "higher", LIKENESS, 2, _multimodality, is_paired=True)

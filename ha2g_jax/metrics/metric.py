@@ -24,9 +24,10 @@ RECONSTRUCTION = "Errors of reconstruction, not quality"
 LEGACY = "Legacy rules (legacy_v1), for comparison with old tables only"
 KNOWN_CAUSES = "Known causes"
 PROBE = "Word class from frozen f_high at word onsets, by a linear probe"
+BEAT2 = "Protocol BEAT2: all joints of SMPL-X, 30 frames per second"
 RECORDING = "Strokes of the hands against the onsets of the recording"
 
-Section = Literal["rows", "legacy_v1", "known_causes", "recording"]
+Section = Literal["rows", "legacy_v1", "known_causes", "recording", "beat2"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Metric:
         group: heading of the part of the table that holds the column.
         digits: number of digits after the point.
         measure: function of one row of the table to the score, None where the row has none. The argument is a
-            `row.Row`; for known causes it is a `known_causes.CauseRow`, for a recording a `beats.RecordingRow`.
+            `row.Row`; for known causes it is a `known_causes.CauseRow`, for a recording a `beats.RecordingRow`, for the
+            protocol BEAT2 a `beat2.Beat2Row`.
         section: part of the results that holds the score.
         draws: function of a row to the values (n,) of random draws; their mean and standard deviation are shown in
             place of the value, None where the row has none.

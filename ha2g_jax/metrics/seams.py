@@ -176,7 +176,7 @@ def _p(name: str) -> Callable[[Row], float | None]:
     return measure
 
 
-SEAM_VELOCITY = Metric("seam_velocity", "seam velocity", "", "lower", MOVEMENT, 2, _ratio(0))
+SEAM_VELOCITY = Metric("seam_velocity", "seam velocity", "", "lower", MOVEMENT, 2, _ratio(0), is_paired=True)
 SEAM_VELOCITY_P = Metric("seam_velocity_p", "seam velocity p", "", "none", MOVEMENT, 3, _p("velocity_p"))
 SEAM_ACCELERATION = Metric("seam_acceleration", "seam acc.", "", "lower", MOVEMENT, 2, _ratio(1))
 SEAM_ACCELERATION_P = Metric("seam_acceleration_p", "seam acc. p", "", "none", MOVEMENT, 3, _p("acceleration_p"))

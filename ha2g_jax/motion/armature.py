@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ha2g_jax import lower_body
+from ha2g_jax.lower_body import LowerBody
 from ha2g_jax.motion import rotations
 from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 
@@ -149,6 +151,34 @@ def ha2g_armature(skeleton: Skeleton) -> Armature:
     grow(0, 0)
     rest = np.tile(rotations.IDENTITY, (len(joints), 1))
     return Armature("ha2g", tuple(joints), tuple(parents), np.array(offsets), rest)
+
+
+def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
+    """Put an animation of the `ha2g` armature on a pelvis with legs.
+
+    The pelvis becomes the root, and the joint `spine` its child at a constant offset, so that the chest is where the
+    spine carries it only on average. Rotations in the world stay those of the animation.
+
+    Args:
+        animation: animation with T frames of the `ha2g` armature.
+        lower: pelvis and legs with T frames.
+
+    Returns:
+        Animation of an armature with the joints of `lower_body.JOINTS` before those of `animation`.
+    """
+    armature, legs = animation.armature, lower_body.JOINTS
+    turned = rotations.unit(lower.rotations)
+    local = turned.copy()
+    for joint, parent in enumerate(lower_body.PARENTS[1:], start=1):
+        local[:, joint] = rotations.multiply(rotations.conjugate(turned[:, parent]), turned[:, joint])
+    upper = animation.rotations.copy()
+    upper[:, 0] = rotations.multiply(rotations.conjugate(turned[:, 0]), upper[:, 0])
+    offsets = np.concatenate([lower.offsets, armature.offsets[1:]]).astype(np.float64)
+    parents = (*lower_body.PARENTS, 0, *(parent + len(legs) for parent in armature.parents[1:]))
+    rest = np.concatenate([np.tile(rotations.IDENTITY, (len(legs), 1)), armature.rest])
+    extended = Armature(armature.name, (*legs, *armature.joints), parents, offsets, rest)
+    whole = rotations.continuous(rotations.unit(np.concatenate([local, upper], axis=1)))
+    return Animation(extended, whole, lower.translation.astype(np.float64), animation.fps, animation.meta)
 
 
 def carriers(skeleton: Skeleton) -> tuple[str, ...]:

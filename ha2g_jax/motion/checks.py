@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.limits import MAX_MOTION_FPS, MAX_MOTION_FRAMES, MAX_MOTION_SECONDS, MIN_MOTION_FPS
+from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_MOTION_FRAMES, MAX_MOTION_SECONDS, MIN_MOTION_FPS
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 MAX_METRES = 100.0
@@ -81,6 +81,26 @@ def check_length(frames: int, fps: float) -> None:
             f"the motion has {frames / fps:.0f} seconds, {frames} frames at {fps:g} a second; expected at most "
             f"{MAX_MOTION_SECONDS}: cut it"
         )
+
+
+def check_face(face: Mapping[str, np.ndarray], frames: int) -> None:
+    """Check the passengers of a motion, see `motion.Motion.face`.
+
+    Args:
+        face: arrays (T, n) by name.
+        frames: number of frames of the motion.
+
+    Raises:
+        UserError: an array has another shape, or values that are not finite or too large.
+    """
+    for name, values in face.items():
+        if values.ndim != 2 or len(values) != frames or values.dtype.kind != "f" or values.shape[1] > MAX_FACE_VALUES:
+            raise UserError(
+                f"the motion's face_{name} are {values.dtype} of shape {values.shape}; expected floats, "
+                f"({frames}, at most {MAX_FACE_VALUES})"
+            )
+        if not (np.abs(values) <= _MAX_LENGTH).all():
+            raise UserError(f"the motion's face_{name} have values that are not finite or too large; export it again")
 
 
 def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skeleton) -> None:

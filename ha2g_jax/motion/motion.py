@@ -9,15 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from ha2g_jax import lower_body
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import parse_json, reading, reason, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JOINTS, MAX_MOTION_META_BYTES
+from ha2g_jax.lower_body import LowerBody
 from ha2g_jax.motion import checks
-from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize
+from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize, positions_to_directions
 
-ARRAYS = ("directions", "positions", "fps", "joint_names", "meta")
+FACE = ("expressions", "jaw", "arkit")
+"""Names of the arrays of `Motion.face`; in a file with "face_" before them."""
+
+ARRAYS = ("directions", "positions", "fps", "joint_names", "meta", *lower_body.ARRAYS, *(f"face_{it}" for it in FACE))
+
+_SAMPLED = 500  # frames whose bone lengths are averaged
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +37,9 @@ class Motion:
         fps: frames per second; frame k shows the time k / fps.
         joint_names: names of the joints; joint 0 is the root.
         meta: JSON values that say how the motion was made; "skeleton" is the name of the skeleton.
+        lower: pelvis, legs and place of the person, where they are known; nothing is generated for them.
+        face: passengers (T, n) by name, which exports hand on: "expressions" of FLAME, "jaw", (T, 3) axis-angles, and
+            "arkit", (T, 52) weights.
     """
 
     directions: np.ndarray
@@ -37,6 +47,8 @@ class Motion:
     fps: float
     joint_names: tuple[str, ...]
     meta: dict[str, Any]
+    lower: LowerBody | None = None
+    face: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def from_directions(
@@ -64,12 +76,43 @@ class Motion:
             meta={"skeleton": skeleton.name, "axes": axes, **(meta or {})},
         )
 
+    @classmethod
+    def from_positions(
+        cls,
+        skeleton: Skeleton,
+        positions: np.ndarray,
+        fps: float,
+        meta: dict[str, Any] | None = None,
+        *,
+        lower: LowerBody | None = None,
+        face: dict[str, np.ndarray] | None = None,
+    ) -> "Motion":
+        """Build a motion from joint positions, which it keeps, relative to the root of each frame.
+
+        Args:
+            skeleton: skeleton of the joints and the axes.
+            positions: (T, joints, 3) metres in the axes of the skeleton.
+            fps: frames per second.
+            meta: further entries of `Motion.meta`, as JSON values.
+            lower: pelvis and legs with T frames.
+            face: see `Motion.face`.
+
+        Returns:
+            The motion with T frames.
+        """
+        directions = positions_to_directions(skeleton, np.asarray(positions, np.float64))
+        motion = cls.from_directions(skeleton, directions, fps, meta)
+        places = (positions - positions[:, :1]).astype(np.float32)
+        return dataclasses.replace(motion, positions=places, lower=lower, face=face or {})
+
     @property
     def skeleton(self) -> Skeleton:
-        """The skeleton that `meta` names, with the bone lengths of this motion."""
+        """The skeleton that `meta` names, with the mean bone lengths of this motion."""
         skeleton = load_skeleton(self.meta["skeleton"])
         parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-        lengths = np.linalg.norm(self.positions[0, children] - self.positions[0, parents], axis=-1)
+        # A person's neck and shoulders have joints between them, so that some lengths vary; samples suffice.
+        sample = self.positions[:: max(1, self.num_frames // _SAMPLED)]
+        lengths = np.linalg.norm(sample[:, children] - sample[:, parents], axis=-1).mean(axis=0)
         return dataclasses.replace(skeleton, lengths=lengths)
 
     @property
@@ -83,12 +126,16 @@ class Motion:
             UserError: see `checks.check`.
         """
         checks.check(self.directions, self.positions, self.fps, self.joint_names, self.meta)
+        if self.lower is not None:
+            self.lower.check(self.num_frames)
+        checks.check_face(self.face, self.num_frames)
 
     def save(self, path: str | pathlib.Path) -> None:
         """Write the motion to an `.npz` file; `formats.export` writes the files of other programs.
 
-        The file is a numpy archive without pickle that holds directions, positions, fps, joint_names and meta (JSON
-        text). The same motion gives the same bytes. The file is written completely or not at all.
+        The file is a numpy archive without pickle that holds directions, positions, fps, joint_names, meta (JSON text),
+        and where they are known the arrays of `lower_body.ARRAYS` and of the face. The same motion gives the same
+        bytes. The file is written completely or not at all.
 
         Args:
             path: `.npz` file to write.
@@ -102,6 +149,9 @@ class Motion:
                 f"Motion.save writes .npz, not {path.name!r}; for other files call "
                 f"ha2g_jax.motion.formats.export(motion, {path.name!r})"
             )
+        more: dict[str, Any] = {f"face_{name}": values for name, values in self.face.items()}
+        if self.lower is not None:
+            more |= self.lower.as_arrays()
         with whole_file(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
@@ -110,6 +160,7 @@ class Motion:
                 fps=np.float64(self.fps),
                 joint_names=np.array(self.joint_names),
                 meta=np.array(json.dumps(self.meta, indent=1, sort_keys=True)),
+                **more,
             )
 
     @classmethod
@@ -128,8 +179,8 @@ class Motion:
         path = pathlib.Path(path)
         if path.suffix.lower() == ".bvh":
             raise UserError(
-                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g view, video and "
-                "keyframes show a BVH, and ha2g data import-bvh imports it"
+                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g export, view, video and "
+                "keyframes take a BVH, and ha2g data import-bvh imports it"
             )
         with reading(path, "a motion of ha2g generate"):
             if not path.is_file():
@@ -154,6 +205,8 @@ class Motion:
                 fps=float(arrays["fps"].reshape(())),
                 joint_names=_parse_names(arrays["joint_names"]),
                 meta=_parse_meta(arrays["meta"]),
+                lower=LowerBody.from_arrays(arrays),
+                face={name: arrays[f"face_{name}"] for name in FACE if f"face_{name}" in arrays},
             )
             motion.check()
         except UserError as error:

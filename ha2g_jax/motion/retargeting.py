@@ -4,9 +4,12 @@ import dataclasses
 
 import numpy as np
 
+from ha2g_jax.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, world
 from ha2g_jax.motion.rigs import OTHER_NAMES, Rig, rest_positions
+
+PELVIS = LOWER_JOINTS[0]
 
 
 def retarget(animation: Animation, rig: Rig) -> Animation:
@@ -16,8 +19,9 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
     `ha2g` joints point in the same directions as there. So the positions of those joints relative to the chest are
     the same where the rig takes the motion's bone lengths, except for the knuckles of rigs without bones in the palm,
     whose hand is rigid, and for joints below a bone of the table's own length. The joints of the spine divide the
-    rotation of the chest, so that the chest moves a little. Hips and legs stay in the rest pose and stand on the
-    ground, y = 0.
+    rotation of the chest, so that the chest moves a little. Where the armature has a pelvis and legs, the rig's
+    pelvis is at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest
+    pose and stand on the ground, y = 0.
 
     Args:
         animation: animation of the `ha2g` armature.
@@ -37,7 +41,8 @@ class Transfer:
 
     Attributes:
         armature: armature of the rig, with J joints.
-        start: (3,) position of its root at rest, in metres.
+        start: (3,) metres from the root of the `ha2g` armature to that of the rig: of an armature without pelvis, whose
+            root stays at the origin, the position of the rig's root at rest.
         carried: (K,) indices of the joints that carry a joint of the `ha2g` armature.
         sources: (K,) indices of the joints that they carry.
         weights: (K,) fractions of the rotations that they take.
@@ -70,7 +75,7 @@ class Transfer:
         carried = np.array([index for index, source in enumerate(found) if source is not None])
         return cls(
             armature=_armature(rig, places, rest),
-            start=places[0],
+            start=places[0] - _pelvis(armature, rig, places),
             carried=carried,
             sources=np.array([source for source in found if source is not None]),
             weights=np.array([rig.joints[index].weight for index in carried]),
@@ -134,6 +139,13 @@ def _rest_pose(armature: Armature, rig: Rig) -> tuple[np.ndarray, np.ndarray, np
             bone = rotations.rotate(to_rest[joint.parent], straight[index] - straight[joint.parent])
             at_rest[index] = at_rest[joint.parent] + bone
     return at_rest, to_rest, np.array([joint.rest for joint in rig.joints])
+
+
+def _pelvis(armature: Armature, rig: Rig, places: np.ndarray) -> np.ndarray:
+    """Return the (3,) place at rest of the rig's pelvis, 0 for an armature without pelvis."""
+    if armature.joints[0] != PELVIS:
+        return np.zeros(3)
+    return next((places[index] for index, joint in enumerate(rig.joints) if joint.carries == PELVIS), places[0])
 
 
 def _t_pose(armature: Armature, ours: np.ndarray, rig: Rig) -> np.ndarray:

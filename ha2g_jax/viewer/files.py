@@ -5,15 +5,15 @@ import pathlib
 from collections.abc import Sequence
 
 from ha2g_jax.data import transcripts
-from ha2g_jax.data.mocap.motion import read_motion
+from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.motion_files import read_motion
 from ha2g_jax.viewer.page import write_page
 
-_BVH_FPS = 30
+_FPS = 30
 
 
 def view_files(
@@ -22,14 +22,18 @@ def view_files(
     *,
     audio: pathlib.Path | None = None,
     words: pathlib.Path | None = None,
+    joint_map: str = AUTO,
+    source_fps: float | None = None,
 ) -> pathlib.Path:
     """Write a page with the motions of several files side by side, each with the name of its file.
 
     Args:
-        motions: `.npz` files of `ha2g generate`, or `.bvh` files with a skeleton that `ha2g data import-bvh` supports.
+        motions: files of any kind of motion, see `motion_files`.
         out: `.html` file to write.
         audio: audio or video file with the sound.
         words: transcript with times, or without times if there is sound that it can be aligned to.
+        joint_map: names of the joints, see `motion_files.read_motion`.
+        source_fps: frames per second of files that do not say it.
 
     Returns:
         Path of the page.
@@ -39,7 +43,8 @@ def view_files(
     """
     if out in motions or out in (audio, words):
         raise UserError(f"the page would overwrite {shown(out)}; choose another name with -o")
-    named = dict(zip(names_of(motions), map(read_motion_or_bvh, motions), strict=True))
+    read = (read_shown(path, joint_map=joint_map, source_fps=source_fps) for path in motions)
+    named = dict(zip(names_of(motions), read, strict=True))
     samples = None if audio is None else read_audio(audio)
     spoken = ()
     if words is not None:
@@ -49,21 +54,18 @@ def view_files(
     return write_page(out, named, samples, words=spoken)
 
 
-def read_motion_or_bvh(path: pathlib.Path) -> Motion:
-    """Read the motion of a file to be shown.
+def read_shown(path: pathlib.Path, *, joint_map: str = AUTO, source_fps: float | None = None) -> Motion:
+    """Read the motion of a file to be shown, that of others at 30 frames per second.
 
     Args:
-        path: `.npz` file of `ha2g generate`, or a `.bvh` file, which becomes a motion of the skeleton ted_expressive at
-            30 frames per second.
+        path: file of any kind of motion, see `motion_files`.
+        joint_map: names of the joints, see `motion_files.read_motion`.
+        source_fps: frames per second of a file that does not say it.
 
     Raises:
         UserError: the file cannot be read or does not hold a motion.
     """
-    if path.suffix.lower() != ".bvh":
-        return Motion.load(path)
-    skeleton = load_skeleton("ted_expressive")
-    positions = read_motion(path, skeleton, fps=_BVH_FPS).positions
-    return Motion.from_directions(skeleton, positions_to_directions(skeleton, positions), _BVH_FPS)
+    return read_motion(path, fps=_FPS, joint_map=joint_map, source_fps=source_fps)
 
 
 def names_of(paths: Sequence[pathlib.Path]) -> list[str]:

@@ -35,7 +35,7 @@ def import_bvh(
         src: path of a .bvh file or of a folder.
         dst: folder to make.
         options: options of all motion capture formats.
-        joint_map: "auto", "mixamo", "zeroeggs", "beat", "ha2g" or the path of a YAML file; see `joint_maps`.
+        joint_map: "auto", "mixamo", "zeroeggs", "beat", "genea", "ha2g" or the path of a YAML file; see `joint_maps`.
         unit: metres in one unit of the file; "auto" uses the unit of the joint map, or else millimetres, centimetres,
             inches or metres by the length of the arms.
 

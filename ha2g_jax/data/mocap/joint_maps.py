@@ -19,9 +19,12 @@ from ha2g_jax.data.mocap.face import FACE
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
+from ha2g_jax.lower_body import JOINTS as LOWER_JOINTS
+from ha2g_jax.lower_body import OPTIONAL
 from ha2g_jax.skeleton import Skeleton
 
-MAPS = ("zeroeggs", "beat", "mixamo", "ha2g")  # the most demanding first, because "auto" takes the first that fits
+# The most demanding first, because "auto" takes the first that fits.
+MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")
 AUTO = "auto"
 HEAD = "head"
 
@@ -78,6 +81,23 @@ def choose_map(
             )
         owners[place] = joint
     return best, places
+
+
+def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Path) -> dict[str, int]:
+    """Locate pelvis and legs in a file.
+
+    Args:
+        joint_map: the map that was chosen for the file.
+        joints: names of the joints in the file.
+        file: name of the file in an error message.
+
+    Returns:
+        The index in `joints` of each joint of `lower_body.JOINTS` that the file has; nothing if it lacks one that is
+        not optional, or if two of them are the same.
+    """
+    places = _find(joint_map, joints, LOWER_JOINTS, file)
+    is_whole = all(joint in places for joint in LOWER_JOINTS if joint not in OPTIONAL)
+    return places if is_whole and len(set(places.values())) == len(places) else {}
 
 
 def load_map(name: str) -> JointMap:

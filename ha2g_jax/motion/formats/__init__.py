@@ -4,8 +4,11 @@ All formats use the same axes: y up, the figure faces +z, its left is at +x. Len
 centimetres.
 """
 
+import dataclasses
 import pathlib
 from collections.abc import Callable
+
+import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
@@ -26,8 +29,9 @@ def export(
     """Write a motion to a file in the format that the suffix of the path names.
 
     `.bvh`, `.glb`, `.json` and `.csv` take any rig. `.vrma` always has the rig vrm. `.npz` is the file of
-    `Motion.save`, or with the rig smplx a file of SMPL-X poses. The same motion gives the same bytes. The file is
-    written completely or not at all.
+    `Motion.save`, or with the rig smplx a file of SMPL-X poses. Pelvis, legs and place of the person are written where
+    the motion has them, and its face to `.npz` only; the floor is at y = 0 but in SMPL-X. The same motion gives the
+    same bytes. The file is written completely or not at all.
 
     Args:
         motion: motion to export.
@@ -55,16 +59,25 @@ def export(
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
         return
-    animation = retarget(solver.animate(motion), target)
+    animation = solver.animate(motion)
+    if motion.lower is not None and suffix != ".npz":  # SMPL-X keeps the height that `trans` had
+        floor = np.array([0.0, motion.lower.floor, 0.0])
+        animation = dataclasses.replace(animation, translation=animation.translation - floor)
+    animation = retarget(animation, target)
     seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
+    if suffix == ".npz":
+        from ha2g_jax.motion.formats import smplx
+
+        smplx.write(path, animation, moves=motion.lower is not None, face=motion.face)
+        return
     _writers()[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
 
 
 def _writers() -> dict[str, Callable[..., None]]:
     """Return for each suffix the function that writes (path, animation); its keywords are those of `glb.write`."""
-    from ha2g_jax.motion.formats import bvh, glb, smplx, tables, vrma  # glTF's library takes a sixth of a second
+    from ha2g_jax.motion.formats import bvh, glb, tables, vrma  # glTF's library takes a sixth of a second
 
     return {
         ".bvh": lambda path, animation, **_: bvh.write(path, animation),
@@ -72,5 +85,4 @@ def _writers() -> dict[str, Callable[..., None]]:
         ".vrma": vrma.write,
         ".json": lambda path, animation, **_: tables.write_json(path, animation),
         ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
-        ".npz": lambda path, animation, **_: smplx.write(path, animation),
     }

@@ -1,6 +1,8 @@
 """SMPL-X poses in a numpy `.npz` with the field names of AMASS and BEAT2."""
 
 import pathlib
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,31 +13,44 @@ from ha2g_jax.motion.armature import Animation
 _NUM_BETAS = 16
 
 
-def write(path: str | pathlib.Path, animation: Animation) -> None:
+def write(
+    path: str | pathlib.Path,
+    animation: Animation,
+    *,
+    moves: bool = False,
+    face: Mapping[str, np.ndarray] | None = None,
+) -> None:
     """Write the poses of an animation of the rig smplx.
 
     Fields: `poses` (T, 165) float32, axis-angle vectors in radians of the 55 joints, each relative to its parent, with
-    zero for the flat hand (flat_hand_mean=True); hips, legs, jaw and eyes are zero. `trans` (T, 3) float32 metres,
-    zero, y up, facing +z. `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender`
-    "neutral", `surface_model_type` "smplx", `joint_names` (55,).
+    zero for the flat hand (flat_hand_mean=True); hips and legs are zero unless the motion has them, jaw and eyes are
+    zero but for the jaw of `face`. `trans` (T, 3) float32 metres, zero unless the person moves, y up, facing +z.
+    `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral", `surface_model_type`
+    "smplx", `joint_names` (55,). `expressions` (T, n) and `arkit` (T, 52) of `face`, where it has them.
 
     Args:
         path: file to write.
         animation: animation of the rig smplx.
+        moves: whether the root of the animation moves, so that its place is `trans`.
+        face: passengers of the motion, see `Motion.face`.
 
     Raises:
         UserError: the file cannot be written.
     """
     vectors = rotations.to_vector(animation.rotations)
-    frames = animation.num_frames
+    frames, face = animation.num_frames, dict(face or {})
+    if "jaw" in face:
+        vectors[:, animation.armature.joint("jaw")] = face.pop("jaw")
     with whole_file(path) as temporary, temporary.open("wb") as file:
+        arrays: dict[str, Any] = face
         np.savez(
             file,
             poses=vectors.reshape(frames, -1).astype(np.float32),
-            trans=np.zeros((frames, 3), np.float32),
+            trans=animation.translation.astype(np.float32) if moves else np.zeros((frames, 3), np.float32),
             betas=np.zeros(_NUM_BETAS, np.float32),
             mocap_frame_rate=np.float64(animation.fps),
             gender=np.array("neutral"),
             surface_model_type=np.array("smplx"),
             joint_names=np.array(animation.armature.joints),
+            **arrays,
         )

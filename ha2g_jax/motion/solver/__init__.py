@@ -26,7 +26,8 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
         limits: whether to keep joints within the range of a human body.
 
     Returns:
-        An animation whose root does not move; the signs of its quaternions are continuous over time.
+        An animation whose root does not move; with pelvis and legs (`Motion.lower`) the root is the pelvis, which does.
+        The signs of its quaternions are continuous over time.
 
     Raises:
         UserError: the motion is not valid, see `Motion.check`.
@@ -39,7 +40,8 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     if limits:
         local = without_jumps(local, clamp(armature, local))
     local = rotations.continuous(rotations.unit(local))
-    return armatures.Animation(armature, local, np.zeros((len(local), 3)), motion.fps, motion.meta)
+    animation = armatures.Animation(armature, local, np.zeros((len(local), 3)), motion.fps, motion.meta)
+    return animation if motion.lower is None else armatures.add_lower_body(animation, motion.lower)
 
 
 class Solver:

@@ -1,6 +1,7 @@
 """The motion of a clip with the sound that it goes with, from a model or from a corpus."""
 
 import dataclasses
+import pathlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ class ClipResult:
         onsets: (n,) onsets of the sound in seconds, None without sound. Those of the reference count.
         audio: (samples,) float32 sound at 16 kHz, which only the legacy scores need; None otherwise.
         borders: first frames of the windows that the motion was joined from, where they are known.
+        path: file that the motion was read from, None for motion from a model or a corpus.
     """
 
     id: str
@@ -41,6 +43,7 @@ class ClipResult:
     onsets: np.ndarray | None = None
     audio: np.ndarray | None = None
     borders: tuple[int, ...] = ()
+    path: pathlib.Path | None = None
 
     @property
     def num_frames(self) -> int:

@@ -13,6 +13,7 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.study.evaluation import beat2
 from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.study.evaluation.motion_folders import from_folders
@@ -30,6 +31,9 @@ def evaluate_folders(
     legacy: bool = False,
     skeleton: str | None = None,
     joint_map: str = AUTO,
+    source_fps: float | None = None,
+    protocol: str | None = None,
+    body_model: str | os.PathLike | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Score the motion in folders, each made by one system, against that in another one, paired by names of files.
@@ -40,7 +44,10 @@ def evaluate_folders(
         autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
         legacy: whether to add the legacy scores.
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
-        joint_map: names of the joints, see `motion_files`.
+        joint_map: names of the joints, see `motion_files.read_motion`.
+        source_fps: frames per second of files that do not say it.
+        protocol: "beat2" to add the scores of `beat2.score_beat2`, for SMPL-X motion.
+        body_model: path of an SMPL-X body model (.npz) for the protocol.
         seed: seed of everything random.
 
     Returns:
@@ -57,7 +64,8 @@ def evaluate_folders(
         skeleton = features.skeleton.name
     read = {}
     for name, folder in zip(names, folders, strict=True):
-        read[name] = from_folders(folder, reference, skeleton=skeleton, joint_map=joint_map, with_audio=legacy)
+        options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
+        read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
         skeleton = read[name].skeleton.name
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
@@ -69,6 +77,12 @@ def evaluate_folders(
         seed=seed,
         notes=[note if len(read) == 1 else f"{name}: {note}" for name, each in read.items() for note in each.notes],
     )
+    if protocol == beat2.PROTOCOL:
+        section["beat2"] = beat2.score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)
+    elif protocol is not None:
+        raise UserError(f"no protocol {protocol}; expected {beat2.PROTOCOL}")
+    elif body_model is not None:
+        raise UserError(f"a body model is for the protocol {beat2.PROTOCOL}; add --protocol {beat2.PROTOCOL}")
     inputs = {"motion": ", ".join(map(str, folders)), "reference": str(reference)}
     return make_results(inputs, {_folder_name(reference): section})
 
@@ -195,7 +209,7 @@ def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, 
 
 def _score_names(section: Mapping[str, Any]) -> list[str]:
     parts = [section["rows"], section["differences"]]
-    parts += [section[part]["rows"] for part in ("legacy_v1", "known_causes", "recording") if part in section]
+    parts += [section[part]["rows"] for part in ("legacy_v1", "known_causes", "recording", "beat2") if part in section]
     return [name for rows in parts for row in rows.values() for name in row]
 
 

@@ -15,9 +15,10 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.motion_files import SUFFIXES, borders_of, find_skeleton, read_motion
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 from ha2g_jax.study.evaluation.clip_result import ClipResult
-from ha2g_jax.study.evaluation.motion_files import SUFFIXES, FileMotion, find_skeleton, read_motion_file
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
 
@@ -53,7 +54,22 @@ class _Pair(NamedTuple):
     audio: pathlib.Path | None
     skeleton: str
     joint_map: str
+    source_fps: float | None
     with_audio: bool
+
+
+class FileMotion(NamedTuple):
+    """The motion of a file.
+
+    Attributes:
+        directions: (T, bones, 3) float32 unit vectors at 15 frames per second.
+        fps: frames per second of the file.
+        borders: first frames of the windows of the motion, at 15 frames per second.
+    """
+
+    directions: np.ndarray
+    fps: float
+    borders: tuple[int, ...]
 
 
 class _Read(NamedTuple):
@@ -69,6 +85,7 @@ def from_folders(
     *,
     skeleton: str | None = None,
     joint_map: str = AUTO,
+    source_fps: float | None = None,
     with_audio: bool = False,
 ) -> Folders:
     """Read the files of two folders that have the same name, up to the suffix.
@@ -82,7 +99,8 @@ def from_folders(
         motion: folder of the motion to be evaluated.
         reference: folder of the true motion.
         skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
-        joint_map: names of the joints of the files, see `motion_files`.
+        joint_map: names of the joints of the files, see `motion_files.read_motion`.
+        source_fps: frames per second of files that do not say it.
         with_audio: whether the sound is kept, which the legacy scores need.
 
     Raises:
@@ -102,7 +120,8 @@ def from_folders(
     for file, clip in clips.items():
         audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[file])) if key in sounds), None)
         recording = clip.rpartition("/")[0] or clip
-        pairs.append(_Pair(clip, recording, motions[file], references[clip], audio, name, joint_map, with_audio))
+        paths = motions[file], references[clip], audio
+        pairs.append(_Pair(clip, recording, *paths, name, joint_map, source_fps, with_audio))
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
@@ -112,6 +131,30 @@ def from_folders(
     return Folders(
         [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(name), notes
     )
+
+
+def read_directions(
+    path: pathlib.Path, skeleton: str, *, joint_map: str = AUTO, source_fps: float | None = None
+) -> FileMotion:
+    """Read the direction vectors of a file at 15 frames per second.
+
+    Args:
+        path: path of a file of motion.
+        skeleton: name of the skeleton.
+        joint_map: names of the joints, see `motion_files.read_motion`.
+        source_fps: frames per second of a file that does not say it.
+
+    Raises:
+        UserError: the file cannot be read or is motion of another skeleton.
+    """
+    motion = read_motion(path, skeleton=skeleton, fps=FPS, joint_map=joint_map, source_fps=source_fps)
+    borders = borders_of(motion, path)
+    fps = motion.meta.get("read_from", {}).get("fps", motion.fps) if motion.fps == FPS else motion.fps
+    if motion.fps == FPS:
+        return FileMotion(np.asarray(motion.directions, np.float32), fps, borders)
+    places = tuple(sorted({round(border * FPS / motion.fps) for border in borders}))
+    count = num_frames(motion.num_frames / motion.fps, FPS)
+    return FileMotion(resample(motion.directions, motion.fps, FPS, count), fps, places)
 
 
 def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
@@ -152,9 +195,9 @@ def _key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
 
 
 def _read(pair: _Pair) -> _Read:
-    skeleton = load_skeleton(pair.skeleton)
     motion, reference = (
-        read_motion_file(path, skeleton, fps=FPS, joint_map=pair.joint_map) for path in (pair.motion, pair.reference)
+        read_directions(path, pair.skeleton, joint_map=pair.joint_map, source_fps=pair.source_fps)
+        for path in (pair.motion, pair.reference)
     )
     audio = None if pair.audio is None else read_audio(pair.audio)
     onsets, num_frames = None, len(reference.directions)
@@ -163,17 +206,21 @@ def _read(pair: _Pair) -> _Read:
         num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
     true = reference._replace(directions=reference.directions[:num_frames])
     return _Read(
-        _clip_result(pair, motion),
-        _clip_result(pair, true, onsets, audio if pair.with_audio else None),
+        _clip_result(pair, pair.motion, motion),
+        _clip_result(pair, pair.reference, true, onsets, audio if pair.with_audio else None),
         (motion.fps, reference.fps),
         num_frames < len(reference.directions) - 1,
     )
 
 
 def _clip_result(
-    pair: _Pair, motion: FileMotion, onsets: np.ndarray | None = None, audio: np.ndarray | None = None
+    pair: _Pair,
+    path: pathlib.Path,
+    motion: FileMotion,
+    onsets: np.ndarray | None = None,
+    audio: np.ndarray | None = None,
 ) -> ClipResult:
-    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders)
+    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders, path)
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:

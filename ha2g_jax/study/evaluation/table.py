@@ -13,7 +13,7 @@ CLOSER = "Closer to ground truth is better; no column is better for being higher
 
 _COLUMNS = 4  # of a part of the table, for 120 characters
 _NAME_WIDTH, _WIDTH = 24, 24
-_OTHER_PARTS = ("legacy_v1", "known_causes", "recording")
+_OTHER_PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
 
 
 def as_table(results: Mapping[str, Any]) -> str:

@@ -95,7 +95,7 @@ def test_units_and_ways_up(how, recording, tmp_path):
 
 def test_a_unit_that_cannot_be(recording, tmp_path):
     path = recording(tmp_path, "talk", per_metre=6)
-    with pytest.raises(UserError, match=r"talk\.bvh has arms 3\.3 units long .* \(--unit\)"):
+    with pytest.raises(UserError, match=r"talk\.bvh: it has arms 3\.3 units long .* \(--unit\)"):
         read_motion(path, EXPRESSIVE, fps=15)
     assert read_motion(path, EXPRESSIVE, fps=15, unit=1 / 6).unit == pytest.approx(1 / 6)
     for unit in ("feet", -1, "nan"):

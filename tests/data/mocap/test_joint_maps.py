@@ -131,7 +131,7 @@ def test_a_map_that_is_none(text, found, tmp_path):
 
 
 def test_no_such_map():
-    with pytest.raises(UserError, match="no joint map nothing; give auto, zeroeggs, beat, mixamo, ha2g or the path"):
+    with pytest.raises(UserError, match="no joint map nothing; give auto, zeroeggs, beat, mixamo, genea, ha2g or"):
         load_map("nothing")
 
 

@@ -187,7 +187,7 @@ def _bad_frame(value: float) -> np.ndarray:
 
 BAD = {
     "no array": ({"betas": np.zeros(10)}, "no array poses or joints"),
-    "body of SMPL-H": ({"poses": np.zeros((4, 156))}, r"poses has shape \(4, 156\); expected \(frames, 165\)"),
+    "body of SMPL": ({"poses": np.zeros((4, 72))}, r"poses has shape \(4, 72\); expected \(frames, 165\)"),
     "no frames": ({"poses": np.zeros((0, 165))}, "poses has shape"),
     "flat": ({"poses": np.zeros(165)}, "poses has shape"),
     "other joints": ({"joints": np.zeros((4, 25, 3))}, "joints has shape"),

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion_files import find_skeleton
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
-from ha2g_jax.study.evaluation.motion_files import find_skeleton, read_motion_file
+from ha2g_jax.study.evaluation.motion_folders import read_directions
 
 
 @pytest.fixture
@@ -24,8 +25,8 @@ def arrays(skeleton, directions):
     return {"positions": positions, "fps": 15.0, "joint_names": np.array(skeleton.joints)}
 
 
-def read(path, skeleton, fps=15.0, **options):
-    return read_motion_file(path, skeleton, fps=fps, **options)
+def read(path, skeleton, **options):
+    return read_directions(path, skeleton.name, **options)
 
 
 def as_json(arrays):
