@@ -59,7 +59,7 @@ def test_each_window_hears_its_own_piece_of_the_sound(debug_model):
     for level, alone in zip(heard, stand_alone, strict=True):
         for window in range(5):
             part = level[30 * window + 2 : 30 * window + 32]
-            np.testing.assert_allclose(part, alone[window, 2 : 2 + len(part)], atol=1e-5)
+            np.testing.assert_allclose(part, np.asarray(alone)[window, 2 : 2 + len(part)], atol=1e-5)
 
 
 def test_speech_that_goes_on_does_not_change_what_was_before(debug_model):
