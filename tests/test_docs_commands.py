@@ -191,7 +191,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     write_ted(folder / "ted_dataset")
     write_corpora(folder, tiny_talk)
     model_folder.save(folder / "runs" / "talk", debug_model.config, debug_model.assets, debug_model.variables)
-    shutil.copytree(folder / "runs" / "talk", folder / "runs" / "demo" / "latest")
+    shutil.copytree(folder / "runs" / "talk", folder / "runs" / "demo" / "best")
     write_autoencoder(folder / "runs" / "autoencoder", draw_state)
     return folder
 
