@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.features.asr_mel import asr_log_mel, asr_window
-from ha2g_jax.features.audio import log_mel, mel_window, sound_power, wave_window
+from ha2g_jax.features.audio import log_mel, mel_window, wave_window
 from ha2g_jax.features.text import Vocabulary, Word, plain_words, words_to_frames
 
 
@@ -20,14 +20,12 @@ class Speech(NamedTuple):
     Attributes:
         tracks: features of the whole clip by name of the input: "mel" (128, columns) float16 dB, "asr_mel"
             (80, columns) float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
-        power: mean power of the sound, see `sound_power`; 0 without the track "mel".
         words: words in order of time.
         starts: (n,) start of each word in seconds, in ascending order.
         ends: (n,) latest end of the words up to each one in seconds, in ascending order.
     """
 
     tracks: dict[str, np.ndarray]
-    power: float
     words: tuple[Word, ...]
     starts: np.ndarray
     ends: np.ndarray
@@ -63,9 +61,8 @@ def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
     for track in tracks.values():
         track.setflags(write=False)
-    power = sound_power(np.power(10, tracks["mel"].astype(np.float32) / 10)) if "mel" in tracks else 0.0
     ends = np.maximum.accumulate([0.0, *(word.end for word in words)])[1:]
-    return Speech(tracks, power, tuple(words), np.array([word.start for word in words]), ends)
+    return Speech(tracks, tuple(words), np.array([word.start for word in words]), ends)
 
 
 def window(

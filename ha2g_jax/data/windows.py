@@ -15,6 +15,7 @@ from ha2g_jax.data import records, speech
 from ha2g_jax.data.clip_cache import ClipCache, Track
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.data.window_index import make_index
+from ha2g_jax.features.audio import sound_power
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 
@@ -124,7 +125,7 @@ class Windows:
         Args:
             index: number of the window.
         """
-        return self._cache[self.clip_index(index)].speech.power
+        return self._cache[self.clip_index(index)].power
 
     def name(self, index: int) -> str:
         """Return the name of a window in reports, "CLIP_ID@FRAME"."""
@@ -195,12 +196,15 @@ class _Reader(NamedTuple):
         audio = np.zeros(0, np.float32)
         if set(self.inputs) - {"words", "plain_words"}:
             audio = records.decode_audio(fields, self.clips.place(number), self.clips.fps)
+        prepared = speech.prepare(audio, fields["words"], self.inputs)
+        mel = prepared.tracks.get("mel")
         track = Track(
-            speech=speech.prepare(audio, fields["words"], self.inputs),
+            speech=prepared,
             directions=self._directions(fields),
             images=self._resized(fields, number),
+            power=0.0 if mel is None else sound_power(np.power(10, mel.astype(np.float32) / 10)),
         )
-        for array in track[1:]:
+        for array in (track.directions, track.images):
             if array is not None:
                 array.setflags(write=False)
         return track

@@ -14,7 +14,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.data.windows import Windows, resize_images
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, window_column
+from ha2g_jax.features.audio import SAMPLE_RATE, log_mel, sound_power, window_column
 from ha2g_jax.features.text import UNKNOWN, Word
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
@@ -105,6 +105,14 @@ def test_the_first_frame_of_a_window_is_where_it_is_cut(windows):
     assert windows.start_frame(0, 3) == 3
     later = windows.example(0, delay=99)
     np.testing.assert_array_equal(later["directions"], windows.example(3)["directions"])
+
+
+def test_the_power_of_a_clip_is_that_of_all_its_sound(corpus, windows):
+    """Noise is added relative to it, in windows of silence too."""
+    clip = next(iter(corpus.clips("train")))
+    power = sound_power(np.power(10.0, log_mel(clip.audio) / 10))
+    assert power > 0
+    assert windows.clip_power(0) == windows.clip_power(1) == pytest.approx(power, rel=0.01)
 
 
 def test_a_delay_shifts_everything(windows):

@@ -5,12 +5,12 @@ It needs node and the modules of web/ (npm ci there), and is skipped without the
 
 import json
 import pathlib
-import shutil
 import struct
 import subprocess
 
 import numpy as np
 import pytest
+from fixtures.bundles import bundle
 
 import ha2g_jax
 from ha2g_jax.data.mocap.bvh import read_bvh
@@ -23,7 +23,6 @@ from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.viewer.figure_file import write_figure
 
 ROOT = pathlib.Path(__file__).parents[2]
-ESBUILD = ROOT / "web" / "node_modules" / ".bin" / "esbuild"
 SECONDS = 5
 MILLIMETRE = 1e-3
 
@@ -56,14 +55,7 @@ MOTIONS = {
 @pytest.fixture(scope="module")
 def script(tmp_path_factory):
     """The script that writes the files, with the modules of web/ in it."""
-    node = shutil.which("node")
-    if not node or not ESBUILD.exists():
-        pytest.skip("needs node and the modules of web/ (npm ci --prefix web)")
-    path = tmp_path_factory.mktemp("script") / "write_formats.mjs"
-    source = pathlib.Path(__file__).with_name("write_formats.ts")
-    options = ("--bundle", "--format=esm", "--platform=node", "--log-level=warning", f"--outfile={path}")
-    subprocess.run([ESBUILD, source, *options], check=True)
-    return [node, path]
+    return bundle(pathlib.Path(__file__).with_name("write_formats.ts"), tmp_path_factory.mktemp("script"))
 
 
 @pytest.fixture(scope="module", params=MOTIONS)

@@ -110,9 +110,13 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
         frames = _positions(arrays[name], name)
     count = len(frames)
     return SmplxArrays(
-        frames, has_poses(arrays), _trans(arrays, count, name), _shape(arrays), source_fps or _rate(arrays),
-        _face(arrays, count, name),
-    )  # fmt: skip
+        frames=frames,
+        are_poses=has_poses(arrays),
+        trans=_trans(arrays, count, name),
+        betas=_shape(arrays),
+        fps=source_fps or _rate(arrays),
+        face=_face(arrays, count, name),
+    )
 
 
 def _poses(arrays: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:

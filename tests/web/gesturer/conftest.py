@@ -6,6 +6,7 @@ import shutil
 import subprocess
 
 import pytest
+from fixtures.bundles import bundle
 
 from ha2g_jax.synthesis.backends import exported
 from ha2g_jax.synthesis.takes import page_description
@@ -17,14 +18,7 @@ MODULES = ROOT / "web" / "node_modules"
 @pytest.fixture(scope="session")
 def page_program(tmp_path_factory):
     """The command that does jobs with a Gesturer, see gesturer.ts."""
-    node, esbuild = shutil.which("node"), MODULES / ".bin" / "esbuild"
-    if not node or not esbuild.exists():
-        pytest.skip("needs node and the modules of web/ (npm ci --prefix web)")
-    path = tmp_path_factory.mktemp("page") / "gesturer.mjs"
-    source = pathlib.Path(__file__).with_name("gesturer.ts")
-    options = ("--bundle", "--format=esm", "--platform=node", "--log-level=warning", f"--outfile={path}")
-    subprocess.run([esbuild, source, *options], check=True)
-    return [node, path]
+    return bundle(pathlib.Path(__file__).with_name("gesturer.ts"), tmp_path_factory.mktemp("page"))
 
 
 @pytest.fixture(scope="session")
