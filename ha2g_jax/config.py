@@ -64,6 +64,7 @@ def paper(skeleton: str) -> Config:
     config.model.audio.levels = ("low", "mid", "high")  # levels that the style coordinator blends
     config.model.audio.feature_dim = 32
     config.model.text = ml_collections.ConfigDict()
+    config.model.text.kind = "tcn"  # or, in Trimodal, "none": gestures from sound alone
     config.model.text.embedding_dim = 300
     config.model.text.vectors = ""  # word vectors to start from: fastText, GloVe or word2vec file
     config.model.text.channels = 300

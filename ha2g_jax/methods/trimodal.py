@@ -29,7 +29,7 @@ class Trimodal(nn.Module):
 
     Attributes:
         audio: encoder of the samples.
-        text: encoder of the words on frames.
+        text: encoder of the words on frames; None for a model of sound alone.
         identity: the table of speakers.
         pose_dim: values of a flat pose.
         hidden_dim, layers, dropout: of the GRU.
@@ -37,7 +37,7 @@ class Trimodal(nn.Module):
     """
 
     audio: WaveformEncoder
-    text: TextEncoder
+    text: TextEncoder | None
     identity: SpeakerIdentity
     pose_dim: int
     hidden_dim: int = 300
@@ -56,9 +56,11 @@ class Trimodal(nn.Module):
         return self.infer(self.encode_speech(inputs, train=train), mean, seed, train=train)
 
     def encode_speech(self, inputs: dict[str, jax.Array], *, train: bool) -> jax.Array:
-        """Maps "audio" (B, 36267) and "words" (B, N) to the features of both, (B, N, 32 + 32)."""
-        audio, text = self.audio(inputs["audio"], train=train), self.text(inputs["words"], train=train)
-        return jnp.concatenate([audio, text], axis=-1)
+        """Maps "audio" (B, 36267) and "words" (B, N) to (B, N, 32 + 32), or "audio" alone to (B, N, 32)."""
+        audio = self.audio(inputs["audio"], train=train)
+        if self.text is None:
+            return audio
+        return jnp.concatenate([audio, self.text(inputs["words"], train=train)], axis=-1)
 
     def encode_identity(self, speaker: jax.Array, *, train: bool) -> tuple[jax.Array, jax.Array]:
         """Maps speaker indices (B,) to mean and log-variance of z, each (B, style_dim)."""
@@ -148,10 +150,11 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     architecture = choice("model.architecture", config.model.architecture, ARCHITECTURES)
     choice("model.identity.kind", config.model.identity.kind, ("speakers",))
     choice("model.audio.kind", config.model.audio.kind, ("waveform",))
+    has_words = choice("model.text.kind", config.model.text.kind, ("tcn", "none")) == "tcn"
     inferer, slopes = config.model.inferer, _SLOPES[architecture]
     generator = Trimodal(
         audio=waveform_encoder(config),
-        text=text_encoder(config, vocabulary_size),
+        text=text_encoder(config, vocabulary_size) if has_words else None,
         identity=speaker_table(config, num_speakers, has_hidden=True),
         pose_dim=skeleton.pose_dim,
         hidden_dim=inferer.hidden_dim,
@@ -160,11 +163,11 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         slope=slopes.decoder,
     )
     discriminator = Discriminator(**config.model.discriminator, slope=slopes.discriminator)
-    return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words"))
+    return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words") if has_words else ("audio",))
 
 
 def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:
-    """Encode the samples and words of windows, (B, N, 32 + 32); see `GeneratingMethod`."""
+    """Encode the samples and words of windows, as `Trimodal.encode_speech`; see `GeneratingMethod`."""
     return spec.generator.apply(variables, speech, train=False, method=Trimodal.encode_speech)
 
 

@@ -5,10 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ha2g_jax import presets
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods import trimodal
 from ha2g_jax.methods.trimodal import Trimodal
+from ha2g_jax.skeleton import load_skeleton
 
 FRAMES, SEEDS = 34, 4
 
@@ -48,6 +51,21 @@ def test_shapes_of_features_and_poses(batch):
 
     features, style, (poses,) = jax.eval_shape(run, jax.random.key(0))
     assert (features.shape, style.shape, poses.shape) == ((batch, FRAMES, 6), (batch, 2), (batch, FRAMES, 6))
+
+
+def test_without_words_the_features_are_those_of_the_sound():
+    config = presets.make("talk", "debug", "trimodal", {"model.text.kind": "none"})
+    spec = trimodal.build(config, load_skeleton("ted_expressive"), vocabulary_size=5, num_speakers=3)
+    assert spec.inputs == ("audio",) and spec.generator.text is None
+    speech, speaker, seed = arguments(126)
+    del speech["words"]
+
+    def run(key):
+        variables = spec.generator.init(key, speech, speaker, seed, train=False)
+        return spec.generator.apply(variables, speech, train=False, method=Trimodal.encode_speech)
+
+    features = jax.eval_shape(run, jax.random.key(0))
+    assert features.shape == (2, FRAMES, config.model.audio.feature_dim)
 
 
 @pytest.mark.torch

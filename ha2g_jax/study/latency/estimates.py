@@ -1,30 +1,26 @@
 """Means of scores over seeds, their differences, and intervals for other trainings on other speech."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from ha2g_jax.study.latency.plan import LOOK_AHEADS
-from ha2g_jax.study.reproduction.claims import HELD, LEVEL, NOT_HELD, UNDECIDED, Spread
+from ha2g_jax.study.reproduction.claims import (
+    HELD,
+    NOT_HELD,
+    UNDECIDED,
+    Measured,
+    Spread,
+    combine,
+    interval,
+    paired,
+)
 
 Scores = Mapping[str, Any]  # of one run at one look-ahead, as `scores.score_run` stores them
 Curves = Mapping[str, Mapping[int | None, Mapping[int, Scores]]]  # setting -> look-ahead -> seed -> scores
 
 MODEL_SCORES, TRUTH_SCORES = "model_scores", "truth_scores"
-
-
-class Measured(NamedTuple):
-    """A score of one run, or a difference of two scores.
-
-    Attributes:
-        value: score of all recordings.
-        without: (recordings,) score without each recording in turn.
-    """
-
-    value: float
-    without: np.ndarray
 
 
 def measured(scores: Scores, name: str, row: str = MODEL_SCORES) -> Measured | None:
@@ -33,34 +29,6 @@ def measured(scores: Scores, name: str, row: str = MODEL_SCORES) -> Measured | N
     if found is None or found["value"] is None or None in found["without"]:
         return None
     return Measured(found["value"], np.array(found["without"], float))
-
-
-def combine(runs: Sequence[Measured]) -> Spread:
-    """Compute a mean over seeds with a t interval of `LEVEL` that holds for other seeds and for other recordings.
-
-    Its standard error is se^2 = s^2 / n + v, with s the standard deviation over n seeds and v the jackknife variance of
-    the mean over the recordings; the degrees of freedom are those of Welch and Satterthwaite. Because s contains a part
-    of v, the interval is rather too wide than too narrow.
-
-    Args:
-        runs: score of each seed, on the same recordings; at least one.
-
-    Returns:
-        The mean and its interval, without bounds for one seed or fewer than two recordings.
-    """
-    values = np.array([run.value for run in runs])
-    without = np.mean([run.without for run in runs], axis=0)
-    mean, num, count = float(values.mean()), len(values), len(without)
-    if num < 2 or count < 2:
-        return Spread(mean, None, None, num)
-    seeds = values.var(ddof=1) / num
-    recordings = (count - 1) / count * np.sum(np.square(without - without.mean()))
-    total = seeds + recordings
-    if total == 0:
-        return Spread(mean, mean, mean, num)
-    freedom = total**2 / (seeds**2 / (num - 1) + recordings**2 / (count - 1))
-    half = float(stats.t.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(total))
-    return Spread(mean, mean - half, mean + half, num)
 
 
 def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> Spread | None:
@@ -74,7 +42,7 @@ def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> S
     found = [each for one in scores.values() if (each := measured(one, name, row)) is not None]
     if found and row == TRUTH_SCORES:
         return Spread(found[0].value, None, None, len(found))
-    return combine(found) if found else None
+    return interval(combine(found)) if found else None
 
 
 def difference(first: Mapping[int, Scores], second: Mapping[int, Scores], name: str) -> Spread | None:
@@ -85,11 +53,9 @@ def difference(first: Mapping[int, Scores], second: Mapping[int, Scores], name: 
         second: seed -> scores, on the same recordings.
         name: name of the score.
     """
-    pairs = [
-        (measured(first[seed], name), measured(second[seed], name)) for seed in sorted(first.keys() & second.keys())
-    ]
-    found = [Measured(one.value - two.value, one.without - two.without) for one, two in pairs if one and two]
-    return combine(found) if found else None
+    pair = ({seed: found for seed, one in each.items() if (found := measured(one, name))} for each in (first, second))
+    found = paired(*pair)
+    return None if found is None else interval(found)
 
 
 def is_better(spread: Spread | None) -> str:

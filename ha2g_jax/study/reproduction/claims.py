@@ -1,4 +1,4 @@
-"""Tests of the paper's claims that one row is better than another, by paired differences over seeds."""
+"""Tests of the paper's claims that one row is better than another, corrected for how many there are."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 HELD, NOT_HELD, UNDECIDED, NOTHING_FOUND = "held", "not held", "undecided", "no difference found"
-LEVEL = 0.95  # confidence level of every interval over seeds
+LEVEL = 0.95  # confidence level of every interval, and of all differences of a table together
 
 
 class Spread(NamedTuple):
@@ -26,15 +26,61 @@ class Spread(NamedTuple):
     num: int
 
 
+class Measured(NamedTuple):
+    """A score of one run, or a difference of two scores.
+
+    Attributes:
+        value: score of all clips.
+        without: (groups,) score without each group of clips in turn, such as those of a recording or of a speaker;
+            empty where it is not known, so that nothing can be said about other recordings or speakers.
+    """
+
+    value: float
+    without: np.ndarray = np.zeros(0)
+
+
+class Mean(NamedTuple):
+    """A mean over seeds with its standard error.
+
+    Attributes:
+        value: mean over the seeds.
+        error: standard error of the mean, None where it cannot be estimated.
+        freedom: degrees of freedom of the error.
+        num: number of seeds.
+    """
+
+    value: float
+    error: float | None
+    freedom: float
+    num: int
+
+
+class Claim(NamedTuple):
+    """A claim of the paper and the difference that tests it.
+
+    Attributes:
+        difference: mean of the reference minus the row, None without a seed that both have.
+        is_higher_better: whether a higher value of the measure is better.
+        is_comparable: whether the paper claims instead that the two rows are comparable.
+    """
+
+    difference: Mean | None
+    is_higher_better: bool
+    is_comparable: bool = False
+
+
 class Verdict(NamedTuple):
     """Result of the test of one claim.
 
     Attributes:
-        difference: reference minus row over the seeds that both have; None without such seeds.
+        difference: reference minus row with its interval; the intervals of all claims hold together. None without
+            seeds that both rows have.
+        p_value: p-value with Holm's correction, None without an error.
         verdict: `HELD`, `NOT_HELD`, `UNDECIDED` or `NOTHING_FOUND`.
     """
 
     difference: Spread | None
+    p_value: float | None
     verdict: str
 
 
@@ -44,39 +90,134 @@ def over_seeds(values: Sequence[float]) -> Spread:
     Args:
         values: one value for each of n seeds.
     """
-    array = np.asarray(values, float)
-    mean, count = float(array.mean()), len(array)
-    if count < 2:
-        return Spread(mean, None, None, count)
-    half = float(stats.t.ppf(0.5 + LEVEL / 2, count - 1) * array.std(ddof=1) / np.sqrt(count))
-    return Spread(mean, mean - half, mean + half, count)
+    return interval(combine([Measured(value) for value in values]))
 
 
-def judge(
-    reference: Mapping[int, float], row: Mapping[int, float], *, is_higher_better: bool, is_comparable: bool = False
-) -> Verdict:
-    """Test whether the reference is better than a row, as the paper claims.
+def combine(runs: Sequence[Measured]) -> Mean:
+    """Compute a mean over seeds with an error that holds for other seeds and, where known, for other groups of clips.
 
-    Seeds are paired: runs with the same seed have the same order of windows, so that a part of the noise cancels. With
-    an interval that contains 0, or with one seed, the claim is undecided. A claim that two rows are comparable is not
-    held where the interval excludes 0; that no difference was found does not show that there is none.
+    The error is se^2 = s^2 / n + v, with s the standard deviation over n seeds and v the jackknife variance of the mean
+    over the groups; the degrees of freedom are those of Welch and Satterthwaite. Because s contains a part of v, the
+    error is rather too large than too small.
 
     Args:
-        reference: seed -> value of a metric for the reference.
-        row: seed -> value of the same metric for the row.
-        is_higher_better: whether a higher value of the metric is better.
-        is_comparable: whether the paper claims instead that the two rows are comparable.
+        runs: score of each seed, of the same groups; at least one.
 
     Returns:
-        The difference and the verdict.
+        The mean; without an error for one seed or one group.
     """
-    seeds = sorted(reference.keys() & row.keys())
-    if not seeds:
-        return Verdict(None, UNDECIDED)
-    difference = over_seeds([reference[seed] - row[seed] for seed in seeds])
-    if difference.low is None or difference.high is None:
-        return Verdict(difference, UNDECIDED)
-    if difference.low <= 0 <= difference.high:
-        return Verdict(difference, NOTHING_FOUND if is_comparable else UNDECIDED)
-    is_ahead = (difference.mean > 0) == is_higher_better
-    return Verdict(difference, HELD if is_ahead and not is_comparable else NOT_HELD)
+    values = np.array([run.value for run in runs])
+    without = np.mean([run.without for run in runs], axis=0)
+    mean, num, count = float(values.mean()), len(values), len(without)
+    if num < 2 or count == 1:
+        return Mean(mean, None, 0.0, num)
+    seeds = values.var(ddof=1) / num
+    groups = (count - 1) / count * np.sum(np.square(without - without.mean())) if count else 0.0
+    total = seeds + groups
+    if total == 0:
+        return Mean(mean, 0.0, num - 1, num)
+    freedom = total**2 / (seeds**2 / (num - 1) + groups**2 / max(count - 1, 1))
+    return Mean(mean, float(np.sqrt(total)), float(freedom), num)
+
+
+def interval(mean: Mean, tail: float = 1 - LEVEL) -> Spread:
+    """Compute the t interval of a mean.
+
+    Args:
+        mean: mean with its error.
+        tail: probability that the interval misses.
+
+    Returns:
+        The interval, without bounds where there is no error.
+    """
+    if mean.error is None:
+        return Spread(mean.value, None, None, mean.num)
+    half = float(stats.t.ppf(1 - tail / 2, mean.freedom)) * mean.error
+    return Spread(mean.value, mean.value - half, mean.value + half, mean.num)
+
+
+def paired(reference: Mapping[int, Measured], row: Mapping[int, Measured]) -> Mean | None:
+    """Compute the mean difference of two rows over the seeds that both have.
+
+    Seeds are paired: runs with the same seed have the same order of windows, so that a part of the noise cancels.
+
+    Args:
+        reference: seed -> score of the reference.
+        row: seed -> score of the row, on the same clips.
+
+    Returns:
+        Reference minus row, or None without a common seed.
+    """
+    pairs = [(reference[seed], row[seed]) for seed in sorted(reference.keys() & row.keys())]
+    return (
+        combine([Measured(one.value - two.value, one.without - two.without) for one, two in pairs]) if pairs else None
+    )
+
+
+def judge(claims: Sequence[Claim]) -> list[Verdict]:
+    """Test claims together, so that all true null hypotheses are kept with a probability of `LEVEL`.
+
+    The p-value of a difference is that of Student's t with n - 1 degrees of freedom for n seeds, also where speakers
+    are a part of the error, because Welch and Satterthwaite's freedom finds too much in the tails, where corrections
+    look. It is corrected for the number of claims by Holm's method (Holm 1979).
+    The intervals are Bonferroni's: each has the level 1 - 0.05 / m, for m claims, so that all of them hold together at
+    `LEVEL`. Holm's method decides a little more than they do.
+
+    With a corrected p-value above 0.05, or without an error, a claim is undecided. A claim that two rows are comparable
+    is not held with one below; that no difference was found does not show that there is none.
+
+    Args:
+        claims: all claims that are tested together.
+
+    Returns:
+        The verdicts in the order of the claims.
+    """
+    differences = [_with_freedom_of_seeds(claim.difference) for claim in claims]
+    tested = [difference for difference in differences if difference and difference.error is not None]
+    corrected = iter(holm([_p_value(difference) for difference in tested]))
+    verdicts = []
+    for claim, difference in zip(claims, differences, strict=True):
+        if difference is None:
+            verdicts.append(Verdict(None, None, UNDECIDED))
+            continue
+        p_value = None if difference.error is None else next(corrected)
+        spread = interval(difference, (1 - LEVEL) / max(len(tested), 1))
+        verdicts.append(Verdict(spread, p_value, _decide(claim, difference.value, p_value)))
+    return verdicts
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Correct p-values for their number by Holm's step-down method (Holm 1979).
+
+    The k-th smallest of m is multiplied by m - k + 1, is at least as large as those before it, and at most 1.
+
+    Args:
+        p_values: m p-values.
+
+    Returns:
+        The m corrected p-values in the same order.
+    """
+    order = np.argsort(p_values, kind="stable")
+    factors = len(p_values) - np.arange(len(p_values))
+    corrected = np.empty(len(p_values))
+    corrected[order] = np.minimum(np.maximum.accumulate(np.asarray(p_values, float)[order] * factors), 1.0)
+    return corrected.tolist()
+
+
+def _decide(claim: Claim, value: float, p_value: float | None) -> str:
+    if p_value is None:
+        return UNDECIDED
+    if p_value > 1 - LEVEL:
+        return NOTHING_FOUND if claim.is_comparable else UNDECIDED
+    is_ahead = (value > 0) == claim.is_higher_better
+    return HELD if is_ahead and not claim.is_comparable else NOT_HELD
+
+
+def _with_freedom_of_seeds(difference: Mean | None) -> Mean | None:
+    return difference and difference._replace(freedom=min(difference.freedom, difference.num - 1))
+
+
+def _p_value(difference: Mean) -> float:
+    if not difference.error:  # all seeds have the same difference: any but 0 is beyond chance
+        return float(difference.value == 0)
+    return float(2 * stats.t.sf(abs(difference.value) / difference.error, difference.freedom))

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.study.reproduction.claims import Spread, over_seeds
+from ha2g_jax.study.reproduction.claims import Measured, Spread, over_seeds
 
 MODEL, TRUTH = "model", "ground truth"
 
@@ -73,10 +73,24 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estim
     return Estimate(floor if name == "floor" else shown.value - floor, None, None)
 
 
-def by_seed(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> dict[int, float]:
-    """Return the values of a metric by seed, without seeds for which it is undefined; see `estimate`."""
-    found = {seed: estimate(one, split, metric, row) for seed, one in scores.items()}
-    return {seed: each.value for seed, each in found.items() if each is not None}
+def by_seed(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, Measured]:
+    """Return a metric of the model by seed, without seeds for which it is undefined; see `estimate`.
+
+    Known causes, where they have been measured so, come with the values without each speaker.
+    """
+    found = {seed: estimate(one, split, metric) for seed, one in scores.items()}
+    return {
+        seed: Measured(each.value, _without_speakers(scores[seed], split, metric))
+        for seed, each in found.items()
+        if each is not None
+    }
+
+
+def _without_speakers(scores: Scores, split: str, metric: str) -> np.ndarray:
+    talk = scores["splits"][split].get("talk", {})
+    values = talk.get("without_speakers", {}).get(metric.removeprefix("talk."), {})
+    speakers = [values[speaker] for speaker in sorted(values)]
+    return np.array([] if None in speakers else speakers, float)
 
 
 def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:

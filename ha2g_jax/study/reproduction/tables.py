@@ -6,7 +6,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ha2g_jax.study.reproduction.claims import HELD, NOT_HELD, Spread, Verdict, judge
+from ha2g_jax.study.reproduction.claims import (
+    HELD,
+    NOT_HELD,
+    Claim,
+    Measured,
+    Spread,
+    Verdict,
+    judge,
+    paired,
+)
 from ha2g_jax.study.reproduction.paper_tables import GROUND_TRUTH, TABLE_12, Published, Row, Table
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH, Cell, Scores, by_seed, cell
 
@@ -106,7 +115,7 @@ def talk_table(table: Table, scores: RowScores, split: str) -> str:
 
 
 def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """Write the table of claims, one line for each metric and each row except the reference.
+    """Write the table of claims, one line for each metric and each row except the reference, tested together.
 
     Args:
         table: table of the paper.
@@ -114,12 +123,13 @@ def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[st
         split: name of the split.
         metrics: metric -> title, and whether a higher value is better.
     """
-    lines = [("claim", "measure", "difference, paper", "difference, ours [95 %]", "seeds", "verdict")]
+    lines = [("claim", "measure", "difference, paper", "difference, ours [all 95 %]", "p (Holm)", "seeds", "verdict")]
     for row, metric, verdict in _verdicts(table, scores, split, metrics):
         claim = f"{table.reference} {'about as good as' if row.is_comparable else 'ahead of'} {row.name}"
         published, ours = _published_difference(_reference(table), row, metric), verdict.difference
         count = str(ours.num) if ours else "0"
-        lines.append((claim, metrics[metric][0], published, _spread(ours), count, f"**{verdict.verdict}**"))
+        p_value = "-" if verdict.p_value is None else "<0.001" if verdict.p_value < 1e-3 else f"{verdict.p_value:.3f}"
+        lines.append((claim, metrics[metric][0], published, _spread(ours), p_value, count, f"**{verdict.verdict}**"))
     return markdown(lines)
 
 
@@ -137,12 +147,13 @@ def tally(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tup
 def _verdicts(
     table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]
 ) -> Iterator[tuple[Row, str, Verdict]]:
-    for row in table.rows:
-        if row.name == table.reference:
-            continue
-        for metric, (_, is_higher_better) in metrics.items():
-            pair = (by_seed(scores.get(name, {}), split, metric) for name in (table.reference, row.name))
-            yield row, metric, judge(*pair, is_higher_better=is_higher_better, is_comparable=row.is_comparable)
+    compared = [(row, metric) for row in table.rows if row.name != table.reference for metric in metrics]
+    claims = []
+    for row, metric in compared:
+        reference, other = (by_seed(scores.get(name, {}), split, metric) for name in (table.reference, row.name))
+        claims.append(Claim(paired(reference, other), metrics[metric][1], row.is_comparable))
+    for (row, metric), verdict in zip(compared, judge(claims), strict=True):
+        yield row, metric, verdict
 
 
 def _reference(table: Table) -> Row:
@@ -151,12 +162,12 @@ def _reference(table: Table) -> Row:
 
 def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
     """Write for each row whether it shows the hand shapes of words more often than the floors do; see `main_table`."""
+    above = [by_seed(scores.get(row.name, {}), split, "talk.above_floor") for row in table.rows]
+    claims = [Claim(paired(one, dict.fromkeys(one, Measured(0.0))), is_higher_better=True) for one in above]
     lines = []
-    for row in table.rows:
-        above = by_seed(scores.get(row.name, {}), split, "talk.above_floor")
-        verdict = judge(above, dict.fromkeys(above, 0.0), is_higher_better=True)
+    for row, one, verdict in zip(table.rows, above, judge(claims), strict=True):
         said = {HELD: "above the floors", NOT_HELD: "below the floors"}.get(verdict.verdict, "undecided")
-        lines.append(f"- {row.name}: {said} ({_spread(verdict.difference)}, {len(above)} seeds)")
+        lines.append(f"- {row.name}: {said} ({_spread(verdict.difference)}, {len(one)} seeds)")
     return lines
 
 

@@ -23,6 +23,7 @@ from ha2g_jax.synthesis import Model
 
 MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
 MAJORITY, SHUFFLED = "majority", "shuffled"
+CLAIMED = ("beat_f1_gain", "semantic_recall")  # metrics that claims are tested with, also without each speaker in turn
 MISMATCHES = 5  # motions for other clips that make the floor of a clip
 
 _MAX_PROBE_CLIPS = 400
@@ -62,8 +63,9 @@ def score_known_causes(
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
 
     Returns:
-        {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "counts", "notes"}}; the error is a
-        standard error by clip, for the style by speaker, None where undefined.
+        {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "without_speakers": {metric: {speaker:
+        value}}, "counts", "notes"}}; the error is a standard error by clip, for the style by speaker, None where
+        undefined. The values without a speaker are of the row "model", for the metrics `CLAIMED`.
 
     Raises:
         UserError: no such split; a corpus without known strokes or of another skeleton or frame rate.
@@ -121,6 +123,11 @@ def _score_split(
     rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(words), strict=True))
     return {
         "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
+        "without_speakers": {
+            metric: {speaker: _number(value) for speaker, value in scores.without_speakers(made[MODEL], metric).items()}
+            for metric in CLAIMED
+            if MODEL in made
+        },
         "counts": {
             "clips": len(clips),
             "speakers": len({clip.speaker for clip in clips}),
@@ -129,6 +136,10 @@ def _score_split(
         },
         "notes": [_NOTE],
     }
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed: int) -> dict[str, CauseRow]:

@@ -97,6 +97,40 @@ def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow
     )
 
 
+def without_speakers(row: CauseRow, name: str) -> dict[str, float]:
+    """Measure a metric of known causes without each speaker in turn, for jackknife errors over speakers.
+
+    Args:
+        row: what is found in motions of several speakers.
+        name: a metric of known causes, such as "beat_f1_gain".
+
+    Returns:
+        Name of the speaker -> value of the metric without the speaker; NaN where it is undefined.
+    """
+    metric, values = metrics.of_section("known_causes")[name], {}
+    for speaker in np.unique(row.speakers).tolist():
+        found = metric.measure(_without(row, speaker))
+        values[speaker] = found.value if isinstance(found, Estimate) else np.nan
+    return values
+
+
+def _without(row: CauseRow, speaker: str) -> CauseRow:
+    kept = row.speakers != speaker
+    words = np.isin(row.word_clips, row.clips[kept])
+    chance = row.mismatched.reshape(len(kept), -1, row.counts.shape[1])[kept].reshape(-1, row.counts.shape[1])
+    return row._replace(
+        counts=row.counts[kept],
+        mismatched=chance if len(row.mismatched) else row.mismatched,
+        seconds=row.seconds[kept],
+        clips=row.clips[kept],
+        shapes=row.shapes[words],
+        word_clips=row.word_clips[words],
+        seen=row.seen[kept],
+        asked=row.asked[kept],
+        speakers=row.speakers[kept],
+    )
+
+
 def measure_causes(row: CauseRow) -> dict[str, Estimate]:
     """Measure all metrics of known causes that a row has."""
     found = {

@@ -1,7 +1,6 @@
 """The study of look-aheads: leave-one-out scores, intervals and verdicts with known answers, the page and its chart."""
 
 import json
-import math
 import pathlib
 import xml.etree.ElementTree as ElementTree
 
@@ -17,7 +16,7 @@ from ha2g_jax.study.latency.plan import ABOVE_FLOOR, GAIN, HIDDEN, LOOK_AHEADS, 
 from ha2g_jax.study.latency.report import Results, answers, as_markdown, figure
 from ha2g_jax.study.latency.scores import leave_one_out
 from ha2g_jax.study.latency.study import study_latency
-from ha2g_jax.study.reproduction.claims import HELD, NOT_HELD, UNDECIDED, Spread, over_seeds
+from ha2g_jax.study.reproduction.claims import HELD, NOT_HELD, UNDECIDED, Spread
 from ha2g_jax.study.reproduction.plan import Request
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -61,15 +60,6 @@ def test_scores_without_a_recording_are_those_of_the_other_clips():
     assert found["semantic_recall"] == {"value": 0.75, "without": [1.0, 0.5]}
     # Half of all words are of class 0; at shuffled words 1/4 x 1/2 + 1/2 x 1/4 + 1/4 x 1/4 of the shapes match.
     assert found["semantic_floor"]["value"] == 0.5 and found[ABOVE_FLOOR]["value"] == 0.25
-
-
-def test_the_interval_has_both_variances():
-    runs = [estimates.Measured(value, np.full(3, value)) for value in (0.1, 0.2, 0.4)]
-    assert estimates.combine(runs) == pytest.approx(over_seeds([0.1, 0.2, 0.4]))  # the recordings do not matter
-    alike = [estimates.Measured(0.5, np.array([0.4, 0.5, 0.6]))] * 2  # the seeds do not matter
-    half = 4.30265 * math.sqrt(2 / 3 * 0.02)  # t for two degrees of freedom
-    assert estimates.combine(alike) == pytest.approx(Spread(0.5, 0.5 - half, 0.5 + half, 2), rel=1e-4)
-    assert estimates.combine(runs[:1]) == Spread(0.1, None, None, 1)
 
 
 def test_differences_are_paired():

@@ -60,10 +60,20 @@ def test_the_paper_s_order_is_in_the_data():
     """Whoever is the reference is ahead in FGD of every row that the paper calls worse."""
     for name in ("table1", "table3", "table4", "table11"):
         found = table(name, "talk")
-        others = [row for row in found.rows if row.name != found.reference and not row.is_comparable]
+        rows = [row for row in found.rows if row.published != Published()]
+        others = [row for row in rows if row.name != found.reference and not row.is_comparable]
         best = _row(found, found.reference).published.fgd
         assert best and all(row.published.fgd and row.published.fgd > best for row in others)
     assert {row.name for row in table("table3", "talk").rows if row.is_comparable} == {"HA2G-ASR"}
+
+
+def test_talk_has_two_rows_beside_the_paper_s():
+    """Trimodal cannot read the words, and HA2G has no adversary; figure 3 keeps to the paper's methods."""
+    alone, no_gan = table("table1", "talk").rows[-2:]
+    config = presets.make("talk", "debug", alone.method, alone.changes)
+    assert config.model.text.kind == "none"
+    assert presets.make("talk", "debug", no_gan.method, no_gan.changes).loss.ha2g.weights.gan == 0
+    assert len(table("figure3", "talk").rows) == len(table("table1", "bvh").rows) == 5
 
 
 def test_draws_and_thresholds():

@@ -88,8 +88,10 @@ def test_claims_have_verdicts():
     report = as_markdown(_results())
     claims = [line for line in report.splitlines() if line.startswith("| HA2G ahead of Trimodal")]
     assert len(claims) == 4
-    assert claims[0].startswith("| HA2G ahead of Trimodal | FGD | -7.307 | -1.010 [-1.035, -0.985] | 3 | **held** |")
-    assert "| +0.123 (BC) | 0.000 [0.000, 0.000] | 3 | **undecided** |" in claims[1]
+    assert claims[0].startswith(
+        "| HA2G ahead of Trimodal | FGD | -7.307 | -1.010 [-1.113, -0.907] | <0.001 | 3 | **held** |"
+    )
+    assert "| +0.123 (BC) | 0.000 [0.000, 0.000] | 1.000 | 3 | **undecided** |" in claims[1]
     assert "semantic recall" in claims[3] and "**undecided**" in claims[3]
     assert "HA2G ahead of HA2G" not in report
 
@@ -121,7 +123,7 @@ def test_known_causes_are_only_talk_s():
         ({"seeds": 1}, "1 seed a row: too few"),
         ({"steps": {"Trimodal": 5000}}, "Budgets differ: 400, 20,000 windows of training."),
         ({"failures": {"Trimodal": {0: "bad"}}}, "1 of 15 runs have no scores"),
-        ({}, "16 differences are looked at, each at 95%: about 0.8 of them"),
+        ({}, "16 differences are looked at; those of each table of claims are corrected"),
     ],
 )
 def test_caveats_follow_from_facts(changes, sentence):
@@ -155,7 +157,7 @@ def test_failures_and_missing_rows_leave_the_rest():
     report = as_markdown(results._replace(scores=scores, failures={"HA2G": dict.fromkeys(range(3), "no memory")}))
     assert "- HA2G, seed 1: failed: no memory" in report
     assert _cells(report, "HA2G")[2] == "-" and _cells(report, "HA2G")[11] == "0, 3 failed"
-    assert "| HA2G ahead of Trimodal | FGD | -7.307 | - | 0 | **undecided** |" in report
+    assert "| HA2G ahead of Trimodal | FGD | -7.307 | - | - | 0 | **undecided** |" in report
     nothing = as_markdown(results._replace(scores={}, failures={"HA2G": {0: "no memory"}}))
     assert "no memory" in nothing and "## Split" not in nothing
 

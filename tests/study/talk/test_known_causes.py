@@ -14,7 +14,7 @@ from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics import beats
 from ha2g_jax.metrics.jackknife import Estimate
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, gain
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow, gain
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.study import identity
 from ha2g_jax.study.evaluation.clip_result import split_limits
@@ -30,6 +30,7 @@ from ha2g_jax.study.talk.scores import (
     beat_counts,
     observe,
     semantic_floors,
+    without_speakers,
     word_shapes,
 )
 from ha2g_jax.synthesis import Model
@@ -199,3 +200,21 @@ def test_mean_pose_has_hands():
     skeleton = load_skeleton("ted_expressive")
     seen = observe(skeleton, np.broadcast_to(skeleton.mean_directions, (30, 42, 3)), 15)
     assert seen.wrists.shape == (30, 2, 3) and seen.flexions.shape == (30, 2, 5) and len(seen.beats) == 0
+
+
+def test_a_metric_without_a_speaker_is_that_of_the_other_speakers():
+    counts = np.array([[10, 8, 12, 9], [10, 2, 9, 3], [10, 5, 10, 6]], float)
+    chance = np.repeat(counts, 2, axis=0) * [1, 0.5, 1, 0.5]
+    shapes, words = np.array([[0, 0], [1, 1], [0, 1], [2, 2]]), np.array(["a", "a", "b", "c"])
+    styles, speakers = np.ones((3, 2)), np.array(["one", "two", "two"])
+    row = CauseRow(counts, chance, np.ones(3), np.array(list("abc")), shapes, words, styles, styles, speakers)
+    assert without_speakers(row, "semantic_recall") == {"one": 0.5, "two": 1.0}
+    gains = without_speakers(row, "beat_f1_gain")
+    assert gains["two"] == gain(counts[:1], chance[:2], np.array(["a"])).value
+    assert gains["one"] == gain(counts[1:], chance[2:], np.array(["b", "c"])).value
+
+
+def test_claims_can_be_tested_over_speakers(results):
+    for split in results.values():
+        for metric in ("beat_f1_gain", "semantic_recall"):
+            assert len(split["without_speakers"][metric]) == split["counts"]["speakers"]
