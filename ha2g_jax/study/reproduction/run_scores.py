@@ -11,13 +11,14 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.metrics import beats, diversity
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
+from ha2g_jax.study import retrieval
 from ha2g_jax.study.evaluation import evaluate
 from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
 from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, scores_path
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
-from ha2g_jax.study.talk.known_causes import score_known_causes
+from ha2g_jax.study.talk.known_causes import score_known_causes, score_motion
 
 _SEED = 0  # seed of all random draws of an evaluation, so that all rows and runs are scored alike
 _TRAINING_CLIPS = 200  # clips from which the mean changes and limits of angles are computed
@@ -41,11 +42,13 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
     corpus = Corpus.open(plan.corpus)
     model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    library = retrieval.make_library(corpus)
+    retrieved = {split: retrieval.retrieve(library, corpus, split) for split in plan.splits}
     scores: dict[str, Any] = {"model": model.assets.hash, "autoencoder": features.id, "splits": {}}
     for split in plan.splits:
         motions, truth = from_corpus(model, corpus, split, seed=_SEED, with_audio=request.has_legacy)
         found = evaluate.evaluate(
-            {MODEL: motions},
+            {MODEL: motions, retrieval.NAME: retrieved[split]},
             truth,
             corpus.skeleton,
             training=training,
@@ -63,6 +66,8 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
     if request.data == "talk":
         known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED)
         for split in plan.splits:
+            motion = {clip.id: clip.directions for clip in retrieved[split]}
+            known[split]["rows"][retrieval.NAME] = score_motion(corpus, split, motion, _SEED)
             scores["splits"][split]["talk"] = known[split]
     return scores
 

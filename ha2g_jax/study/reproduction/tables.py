@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ha2g_jax.study import retrieval
 from ha2g_jax.study.reproduction.claims import (
     HELD,
     NOT_HELD,
@@ -41,7 +42,8 @@ SHOWN = ("fgd", "fgd_seeded", "beat_consistency", "beat_gain", "beat_f", "beats_
 SHOWN += ("diversity_l1",)
 _HEAD = ("row", "FGD, paper", "FGD", "BC, paper", "BC", "beat gain", "beat F", "beats/s", "jerk / truth")
 _HEAD += ("Diversity, paper", "Diversity (L1)", "seeds")
-_TALK_FLOORS = {"teacher": "teacher (ceiling)", "mean pose": "mean pose", "mismatched speech": "mismatched speech"}
+_TALK_FLOORS = {"teacher": "teacher (ceiling)", "mean pose": "mean pose"}
+_TALK_FLOORS |= {retrieval.NAME: retrieval.NAME, "mismatched speech": "mismatched speech"}
 _LEGACY = {"legacy_fgd": "FGD", "legacy_bc_paper": "BC paper", "legacy_bc_fixed": "BC fixed"}
 _LEGACY |= {"legacy_diversity": "Diversity"}
 

@@ -12,6 +12,7 @@ from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow
+from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.study.evaluation.clip_result import check_fit, sample
 from ha2g_jax.study.evaluation.intervals import score_as_json
@@ -136,6 +137,27 @@ def _score_split(
         },
         "notes": [_NOTE],
     }
+
+
+def score_motion(corpus: Corpus, split: str, motion: Mapping[str, np.ndarray], seed: int = 0) -> dict[str, Any]:
+    """Score motion from anywhere against the known causes of the clips of a split.
+
+    Args:
+        corpus: a corpus with known causes.
+        split: name of the split.
+        motion: id of each clip -> direction vectors (T, bones, 3).
+        seed: seed of the choice of the other clips, for the chance level.
+
+    Returns:
+        {metric: {"value", "low", "high", "error"}}, as a row of `score_known_causes`.
+    """
+    skeleton, fps = corpus.skeleton, corpus.fps
+    clips = [clip for clip in corpus.clips(split) if clip.id in motion]
+    trials = [
+        Trial(scores.known_truth(skeleton, clip, fps), scores.observe(skeleton, motion[clip.id], fps)) for clip in clips
+    ]
+    row = rows_with_chance(trials, fps, SEED_FRAMES, seed)[MODEL]
+    return {key: score_as_json(value) for key, value in scores.measure_causes(row).items()}
 
 
 def _number(value: float) -> float | None:
