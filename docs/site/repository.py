@@ -26,7 +26,7 @@ ROOT = pathlib.Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
 
 _LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#\s])")
-_SYMBOLS = re.compile(r"(\[`([^`\]]+\.py)`\]\((\S+?)\))((?:,? (?:and )?`[A-Za-z_][\w.]*`)+)")
+_SYMBOLS = re.compile(r"(\[`([^`\]]+\.py)`\]\((\S+?)\))((?:,?\s(?:and\s)?`[A-Za-z_][\w.]*`)+)")
 _SYMBOL_LINK = re.compile(r'<a href="([^"]+)\.html"><code>([A-Za-z_][\w.]*)</code></a>')
 
 _sources: dict[str, pathlib.Path] = {}  # file of the repository for each page of the site
@@ -61,7 +61,7 @@ def on_files(files, config):
         if files.get_file_from_path(uri) is None:
             files.append(_file(path, uri, config))
         if path.suffix == ".md":
-            pending += [target for target in _targets(path, path.read_text(encoding="utf-8"))]
+            pending += _targets(path, path.read_text(encoding="utf-8"))
     return files
 
 
