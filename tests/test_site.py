@@ -7,6 +7,8 @@ import re
 import pytest
 import yaml
 
+import ha2g_jax
+
 ROOT = pathlib.Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 CONFIG = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
@@ -54,3 +56,11 @@ def test_modules_of_the_reference_exist(page):
         if not (path / "__init__.py").is_file() and not path.with_suffix(".py").is_file():
             source = path.parent.with_suffix(".py").read_text()
             assert re.search(rf"^(?:def|class) {path.name}\b", source, re.MULTILINE), name
+
+
+def test_the_citation_names_this_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == ha2g_jax.__version__
+    assert f"version = {{{ha2g_jax.__version__}}}" in (DOCS / "cite.md").read_text()
+    paper = citation["preferred-citation"]
+    assert (ROOT / "README.md").read_text().count(paper["title"]) >= 1 and len(paper["authors"]) == 10
