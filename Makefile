@@ -7,6 +7,7 @@
 # make web           write a site that runs the demo in browsers, out/site (needs node and npm)
 # make pose          install the environment of the pose estimator in the user's cache
 # make lint          check style, types and the direction of imports
+# make docs          build the documentation, out/docs/index.html; a broken link or anchor is an error
 # make notebooks     run the notebooks and store their output
 # make clean         remove the environments, out/ and caches
 
@@ -15,7 +16,7 @@ VENV ?= .venv
 PYTEST_WORKERS ?= 2
 FUZZ_SECONDS ?= 3600
 
-.PHONY: demo test fuzz test-torch test-blender test-web web pose lint notebooks clean
+.PHONY: demo test fuzz test-torch test-blender test-web web pose lint docs notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
@@ -52,6 +53,9 @@ lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
+docs: $(VENV)/docs
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
+
 notebooks: $(VENV)/notebook
 	$(VENV)/bin/jupytext --sync notebooks/*.py
 	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
@@ -75,6 +79,10 @@ $(VENV)/onnx: $(VENV)/bin/python pyproject.toml
 
 $(VENV)/notebook: $(VENV)/bin/python pyproject.toml
 	$(VENV)/bin/python -m pip install --quiet --editable '.[notebook]'
+	touch $@
+
+$(VENV)/docs: $(VENV)/bin/python pyproject.toml
+	$(VENV)/bin/python -m pip install --quiet --editable '.[docs]'
 	touch $@
 
 $(VENV)/lint: $(VENV)/bin/python pyproject.toml
