@@ -112,18 +112,16 @@ def make_design(
         rows += _mismatch_rows(systems, clips, mismatched_clips(clips, durations), ids)
     checks = _checks(systems, clips, attention, random, ids)
     rows = [rows[index] for index in random.permutation(len(rows))]
-    items, placed = [], []
+    placed = []
+    digits = max(3, len(str(len(rows) + len(checks))))
     for number, entry in enumerate([*rows, *checks], start=1):
         # The order of a pair must not tell which of them is which.
-        shown = [entry.stimuli[index].id for index in random.permutation(len(entry.stimuli))]
-        number_said = entry.stimuli[0].scene.number if entry.kind == ATTENTION else None
-        items.append(
-            Item(f"i{number:0{max(3, len(str(len(rows) + len(checks))))}}", entry.kind, tuple(shown), number_said)
-        )
-        placed.append((items[-1], entry))
+        shown = tuple(entry.stimuli[index].id for index in random.permutation(len(entry.stimuli)))
+        item = Item(f"i{number:0{digits}}", entry.kind, shown, entry.stimuli[0].scene.number)
+        placed.append((item, entry))
     lists, counts = _lists(placed, len(clips), per_participant, attention)
     used = {stimulus.id: stimulus for entry in [*rows, *checks] for stimulus in entry.stimuli}
-    return Design(tuple(used[name] for name in sorted(used)), tuple(items), lists, counts)
+    return Design(tuple(used[name] for name in sorted(used)), tuple(item for item, _ in placed), lists, counts)
 
 
 def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> dict[str, str]:
@@ -191,7 +189,7 @@ def _checks(
     numbers = random.permutation(np.arange(POINTS[0], POINTS[1] + 1))[:count].tolist()
     rows = []
     for number in numbers:
-        clip, system = clips[random.integers(len(clips))], systems[random.integers(len(systems))]
+        clip, system = (names[int(random.integers(len(names)))] for names in (clips, systems))
         rows.append(_Row(ATTENTION, 0, 0, (Planned(ids.draw(), Scene(ATTENTION, clip, number), system, clip),)))
     return rows
 

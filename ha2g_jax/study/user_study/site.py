@@ -16,18 +16,8 @@ from ha2g_jax.study.user_study.key import Key, item_as_json
 DEFAULT_TITLE = "How people gesture"
 
 SCRIPTS = (
-    *(
-        "study.css",
-        "study.js",
-        "elements.js",
-        "session.js",
-        "pages.js",
-        "questions.js",
-        "player.js",
-        "sending.js",
-        "texts.js",
-    ),
-    *("jspsych.min.js", "LICENSES.txt"),
+    *("study.css", "study.js", "elements.js", "session.js", "player.js", "questions.js", "pages.js", "sending.js"),
+    *("texts.js", "jspsych.min.js", "LICENSES.txt"),
 )
 """Files of `assets/study` that a site has besides its page."""
 
@@ -84,8 +74,12 @@ def read_wording(
     """
     if not title.strip() or len(title) > _MAX_TITLE or not title.isprintable():
         raise UserError(f"the title has {len(title)} letters; expected 1 to {_MAX_TITLE} in one line")
-    texts = [_paragraphs(path, default) for path, default in ((consent, _CONSENT), (closing, _CLOSING))]
-    return Wording(title.strip(), *texts, None if post is None else _check_address(post))
+    return Wording(
+        title.strip(),
+        _paragraphs(consent, _CONSENT),
+        _paragraphs(closing, _CLOSING),
+        None if post is None else _check_address(post),
+    )
 
 
 def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], wording: Wording) -> None:

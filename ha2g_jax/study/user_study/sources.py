@@ -72,8 +72,8 @@ def read_sources(
 ) -> Sources:
     """Read the motion of all systems and its sound.
 
-    The sound of a clip is the file of the same name in `speech`, or else beside a motion. Every figure gets the bones of
-    the skeleton, so that participants cannot tell systems by the build of a person.
+    The sound of a clip is the file of the same name in `speech`, or else beside a motion. Every figure gets the
+    lengths of bones of the skeleton, so that participants cannot tell systems by the build of a person.
 
     Args:
         systems: folder of each system.
@@ -177,8 +177,8 @@ def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motio
     has = motion.num_frames / motion.fps
     if has < seconds - _TOLERANCE:
         raise UserError(
-            f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound; give motion as long as the sound, or "
-            f"cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
+            f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound; give motion as long as the sound, "
+            f"or cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
         )
     count = min(motion.num_frames, round(seconds * motion.fps) + 1)
     return Motion.from_directions(load_skeleton(skeleton), motion.directions[:count], motion.fps)
