@@ -31,7 +31,7 @@ export class QuestionPlugin {
     const next = element("button", { type: "submit", class: "next" }, "Next");
     const form = element("form", { onsubmit: (event) => { event.preventDefault(); this.finish(); }, onchange: () => this.status() },
       ...this.groups.map(({ box }) => box), element("div", { class: "actions" }, next, this.message));
-    show(display, isPair ? `Question ${number}: two clips` : `Question ${number}: one clip`, this.player.element, form, keys(item.kind));
+    show(display, isPair ? `Question ${number}: two clips` : `Question ${number}: one clip`, element("div", { class: `question of-${names.length}` }, this.player.element, form), keys(item.kind));
     this.onkey = (event) => this.press(event);
     document.addEventListener("keydown", this.onkey);
     this.status();
@@ -45,13 +45,13 @@ export class QuestionPlugin {
   numbers(name, text, ends) {
     const [least, greatest] = this.content.points, values = [];
     for (let value = least; value <= greatest; value += 1) values.push(value);
-    const labels = values.map((value) => [String(value), value === least ? ends[0] : value === greatest ? ends[1] : ""]);
-    return group(name, text, labels);
+    const meanings = ends.map((end, index) => `${[least, greatest][index]}: ${end}`);
+    return group(name, text, values.map((value) => [String(value), String(value)]), meanings);
   }
 
   sides() {
     const { question, equal } = PAIRS[this.item.kind];
-    return group("choice", { name: "Your choice", question }, [["left", "", "Left"], ["equal", "", equal], ["right", "", "Right"]]);
+    return group("choice", { name: "Your choice", question }, [["left", "Left"], ["equal", equal], ["right", "Right"]], []);
   }
 
   press(event) {
@@ -98,15 +98,16 @@ export class QuestionPlugin {
   }
 }
 
-// A set of radio buttons: labels are [value, text below it, text in place of the value].
-function group(id, { name, question, help }, labels) {
+// A set of radio buttons with labels [value, text], and texts below its two ends.
+function group(id, { name, question, help }, labels, ends) {
   const inputs = labels.map(([value]) => element("input", { type: "radio", name: id, value, id: `${id}-${value}` }));
-  const options = labels.map(([value, below, text], index) => element("label", { for: `${id}-${value}` },
-    inputs[index], element("span", { class: "value" }, text ?? value), element("span", { class: "end" }, below)));
+  const options = labels.map(([value, text], index) => element("label", { for: `${id}-${value}` }, inputs[index], text));
   const legend = element("legend", {}, element("strong", {}, name), ` ${question}`);
   const hints = help ? [element("p", { class: "help", id: `${id}-help` }, help)] : [];
-  const described = help ? { "aria-describedby": `${id}-help` } : {};
-  const box = element("fieldset", described, legend, ...hints, element("div", { class: "options" }, ...options));
+  const below = ends.length ? [element("p", { class: "ends", id: `${id}-ends` }, ...ends.map((end) => element("span", {}, end)))] : [];
+  const described = [...hints, ...below].map((part) => part.id).join(" ");
+  const box = element("fieldset", { "aria-describedby": described || null },
+    legend, ...hints, element("div", { class: "options" }, ...options), ...below);
   return { id, name, box, inputs };
 }
 

@@ -30,7 +30,7 @@ export const PARTS = {
     title: "Rate clips",
     paragraphs: [
       "Each clip shows a figure that moves while a person speaks. Watch it to its end with sound, as often as you like, and give it a number from 1 to 5 on each scale. 5 is the best.",
-      "Judge the motion alone. The figure has no face that moves and no legs, and its drawing is simple; this should not count.",
+      "Judge the motion alone. The figure is drawn simply, and its face does not move; this should not count.",
     ],
   },
   preference: {

@@ -18,6 +18,7 @@ from ha2g_jax.study.user_study.sources import Sources
 
 _VOICE = Voice("en-us", "f2", pitch=50, pitch_range=50, rate=140)
 _NUMBERS = ("zero", "one", "two", "three", "four", "five")
+_BAND = 0.15  # metres above the figure for what is written in a check
 _SILENCE = 0.5  # seconds before and after the words of a check
 
 
@@ -45,6 +46,7 @@ def render(stimuli: Sequence[Planned], sources: Sources, folder: pathlib.Path, *
             motions = [sources.motions[stimulus.system][stimulus.clip] for stimulus in compared]
             sound, text = _sound(compared[0].scene, motions, sources), _text(compared[0].scene)
             view = fit_view(motions, len(sound) / SAMPLE_RATE)
+            view = view._replace(top=view.top - _BAND) if text else view
             for stimulus, motion in zip(compared, motions, strict=True):
                 path = folder / f"{stimulus.id}.mp4"
                 write_video(path, {text: motion}, sound, size=size, view=view, has_progress=False)
