@@ -87,6 +87,7 @@ export class QuestionPlugin {
     this.message.textContent = this.missing();
     if (this.message.textContent) return;
     document.removeEventListener("keydown", this.onkey);
+    this.player.dispose();
     const seconds = Math.round(performance.now() - this.begun) / 1000;
     const values = Object.fromEntries(this.groups.map((group) => [group.id, chosen(group).value]));
     const { id, kind } = this.item, about = { item: id, kind }, effort = { seconds, plays: this.player.plays };

@@ -2,6 +2,7 @@
 
 import { element, show } from "./elements.js";
 import { commentPage, consentPage, instructionPage } from "./pages.js";
+import { fetchClip } from "./player.js";
 import { QuestionPlugin } from "./questions.js";
 import { finish } from "./sending.js";
 import { Session, Storage, identify } from "./session.js";
@@ -28,7 +29,7 @@ function timeline(session) {
     pages.push({
       type: QuestionPlugin, item, names, content, number: order.indexOf(item) + 1,
       on_start: () => progress(order.indexOf(item), order.length),
-      on_load: () => { if (next) preload(sides.get(next.id) ?? [next.stimulus]); },
+      on_load: () => { if (next) preload(sides.get(next.id) ?? [next.stimulus]); }, // while this one is answered
       on_finish: ({ answer }) => session.record(answer),
     });
   });
@@ -43,9 +44,8 @@ function progress(done, all) {
   line.querySelector("progress").value = done / all;
 }
 
-let waiting = []; // videos of the next page, so that they are there when it comes
 function preload(names) {
-  waiting = names.map((name) => element("video", { src: `media/${name}.mp4`, preload: "auto" }));
+  for (const name of names) fetchClip(name).catch(() => {}); // its own page says what is wrong
 }
 
 async function main() {
@@ -53,13 +53,13 @@ async function main() {
   const jsPsych = jsPsychModule.initJsPsych({ display_element: display, use_webaudio: false });
   const session = new Session(content, identify(content.study, storage), storage, jsPsych.randomization);
   window.study = session; // for the owner's own tests
-  const pages = timeline(session);
+  const pages = timeline(session), [first] = session.remaining;
+  if (first) preload(session.sides.get(first.id) ?? [first.stimulus]);
   if (pages.length) {
     const running = jsPsych.run(pages);
     display.removeAttribute("tabindex");
     await running;
   }
-  waiting = [];
   await finish(display, session);
 }
 

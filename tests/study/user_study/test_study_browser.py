@@ -110,6 +110,18 @@ def test_nothing_is_answered_before_the_clip_was_seen(seen):
     assert seen["unanswered"].startswith("Please answer:")
 
 
+def test_two_clips_play_together_with_one_sound(seen):
+    assert len(seen["apart"]) >= 6
+    for apart, *are_muted in seen["apart"]:
+        assert abs(apart) < 0.3  # on a machine under load; 0.01 on one that is idle
+        assert are_muted == [False, True]
+
+
+def test_a_clip_that_cannot_be_loaded_is_loaded_later(seen):
+    assert "could not be played" in seen["unloaded"]
+    assert seen["loaded"] == ""
+
+
 def test_order_and_sides_are_those_of_the_participant(seen):
     sessions = seen["sessions"]
     for name in ("p1", "p2"):
