@@ -2,8 +2,8 @@
 
 import { element } from "./elements.js";
 
-const FAR = 0.5, NEAR = 0.03; // seconds between two videos: one is moved, or plays a little faster or slower
-const FASTER = 1.05;
+const FAR = 0.25, NEAR = 0.03; // seconds between two videos: one is moved, or plays a little faster or slower
+const FASTER = 1.1;
 
 // Videos are fetched whole before they play, so that no connection can hold up one of two.
 const clips = new Map(); // id of a stimulus -> promise of an address

@@ -100,15 +100,13 @@ export class QuestionPlugin {
 }
 
 // A set of radio buttons with labels [value, text], and texts below its two ends.
-function group(id, { name, question, help }, labels, ends) {
+function group(id, { name, question }, labels, ends) {
   const inputs = labels.map(([value]) => element("input", { type: "radio", name: id, value, id: `${id}-${value}` }));
   const options = labels.map(([value, text], index) => element("label", { for: `${id}-${value}` }, inputs[index], text));
   const legend = element("legend", {}, element("strong", {}, name), ` ${question}`);
-  const hints = help ? [element("p", { class: "help", id: `${id}-help` }, help)] : [];
   const below = ends.length ? [element("p", { class: "ends", id: `${id}-ends` }, ...ends.map((end) => element("span", {}, end)))] : [];
-  const described = [...hints, ...below].map((part) => part.id).join(" ");
-  const box = element("fieldset", { "aria-describedby": described || null },
-    legend, ...hints, element("div", { class: "options" }, ...options), ...below);
+  const box = element("fieldset", { "aria-describedby": below[0]?.id ?? null },
+    legend, element("div", { class: "options" }, ...options), ...below);
   return { id, name, box, inputs };
 }
 
