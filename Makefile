@@ -39,7 +39,7 @@ test-blender: $(VENV)/test $(VENV)-blender/bpy
 
 test-web: $(VENV)/test $(VENV)-web/node_modules web/node_modules
 	npm test --silent --prefix web
-	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/web
+	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/web tests/study/user_study
 
 web: $(VENV)/onnx
 	$(VENV)/bin/ha2g web demo --out out/site

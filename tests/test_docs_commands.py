@@ -81,6 +81,7 @@ DEBUG = (
     (r"^data inspect .*", r"\g<0> --samples 1"),
     (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
+    (r"^study make .*", r"\g<0> --size 64"),
     (r"^video .*", r"\g<0> --size 64x64"),
     (r"^live (?!.*--checkpoint)(.*?)(?: --fast)?$", r"live \1 --checkpoint runs/talk --fast"),
 )
@@ -187,6 +188,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
         write_speech(folder / name, seconds)
     shutil.copy(folder / "speech.srt", folder / "take.srt")
     shutil.copy(ROOT / "ha2g_jax" / "assets" / "joint_maps" / "ha2g.yaml", folder / "my_joints.yaml")
+    (folder / "consent.txt").write_text("I take part.\n")
     write_smplx(folder)
     write_ted(folder / "ted_dataset")
     write_corpora(folder, tiny_talk)

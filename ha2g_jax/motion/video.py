@@ -54,6 +54,7 @@ def write_video(
     *,
     look: Look = DEFAULT_LOOK,
     size: int | tuple[int, int] = 720,
+    view: View | None = None,
     workers: int | None = None,
     has_progress: bool = True,
 ) -> None:
@@ -71,6 +72,7 @@ def write_video(
         look: colours and build of the figures.
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
+        view: camera, such as that of `fit_view` for several videos; by default it is fitted to the figures of this one.
         workers: number of threads that draw and encode; by default one for each core.
         has_progress: whether to show a progress bar on stderr.
 
@@ -84,8 +86,8 @@ def write_video(
     longest = max(each.num_frames / each.fps for each in motions.values())
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
     stage = set_stage(tuple(motions), look.background, width, height)
-    poses = [(resample(each.directions, each.fps, VIDEO_FPS, frames), each.skeleton) for each in motions.values()]
-    view = fit((directions_to_positions(skeleton, directions), skeleton) for directions, skeleton in poses)
+    poses = [_poses(each, frames) for each in motions.values()]
+    view = _fit_poses(poses) if view is None else view
     encode = functools.partial(_encode_piece, stage, poses, look, view)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     workers = workers or os.cpu_count() or 1
@@ -106,6 +108,28 @@ def write_video(
             container.mux([packet for second in itertools.islice(sound, _PIECE // VIDEO_FPS) for packet in second])
             bar.update(len(packets))
         container.mux([packet for second in sound for packet in second])
+
+
+def fit_view(motions: Iterable[Motion], seconds: float) -> View:
+    """Fit one camera to several motions, so that `write_video` shows each of them at the same size.
+
+    Args:
+        motions: motions of one or several videos.
+        seconds: length of the videos.
+
+    Returns:
+        The smallest view that contains all poses of the figures in that time.
+    """
+    frames = num_frames(seconds, VIDEO_FPS)
+    return _fit_poses(_poses(each, frames) for each in motions)
+
+
+def _poses(motion: Motion, frames: int) -> tuple[np.ndarray, Skeleton]:
+    return resample(motion.directions, motion.fps, VIDEO_FPS, frames), motion.skeleton
+
+
+def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
+    return fit((directions_to_positions(skeleton, directions), skeleton) for directions, skeleton in poses)
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -106,7 +106,7 @@ def from_folders(
     Raises:
         UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
     """
-    found = {pathlib.Path(folder): _find(pathlib.Path(folder)) for folder in (motion, reference)}
+    found = {pathlib.Path(folder): find_motions(pathlib.Path(folder)) for folder in (motion, reference)}
     motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
     clips = {name: clip for name in sorted(motions) if (clip := _clip_of(name, references)) is not None}
     if not clips:
@@ -115,10 +115,12 @@ def from_folders(
             f"{_few(motions)} and {_few(references)}; give both the names of the clips"
         )
     name = skeleton or find_skeleton(references[min(clips.values())], joint_map)
-    sounds = _find_sounds({path.parent for path in (*motions.values(), *references.values())})
+    sounds = find_sounds({path.parent for path in (*motions.values(), *references.values())})
     pairs = []
     for file, clip in clips.items():
-        audio = next((sounds[key] for key in (_key(references[clip]), _key(motions[file])) if key in sounds), None)
+        audio = next(
+            (sounds[key] for key in (sound_key(references[clip]), sound_key(motions[file])) if key in sounds), None
+        )
         recording = clip.rpartition("/")[0] or clip
         paths = motions[file], references[clip], audio
         pairs.append(_Pair(clip, recording, *paths, name, joint_map, source_fps, with_audio))
@@ -164,8 +166,20 @@ def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
     return clip if clip in references else None
 
 
-def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
-    """Find files of motion by name; of several with one name the first kind of `SUFFIXES`, as others hold words."""
+def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
+    """Find the files of motion in a folder and its subfolders by the names of their clips.
+
+    Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
+
+    Args:
+        folder: folder of motion.
+
+    Returns:
+        Path of the file by its path in the folder, without the suffix and without `_gestures` at the end.
+
+    Raises:
+        UserError: there is no folder, or no motion in it.
+    """
     if not folder.is_dir():
         raise UserError(f"no folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
     found: dict[str, pathlib.Path] = {}
@@ -180,17 +194,30 @@ def _find(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     return found
 
 
-def _find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pathlib.Path]:
+def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pathlib.Path]:
+    """Find the files of sound that lie in folders, not in their subfolders.
+
+    Args:
+        folders: folders to look in.
+
+    Returns:
+        Path of the file by what `sound_key` gives for it and for the motion with its sound.
+    """
     ranks = {suffix: rank for rank, suffix in enumerate(AUDIO_SUFFIXES)}
     sounds: dict[tuple[pathlib.Path, str], pathlib.Path] = {}
     for folder in folders:
         files = [path for path in folder.iterdir() if path.suffix.lower() in ranks and path.is_file()]
         for path in sorted(files, key=lambda path: (ranks[path.suffix.lower()], path)):
-            sounds.setdefault(_key(path), path)
+            sounds.setdefault(sound_key(path), path)
     return sounds
 
 
-def _key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
+def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
+    """Return what a motion and the sound beside it have in common: the folder, and the name of the clip.
+
+    Args:
+        path: path of a motion or of a sound.
+    """
     return path.parent, path.stem.removesuffix(_GENERATED).lower()
 
 
