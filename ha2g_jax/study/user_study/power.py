@@ -5,6 +5,7 @@ for both systems. A difference d of a participant and a clip is mean + participa
 is one of two, with logits that vary normally over participants and clips around what gives the share.
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -224,6 +225,7 @@ def _centre(share: float, spread: float) -> float:
     return float(optimize.brentq(lambda mean: float(weights @ special.expit(mean + spread * nodes)) - share, -60, 60))
 
 
+@functools.cache
 def _nodes() -> tuple[np.ndarray, np.ndarray]:
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     return nodes, weights / weights.sum()

@@ -8,6 +8,8 @@ from ha2g_jax.study.reproduction.tables import number
 from ha2g_jax.study.user_study import texts
 from ha2g_jax.study.user_study.charts import Mark, interval_chart
 
+_TESTS = ("p", "p, Holm", "exact p [95 %]", "equal as half")
+
 
 class Table(NamedTuple):
     """A table, whose first row is its header. Cells are plain text of any origin."""
@@ -92,10 +94,9 @@ def _opinion(opinion: Mapping[str, Any]) -> list[Section]:
 
 
 def _preference(preference: Mapping[str, Any]) -> Section:
-    head = ("first", "second", "first", "equal", "second", "share of the first [95 %]", "p", "p, Holm", "exact p")
-    rows = [head]
+    rows = [("first", "second", "first / equal / second", "share of the first [95 %]", *_TESTS)]
     for one in preference["pairs"]:
-        rows.append((one["first"], one["second"], *_counts(one), *_tests(one)))
+        rows.append((one["first"], one["second"], _counts(one), *_tests(one)))
     parts: list[str | Table | Chart] = [texts.PREFERENCE, Table(rows)]
     strengths = preference["strengths"]
     if not strengths:
@@ -121,11 +122,9 @@ def _preference(preference: Mapping[str, Any]) -> Section:
 
 
 def _mismatch(mismatch: Mapping[str, Any]) -> Section:
-    head = ("system", "matched", "equal", "mismatched", "share of matched [95 %]", "p", "p, Holm", "exact p")
-    rows = [(*head, "exact 95 %", "share, equal as half")]
+    rows = [("system", "matched / equal / mismatched", "share of matched [95 %]", *_TESTS)]
     for one in mismatch["systems"]:
-        exact = f"[{_percent(one['exact_low'])}, {_percent(one['exact_high'])}]" if one["value"] is not None else "-"
-        rows.append((one["system"], *_counts(one), *_tests(one), exact, _percent(one["with_half"])))
+        rows.append((one["system"], _counts(one), *_tests(one)))
     label = "Share of choices for the motion with its own speech, with 95 % intervals"
     marks = {one["system"]: {"share": _mark(one)} for one in mismatch["systems"]}
     chart = interval_chart(marks, label=label, axis="share that prefers matched motion", reference=0.5)
@@ -146,16 +145,18 @@ def _exclusions(results: Mapping[str, Any]) -> Section:
     return Section("Excluded", [texts.EXCLUDED, Table([("file", "participant", "reason"), *rows])])
 
 
-def _counts(one: Mapping[str, Any]) -> list[str]:
-    return [str(one["choices"][name]) for name in ("first", "equal", "second")]
+def _counts(one: Mapping[str, Any]) -> str:
+    return " / ".join(str(one["choices"][name]) for name in ("first", "equal", "second"))
 
 
 def _tests(one: Mapping[str, Any]) -> list[str]:
+    """Format a share, the columns `_TESTS`."""
+    half = _percent(one["with_half"])
     if one["value"] is None:
-        return ["-"] * 4
-    share = _percent(one["value"])
+        return [*["-"] * 4, half]
+    share, exact = _percent(one["value"]), f"[{_percent(one['exact_low'])}, {_percent(one['exact_high'])}]"
     bounds = "" if one["low"] is None else f" [{_percent(one['low'])}, {_percent(one['high'])}]"
-    return [f"{share}{bounds}", _p(one["p"]), _p(one["p_holm"]), _p(one["exact_p"])]
+    return [f"{share}{bounds}", _p(one["p"]), _p(one["p_holm"]), f"{_p(one['exact_p'])} {exact}", half]
 
 
 def _minus(one: Mapping[str, Any]) -> str:

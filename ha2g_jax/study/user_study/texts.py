@@ -20,7 +20,7 @@ PREFERENCE = """\
 Numbers of choices, and the share of the first system among the choices that prefer one, with the interval of Korn and \
 Graubard (1998) over participants and clips. p is of a share of a half for the same sampling, "p, Holm" is corrected for \
 all pairs. The exact p is of the binomial test, which treats all choices as independent; choices of one participant \
-depend on each other, so that it is too small as a rule."""
+depend on each other, so that it is too small as a rule. Equal as half: the share if choices for neither count half."""
 
 STRENGTHS = """\
 Strengths of Bradley and Terry: with a difference d, the first system is preferred with probability 1 / (1 + exp(-d)) \
@@ -43,8 +43,9 @@ MISMATCH = """\
 Participants saw the motion of a clip and the motion of another clip with the same sound, and chose which fits the \
 speech. The share is of matched motion among the choices that prefer one; a half is what motion without relation to the \
 speech reaches. Its interval (Korn and Graubard 1998) and p allow for choices that depend on the participant and on the \
-clip; "p, Holm" is corrected for all systems. The exact p is of the binomial test, and the exact interval that of Clopper \
-and Pearson; they treat all choices as independent, and are too small and too narrow where participants differ."""
+clip; "p, Holm" is corrected for all systems. The exact p is of the binomial test, with the interval of Clopper and \
+Pearson; they treat all choices as independent, and are too small and too narrow where participants differ. Equal as \
+half: the share if choices for neither count half."""
 
 AGREEMENT = """\
 Agreement of participants on the same item beyond chance (Fleiss 1971): 0 is chance, 1 is perfect. Items with fewer than \

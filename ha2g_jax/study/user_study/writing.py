@@ -4,6 +4,7 @@ Names of systems, files and participants and all comments are text of any origin
 allows no script.
 """
 
+import base64
 import html
 import importlib.resources
 import json
@@ -94,7 +95,9 @@ def _html(section: Section, level: str) -> str:
         if isinstance(part, Table):
             parts.append(html_table([[_plain(cell) for cell in row] for row in part.rows]))
         elif isinstance(part, Chart):
-            parts.append(f'<figure class="chart">{part.svg}</figure>')
+            data = base64.b64encode(part.svg.encode("utf-8", errors="replace")).decode()
+            label = html.escape(_plain(part.label))
+            parts.append(f'<p><img style="max-width:100%" alt="{label}" src="data:image/svg+xml;base64,{data}"></p>')
         else:
             parts.append(f"<p>{html.escape(_plain(part))}</p>")
     return "\n".join(parts)
