@@ -95,7 +95,7 @@ def matched(random: np.random.Generator, design: Design, variation: Variation) -
     """Return the interval of the share of matched motion of one system."""
     participants, clips, _ = design._replace(items=None).draw(random, 1)
     spread = float(np.hypot(*variation))
-    centre = optimize.brentq(lambda logit: _mean_share(logit, spread) - _SHARE, -9, 9)
+    centre = optimize.root_scalar(lambda logit: _mean_share(logit, spread) - _SHARE, bracket=(-9, 9)).root
     logits = centre + random.normal(0, variation.participants, design.participants)[participants]
     logits += random.normal(0, variation.clips, design.clips)[clips]
     system = np.zeros(len(clips), int)
@@ -140,20 +140,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure how often intervals of user studies hold the truth.")
     parser.add_argument("--studies", type=int, default=1000, metavar="N", help="studies of each design (default: 1000)")
     studies = parser.parse_args().studies
-    print("| statistic | participants | clips | systems | items | independent | varied |\n|---|---|---|---|---|---|---|")
+    print(
+        "| statistic | participants | clips | systems | items | independent | varied |\n|---|---|---|---|---|---|---|"
+    )
     for name, trial in TRIALS.items():
         for design in DESIGNS:
             if trial is matched and design.systems > 2:
                 continue
-            cells = [
-                f"{measure(trial, design, opinions if trial is opinion else logits, studies)[0]:.3f}"
+            shares = [
+                measure(trial, design, opinions if trial is opinion else logits, studies)[0]
                 for opinions, logits in VARIATIONS.values()
             ]
-            items = design.items or "all"
-            print(
-                f"| {name} | {design.participants} | {design.clips} | {design.systems} | {items} | {' | '.join(cells)} |",
-                flush=True,
-            )
+            sizes = ("all" if size is None else str(size) for size in design)
+            print("|", " | ".join([name, *sizes, *(f"{each:.3f}" for each in shares)]), "|", flush=True)
 
 
 if __name__ == "__main__":

@@ -40,11 +40,10 @@ def _analyse(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study.user_study import analysis, writing
 
     results = analysis.analyse(arguments.answers, arguments.study)
-    if arguments.out is not None:
-        page = writing.write_report(results, arguments.out)
+    page = writing.write_report(results, arguments.out) if arguments.out else None
     if arguments.json:
         print(writing.as_json(results))
-    elif arguments.markdown or arguments.out is None:
+    elif arguments.markdown or page is None:
         print(writing.as_markdown(results))
     else:
         print(page)

@@ -1,6 +1,7 @@
 """The analysis of a user study: from answer files to numbers of JSON."""
 
 import importlib
+import itertools
 import math
 import pathlib
 from collections import Counter
@@ -35,8 +36,8 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
 
     Returns:
         "study", "title", "level"; "participants", "excluded" and "answers" (what was counted); "opinion", "preference"
-        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are None, and
-        a bound that has no end is "inf" or "-inf".
+        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are None,
+        and a bound that has no end is "inf" or "-inf".
 
     Raises:
         UserError: there is no key or no answer file, or a package of the extra user-study is missing.
@@ -96,8 +97,8 @@ def _opinion(ratings: Ratings, key: Key) -> dict[str, Any]:
     found: dict[str, Any] = {"points": list(key.points), "scales": {}}
     for scale, scores in zip(key.scales, ratings.scores.T, strict=True):
         means = {}
-        for number, name in enumerate(ratings.systems):
-            mine = ratings.system == number
+        for at, name in enumerate(ratings.systems):
+            mine = ratings.system == at
             estimate = mean(scores[mine], ratings.participant[mine], ratings.clip[mine])
             low, high = np.clip([estimate.low, estimate.high], *key.points)
             means[name] = {**_json(estimate._replace(low=low, high=high), "error"), "ratings": int(mine.sum())}
@@ -113,7 +114,7 @@ def _opinion(ratings: Ratings, key: Key) -> dict[str, Any]:
 def _preference(choices: Choices, key: Key) -> dict[str, Any]:
     """Compute shares of pairs of systems, and strengths."""
     rows = []
-    for first, second in pairs(range(len(key.systems))):
+    for first, second in itertools.combinations(range(len(key.systems)), 2):
         mine = choices.where((choices.first == first) & (choices.second == second))
         if len(mine.outcome):
             names = {"first": key.systems[first], "second": key.systems[second]}
@@ -124,13 +125,13 @@ def _preference(choices: Choices, key: Key) -> dict[str, Any]:
         return found
     result = bradley_terry.estimate(decided, len(key.systems))
     names = [key.systems[index] for index in result.systems]
-    for number, name in enumerate(names):
-        one = Estimate(*(np.asarray(column)[number] for column in result.strengths))
+    for at, name in enumerate(names):
+        one = Estimate(*(np.asarray(column)[at] for column in result.strengths))
         elo = bradley_terry.ELO_CENTRE + bradley_terry.ELO_PER_LOGIT * one.value
         found["strengths"][name] = {
             **_json(one, "error"),
             "elo": _number(elo),
-            "is_finite": bool(result.finite[number]),
+            "is_finite": bool(result.finite[at]),
         }
     return {
         **found,
@@ -143,8 +144,8 @@ def _preference(choices: Choices, key: Key) -> dict[str, Any]:
 def _mismatch(choices: Choices, key: Key) -> dict[str, Any]:
     """Compute the share of matched motion for each system."""
     rows = []
-    for number, name in enumerate(key.systems):
-        mine = choices.where(choices.first == number)
+    for at, name in enumerate(key.systems):
+        mine = choices.where(choices.first == at)
         if len(mine.outcome):
             rows.append({"system": name, **_share(share(mine))})
     return {"systems": _with_holm(rows)}
@@ -195,6 +196,6 @@ def _with_holm(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     defined = [row for row in rows if row["p"] is not None]
     corrected: Mapping[int, float] = {}
     if defined:
-        values = multipletests([row["p"] for row in defined], alpha=1 - LEVEL, method="holm")[1]
+        values = np.asarray(multipletests([row["p"] for row in defined], alpha=1 - LEVEL, method="holm")[1])
         corrected = {id(row): float(value) for row, value in zip(defined, values, strict=True)}
     return [{**row, "p_holm": number(corrected.get(id(row), math.nan))} for row in rows]

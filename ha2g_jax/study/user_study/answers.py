@@ -164,8 +164,7 @@ def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
 
 def _answers(content: Mapping[str, Any], key: Key) -> Iterator[Answer]:
     items = {item.id: item for item in key.items}
-    given = content.get("answers")
-    _check(isinstance(given, list), "answers are not a list")
+    given = _list(content.get("answers"), "answers are not a list")
     _check(len(given) <= len(items), f"{len(given)} answers, but the study has {len(items)} items")
     seen: dict[str, str] = {}
     for value in given:
@@ -175,8 +174,8 @@ def _answers(content: Mapping[str, Any], key: Key) -> Iterator[Answer]:
         _check(name not in seen, f"item {name} is answered twice")
         seen[name] = items[name].kind
         yield _answer(value, items[name], key)
-    order = content.get("order")
-    _check(isinstance(order, list) and len(order) <= len(items), "order is not a list of items")
+    order = _list(content.get("order"), "order is not a list")
+    _check(len(order) <= len(items), f"an order of {len(order)} items, but the study has {len(items)}")
     order = [_id(name, "item of the order") for name in order]
     _check(set(order) <= items.keys(), "order has an unknown item")
     missing = [name for name in order if name not in seen]
@@ -201,7 +200,7 @@ def _answer(value: Mapping[str, Any], item: Item, key: Key) -> Answer:
         _check(value.get("stimulus") == item.stimuli[0], f"{where} has another stimulus than in the study")
         if item.kind == ATTENTION:
             return Answer(item, ratings=(_point(value.get("answer"), where, key),))
-        ratings = value.get("ratings")
+        ratings = value.get("ratings", {})
         _check(isinstance(ratings, dict), f"{where}: ratings are not an object")
         _check(set(ratings) == set(key.scales), f"{where}: ratings are not those of {', '.join(key.scales)}")
         return Answer(item, ratings=tuple(_point(ratings[scale], where, key) for scale in key.scales))
@@ -216,6 +215,11 @@ def _answer(value: Mapping[str, Any], item: Item, key: Key) -> Answer:
 def _point(value: Any, where: str, key: Key) -> int:
     low, high = key.points
     _check(type(value) is int and low <= value <= high, f"{where}: not a whole number from {low} to {high}")
+    return value
+
+
+def _list(value: Any, what: str) -> list[Any]:
+    _check(isinstance(value, list), what)
     return value
 
 

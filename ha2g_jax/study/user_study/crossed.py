@@ -36,10 +36,10 @@ class Estimate(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Variance of a statistic over participants or over clips, and how many of them there are."""
+    """Variance of a statistic over participants or over clips, and the number of these."""
 
     variance: np.ndarray
-    count: np.ndarray
+    size: np.ndarray
 
 
 def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
@@ -75,7 +75,7 @@ def crossed(
         least: variance that the sum is at least.
         level: confidence level.
     """
-    of_clips = np.where(clips.count > 1, clips.variance, 0.0)
+    of_clips = np.where(clips.size > 1, clips.variance, 0.0)
     variance = participants.variance + of_clips
     freedom = degrees_of_freedom(participants, clips)
     error = np.sqrt(np.maximum(variance, least))
@@ -89,11 +89,11 @@ def crossed(
 
 def degrees_of_freedom(participants: Spread, clips: Spread) -> np.ndarray:
     """Return the degrees of freedom of the sum of two variances; see `crossed`."""
-    of_clips = np.where(clips.count > 1, clips.variance, 0.0)
-    squares = np.square(participants.variance) / np.maximum(participants.count - 1, 1)
-    squares = squares + np.square(of_clips) / np.maximum(clips.count - 1, 1)
+    of_clips = np.where(clips.size > 1, clips.variance, 0.0)
+    squares = np.square(participants.variance) / np.maximum(participants.size - 1, 1)
+    squares = squares + np.square(of_clips) / np.maximum(clips.size - 1, 1)
     total = np.square(participants.variance + of_clips)
-    return np.where(squares > 0, total / np.where(squares > 0, squares, 1.0), np.maximum(participants.count - 1, 1))
+    return np.where(squares > 0, total / np.where(squares > 0, squares, 1.0), np.maximum(participants.size - 1, 1))
 
 
 def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:

@@ -51,8 +51,8 @@ def system_differences(
     without_clip = []
     for clip in range(counts.shape[2]):
         left = np.arange(counts.shape[2]) != clip
-        equations = _normal_equations(counts[..., left], sums[..., left])
-        without_clip.append(_solve(*(each.sum(0)[None] for each in equations), num_systems)[0])
+        blocks, rights = _normal_equations(counts[..., left], sums[..., left])
+        without_clip.append(_solve(blocks.sum(0)[None], rights.sum(0)[None], num_systems)[0])
     return crossed(value, jackknife(without_participant.T), jackknife(np.array(without_clip).T))
 
 
@@ -87,8 +87,8 @@ def _solve(matrices: np.ndarray, rights: np.ndarray, num_systems: int) -> np.nda
     first, second = np.array(list(itertools.combinations(range(num_systems), 2)), int).reshape(-1, 2).T
     contrasts = np.zeros((len(first), matrices.shape[-1]))
     contrasts[np.arange(len(first)), first], contrasts[np.arange(len(first)), second] = 1, -1
-    # The equations are singular, as a constant can move from the systems to the clips; a small ridge fixes it, and shows
-    # in the weights of a contrast that the equations do not determine.
+    # The equations are singular, as a constant can move from the systems to the clips; a small ridge fixes it, and
+    # shows in the weights of a contrast that the equations do not determine.
     ridge = _RIDGE * (1 + matrices.trace(axis1=1, axis2=2)[:, None, None]) * np.eye(matrices.shape[-1])
     weights = np.linalg.solve(matrices + ridge, contrasts.T).transpose(0, 2, 1)  # (batch, pairs, S + C)
     is_determined = np.abs(weights @ matrices - contrasts).max(-1, initial=0.0) < _TOLERANCE

@@ -216,13 +216,17 @@ def _logit_spread(share: float, sd: float) -> float:
         nodes, weights = _nodes()
         return float(weights @ np.square(special.expit(_centre(share, spread) + spread * nodes) - share)) - sd**2
 
-    return float(optimize.brentq(excess, 0, 20))
+    return float(optimize.root_scalar(excess, bracket=(0, 20)).root)
 
 
 def _centre(share: float, spread: float) -> float:
     """Return the mean of normal logits whose shares have a mean."""
     nodes, weights = _nodes()
-    return float(optimize.brentq(lambda mean: float(weights @ special.expit(mean + spread * nodes)) - share, -60, 60))
+
+    def excess(mean: float) -> float:
+        return float(weights @ special.expit(mean + spread * nodes)) - share
+
+    return float(optimize.root_scalar(excess, bracket=(-60, 60)).root)
 
 
 @functools.cache

@@ -69,7 +69,7 @@ def _head(results: Mapping[str, Any]) -> Section:
 def _opinion(opinion: Mapping[str, Any]) -> list[Section]:
     scales = opinion["scales"]
     systems = list(next(iter(scales.values()))["means"])
-    rows = [("system", *scales, "ratings")]
+    rows: list[Sequence[str]] = [("system", *scales, "ratings")]
     for system in systems:
         mine = [scale["means"][system] for scale in scales.values()]
         rows.append((system, *map(_interval, mine), str(mine[0]["ratings"])))
@@ -94,7 +94,7 @@ def _opinion(opinion: Mapping[str, Any]) -> list[Section]:
 
 
 def _preference(preference: Mapping[str, Any]) -> Section:
-    rows = [("first", "second", "first / equal / second", "share of the first [95 %]", *_TESTS)]
+    rows: list[Sequence[str]] = [("first", "second", "first / equal / second", "share of the first [95 %]", *_TESTS)]
     for one in preference["pairs"]:
         rows.append((one["first"], one["second"], _counts(one), *_tests(one)))
     parts: list[str | Table | Chart] = [texts.PREFERENCE, Table(rows)]
@@ -122,7 +122,7 @@ def _preference(preference: Mapping[str, Any]) -> Section:
 
 
 def _mismatch(mismatch: Mapping[str, Any]) -> Section:
-    rows = [("system", "matched / equal / mismatched", "share of matched [95 %]", *_TESTS)]
+    rows: list[Sequence[str]] = [("system", "matched / equal / mismatched", "share of matched [95 %]", *_TESTS)]
     for one in mismatch["systems"]:
         rows.append((one["system"], _counts(one), *_tests(one)))
     label = "Share of choices for the motion with its own speech, with 95 % intervals"
@@ -132,7 +132,7 @@ def _mismatch(mismatch: Mapping[str, Any]) -> Section:
 
 
 def _agreement(agreement: Mapping[str, Any]) -> Section:
-    rows = [("answers", "Fleiss' kappa [95 %]", "items", "answers per item")]
+    rows: list[Sequence[str]] = [("answers", "Fleiss' kappa [95 %]", "items", "answers per item")]
     for name, one in agreement.items():
         rows.append((name, _interval(one), str(one["items"]), f"{one['answers_per_item']:.1f}"))
     return Section("Agreement", [texts.AGREEMENT, Table(rows)])
@@ -141,7 +141,7 @@ def _agreement(agreement: Mapping[str, Any]) -> Section:
 def _exclusions(results: Mapping[str, Any]) -> Section:
     if not results["excluded"]:
         return Section("Excluded", ["Nothing was excluded."])
-    rows = [(one["file"], one["participant"] or "-", one["reason"]) for one in results["excluded"]]
+    rows: list[Sequence[str]] = [(one["file"], one["participant"] or "-", one["reason"]) for one in results["excluded"]]
     return Section("Excluded", [texts.EXCLUDED, Table([("file", "participant", "reason"), *rows])])
 
 

@@ -1,5 +1,6 @@
 """The number of participants that a study needs, for standard deviations that are given or those of a pilot study."""
 
+import itertools
 import math
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.study.user_study import power
 from ha2g_jax.study.user_study.answers import read_answers
 from ha2g_jax.study.user_study.crossed import LEVEL, ratio
-from ha2g_jax.study.user_study.differences import pairs
 from ha2g_jax.study.user_study.key import MISMATCH, PREFERENCE, Key
 from ha2g_jax.study.user_study.observations import Choices, Ratings, mismatches_of, preferences_of, ratings_of
 from ha2g_jax.study.user_study.power import Plan, Spreads
@@ -136,7 +136,7 @@ def _of_ratings(ratings: Ratings) -> tuple[list[tuple[float, float, float]], flo
     """Return the variances of differences between systems on the same clip, for each pair and scale."""
     found = []
     shape = (ratings.participant.max(initial=0) + 1, ratings.clip.max(initial=0) + 1)
-    for first, second in pairs(range(len(ratings.systems))):
+    for first, second in itertools.combinations(range(len(ratings.systems)), 2):
         for scores in ratings.scores.T:
             tables = []
             for system in (first, second):
@@ -174,7 +174,7 @@ def _components(values: np.ndarray, participants: np.ndarray, clips: np.ndarray,
 
 
 def _rest(values: np.ndarray, participants: np.ndarray, clips: np.ndarray) -> float | None:
-    """Return the variance around additive effects of participants and clips; None if the answers do not determine it."""
+    """Return the variance around effects of participants and clips; None if the answers do not determine it."""
     columns = [groups[:, None] == np.unique(groups) for groups in (participants, clips)]
     design = np.concatenate(columns, axis=1).astype(float)
     freedom = len(values) - (np.linalg.matrix_rank(design) if len(values) else 0)

@@ -48,18 +48,19 @@ def share(choices: Choices) -> Share:
     first, equal, second = (int((choices.outcome == outcome).sum()) for outcome in (1, 0, -1))
     decided = first + second
     if not decided:
-        return Share(first, equal, second, *[np.nan] * 7, 0.5 if equal else np.nan)
+        none = np.nan
+        return Share(first, equal, second, none, none, none, none, none, none, none, 0.5 if equal else none)
     kept = choices.where(choices.outcome != 0)
-    spreads = [
+    participants, clips = (
         ratio(np.bincount(group, kept.outcome == 1), np.bincount(group)) for group in (kept.participant, kept.clip)
-    ]
-    low, high, p = interval(np.asarray(first / decided), np.asarray(decided), *spreads)
+    )
+    low, high, p = interval(np.asarray(first / decided), np.asarray(decided), participants, clips)
     test = stats.binomtest(first, decided)
     exact = test.proportion_ci(LEVEL, method="exact")
     with_half = (first + equal / 2) / (decided + equal)
-    bounds = (float(low), float(high), float(p))
     return Share(
-        first, equal, second, first / decided, *bounds, exact.low, exact.high, float(test.pvalue), with_half
+        *(first, equal, second, first / decided, float(low), float(high), float(p)),
+        *(exact.low, exact.high, float(test.pvalue), with_half),
     )
 
 
@@ -69,9 +70,9 @@ def interval(
     """Return the bounds and the p-value of a share, for choices that depend on participants and clips.
 
     Korn and Graubard 1998: the interval of Clopper and Pearson for n* choices in place of n, with
-    n* = value (1 - value) / variance, and times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees of
-    freedom. n* is at most n. A share of 0 or 1 has no variance: there n* is the number of participants, as if each of
-    them would always choose the same.
+    n* = value (1 - value) / variance, and times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees
+    of freedom. n* is at most n. A share of 0 or 1 has no variance: there n* is the number of participants, as if each
+    of them would always choose the same.
 
     Args:
         value: (...) share.
@@ -84,13 +85,13 @@ def interval(
         Lower bound, upper bound, and the two-sided p-value of a share of a half: twice the smaller tail of the binomial
         distribution, below 1 - level where the interval excludes a half.
     """
-    variance = participants.variance + np.where(clips.count > 1, clips.variance, 0.0)
+    variance = participants.variance + np.where(clips.size > 1, clips.variance, 0.0)
     freedom = degrees_of_freedom(participants, clips)
     tail = (1 - level) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
         quantiles = stats.t.isf(tail, np.maximum(count - 1, 1)) / stats.t.isf(tail, freedom)
         effective = value * (1 - value) / variance * np.square(quantiles)
-        effective = np.where((value == 0) | (value == 1), participants.count, np.minimum(effective, count))
+        effective = np.where((value == 0) | (value == 1), participants.size, np.minimum(effective, count))
         effective = np.where(np.isnan(variance), np.nan, effective)
         first, second = value * effective, (1 - value) * effective
         low = np.where(first > 0, special.betaincinv(first, second + 1, tail), 0.0 * effective)

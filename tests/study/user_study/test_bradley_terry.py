@@ -66,7 +66,9 @@ def test_deletions_are_those_of_new_fits():
         fits = [fit(wins_of(found.where(groups != group), 3) + (1 - np.eye(3)) / 3) for group in np.unique(groups)]
         differences = np.array(fits) @ [1, 0, -1]
         values.append((len(fits) - 1) * differences.var())
-    information = standard_errors(wins_of(found, 3) + (1 - np.eye(3)) / 3, fit(wins_of(found, 3)), np.array([[1, 0, -1]]))
+    information = standard_errors(
+        wins_of(found, 3) + (1 - np.eye(3)) / 3, fit(wins_of(found, 3)), np.array([[1, 0, -1]])
+    )
     expected = max(np.sqrt(sum(values)), information[0])
     assert estimate(found, 3).differences.error[1] == pytest.approx(expected, rel=0.05)
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from fixtures.simulated_study import make_answers, write_study
 from scipy import stats
 
 pytest.importorskip("choix")
@@ -59,13 +60,18 @@ def test_power_grows_with_participants_and_the_smallest_number_is_found():
     )
     assert found.smallest is not None and found.rows[found.smallest] >= 0.8 > found.rows[found.smallest - 1]
     assert found.rows[5] < found.rows[10] < found.rows[found.smallest]
-    assert power.find(
-        power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, most=200, simulations=400, seed=0
-    ) == found
+    assert (
+        power.find(
+            power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, most=200, simulations=400, seed=0
+        )
+        == found
+    )
 
 
 def test_more_participants_do_not_replace_clips():
-    found = power.find(power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, most=60, simulations=200, seed=0)
+    found = power.find(
+        power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, most=60, simulations=200, seed=0
+    )
     assert found.smallest is None and max(found.rows) == 60
 
 
@@ -94,9 +100,9 @@ def test_numbers_out_of_range(make):
         make()
 
 
-def test_a_pilot_gives_the_spreads_that_made_it(study, tmp_path):
+def test_a_pilot_gives_the_spreads_that_made_it(tmp_path):
     """40 participants, 12 clips: between participants 0.6 (difference of two times 0.42), rest 0.6 with rounding."""
-    key = study.write(tmp_path, 0, num_systems=2, num_clips=12)
+    key = write_study(tmp_path, 0, num_systems=2, num_clips=12)
     for number in range(40):
         random = np.random.default_rng(number)
         own = random.normal(0, 0.6 / np.sqrt(2), 2)
@@ -104,21 +110,23 @@ def test_a_pilot_gives_the_spreads_that_made_it(study, tmp_path):
         def score(system, clip, own=own, random=random):
             return 3.2 - 0.3 * system + own[system] + random.normal(0, 0.6)
 
-        content = study.answers(key, f"p{number}", random, score=score, matched=0.5 + 0.3 * (number % 2), equal=0.25)
+        content = make_answers(key, f"p{number}", random, score=score, matched=0.5 + 0.3 * (number % 2), equal=0.25)
         (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
     pilot = read_pilot("mos", [tmp_path / "answers"], key).spreads
     assert pilot.participants == pytest.approx(0.6, abs=0.12) and pilot.clips < 0.12
     assert pilot.rest == pytest.approx(np.hypot(0.6, 1 / np.sqrt(12)), abs=0.06)
     shares = read_pilot("mismatch", [tmp_path / "answers"], key)
-    assert shares.spreads.participants == pytest.approx(0.15, abs=0.06) and shares.equal == pytest.approx(0.25, abs=0.04)
+    assert shares.spreads.participants == pytest.approx(0.15, abs=0.06) and shares.equal == pytest.approx(
+        0.25, abs=0.04
+    )
 
 
-def test_command(study, tmp_path, capsys):
+def test_command(tmp_path, capsys):
     arguments = ["study", "power", "mos", "--difference", "0.5", "--simulations", "100", "--most", "60"]
     spreads = ["--sd-participants", "0.3", "--sd-clips", "0.1", "--sd-rest", "0.8"]
     assert cli.main([*arguments, *spreads]) == 0
     assert "participants reach a power of 0.8" in capsys.readouterr().out
-    study.write(tmp_path, 6)
+    write_study(tmp_path, 6)
     pilot = ["--pilot", str(tmp_path / "answers"), "--study", str(tmp_path / "study")]
     assert cli.main([*arguments, *pilot, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["standard_deviations"]["rest"] > 0.3
@@ -126,6 +134,6 @@ def test_command(study, tmp_path, capsys):
     assert cli.main(share) == 0
     for wrong in (arguments, [*share, "--sd-rest", "1"], ["study", "power", "mos", "--share", "0.6"], share[:-2]):
         assert cli.main(wrong) == 2
-    study.write(tmp_path / "one", 1)
+    write_study(tmp_path / "one", 1)
     one = ["--pilot", str(tmp_path / "one" / "answers"), "--study", str(tmp_path / "one" / "study")]
     assert cli.main([*arguments, *one]) == 2 and "too few answers" in capsys.readouterr().err

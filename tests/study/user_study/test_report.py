@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from fixtures.simulated_study import make_answers, write_study
 
 pytest.importorskip("statsmodels")
 pytest.importorskip("choix")
@@ -15,12 +16,14 @@ from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.study.user_study import analysis, writing
 
-HOSTILE = "<script>alert(1)</script> <img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](//z) | `a` \u202e\x07 --> $x$"
+HOSTILE = (
+    "<script>alert(1)</script> <img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](//z) | `a` \u202e\x07 --> $x$"
+)
 
 
 @pytest.fixture
-def folder(study, tmp_path):
-    study.write(tmp_path, 6, title="Gestures <b>of</b> $body")
+def folder(tmp_path):
+    write_study(tmp_path, 6, title="Gestures <b>of</b> $body")
     return tmp_path
 
 
@@ -28,9 +31,9 @@ def run(folder):
     return analysis.analyse([folder / "answers"], folder / "study")
 
 
-def add(folder, study, name, **changes):
+def add(folder, name, **changes):
     key = analysis.read_study(folder / "study")
-    content = study.answers(key, name, np.random.default_rng(99)) | changes
+    content = make_answers(key, name, np.random.default_rng(99)) | changes
     (folder / "answers" / f"{name}.json").write_text(json.dumps(content))
 
 
@@ -50,15 +53,23 @@ class Tags(html.parser.HTMLParser):
         self.text += data
 
 
-def test_the_page_has_all_parts_and_no_script(folder, study):
-    add(folder, study, "hostile", comments=HOSTILE)
+def test_the_page_has_all_parts_and_no_script(folder):
+    add(folder, "hostile", comments=HOSTILE)
     (folder / "answers" / "x<script>alert(2)<!--.json").write_text("{")
     page = writing.write_report(run(folder), folder / "report")
     tags = Tags(page.read_text())
     assert not tags.names & {"script", "iframe", "object", "link", "a"} and tags.names >= {"table", "img", "h2"}
     assert not any(name.startswith("on") for name in tags.attributes)
     assert "default-src 'none'" in page.read_text() and "http" not in page.read_text().replace("http-equiv", "")
-    for heading in ("Mean opinion scores", "Differences", "Preferences", "Matched", "Agreement", "Excluded", "Comments"):
+    for heading in (
+        "Mean opinion scores",
+        "Differences",
+        "Preferences",
+        "Matched",
+        "Agreement",
+        "Excluded",
+        "Comments",
+    ):
         assert heading in tags.text
     assert "<script>alert(1)</script> <img src=x onerror=alert(1)>" in tags.text and "\u202e" not in page.read_text()
     assert "Gestures <b>of</b> $body" in tags.text and "x<script>alert(2)<!--.json" in tags.text
@@ -69,8 +80,8 @@ def test_the_page_has_all_parts_and_no_script(folder, study):
         assert f"]({name})" in (folder / "report" / "report.md").read_text()
 
 
-def test_markdown_shows_free_text_as_it_is(folder, study):
-    add(folder, study, "hostile", comments=HOSTILE)
+def test_markdown_shows_free_text_as_it_is(folder):
+    add(folder, "hostile", comments=HOSTILE)
     text = writing.as_markdown(run(folder))
     assert "<script" not in text and "<img" not in text and "\x07" not in text
     (row,) = (line for line in text.splitlines() if line.startswith("| hostile"))
@@ -97,8 +108,8 @@ def test_numbers_of_a_report(folder):
 
 @pytest.mark.parametrize("num_participants", [1, 2])
 @pytest.mark.parametrize("settings", [{"num_systems": 1}, {"num_clips": 2}, {"per_participant": {"rating": 3}}])
-def test_small_studies(settings, num_participants, study, tmp_path):
-    study.write(tmp_path, num_participants, **settings)
+def test_small_studies(settings, num_participants, tmp_path):
+    write_study(tmp_path, num_participants, **settings)
     results = run(tmp_path)
     page = writing.as_html(results)
     assert len(results["participants"]) == num_participants
@@ -114,11 +125,11 @@ def test_nobody_is_left(folder):
     assert "nothing to analyse" in writing.as_html(results) and results["opinion"] is None
 
 
-def test_a_system_that_is_never_chosen(study, tmp_path):
-    key = study.write(tmp_path, 0)
+def test_a_system_that_is_never_chosen(tmp_path):
+    key = write_study(tmp_path, 0)
     for number in range(8):
         random = np.random.default_rng(number)
-        content = study.answers(key, f"p{number}", random, prefer=lambda first, second: 1.0 if second == 2 else 0.6)
+        content = make_answers(key, f"p{number}", random, prefer=lambda first, second: 1.0 if second == 2 else 0.6)
         (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
     results = run(tmp_path)
     worst = results["preference"]["strengths"]["system c"]
@@ -126,10 +137,10 @@ def test_a_system_that_is_never_chosen(study, tmp_path):
     assert "no bound" in writing.as_markdown(results) and "Always or never preferred" in writing.as_markdown(results)
 
 
-def test_choices_for_neither_alone(study, tmp_path):
-    key = study.write(tmp_path, 0)
+def test_choices_for_neither_alone(tmp_path):
+    key = write_study(tmp_path, 0)
     for number in range(3):
-        content = study.answers(key, f"p{number}", np.random.default_rng(number), equal=1.0)
+        content = make_answers(key, f"p{number}", np.random.default_rng(number), equal=1.0)
         (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
     results = run(tmp_path)
     assert results["preference"]["pairs"][0]["value"] is None and "no strengths" in writing.as_markdown(results)
