@@ -10,8 +10,10 @@ systems differ by participant and by clip, too.
 """
 
 import argparse
+import json
+import sys
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import optimize, special, stats
@@ -139,20 +141,27 @@ def main() -> None:
     """Print the table of docs/user_study_analysis.md."""
     parser = argparse.ArgumentParser(description="Measure how often intervals of user studies hold the truth.")
     parser.add_argument("--studies", type=int, default=1000, metavar="N", help="studies of each design (default: 1000)")
-    studies = parser.parse_args().studies
-    print(
-        "| statistic | participants | clips | systems | items | independent | varied |\n|---|---|---|---|---|---|---|"
-    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    arguments = parser.parse_args()
+    rows = []
     for name, trial in TRIALS.items():
         for design in DESIGNS:
-            if trial is matched and design.systems > 2:
-                continue
-            shares = [
-                measure(trial, design, opinions if trial is opinion else logits, studies)[0]
-                for opinions, logits in VARIATIONS.values()
-            ]
-            sizes = ("all" if size is None else str(size) for size in design)
-            print("|", " | ".join([name, *sizes, *(f"{each:.3f}" for each in shares)]), "|", flush=True)
+            if trial is matched:
+                if design.systems > 2:
+                    continue
+                design = Design(design.participants, design.clips, systems=1)
+            row: dict[str, Any] = {"statistic": name, **design._asdict()}
+            for variation, (opinions, logits) in VARIATIONS.items():
+                spread = opinions if trial is opinion else logits
+                row[variation] = round(measure(trial, design, spread, arguments.studies)[0], 4)
+            rows.append(row)
+            print(f"{name}, {design}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps(rows, indent=1))
+        return
+    print(f"| {' | '.join(rows[0])} |\n|{'---|' * len(rows[0])}")
+    for row in rows:
+        print(f"| {' | '.join('all' if value is None else str(value) for value in row.values())} |")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ def fleiss_kappa(table: np.ndarray) -> np.ndarray:
 
     P is the mean over items of the share of pairs of answers that agree, sum_j n_ij (n_ij - 1) / (n_i (n_i - 1)), and
     P_e = sum_j p_j^2 with p_j the mean over items of n_ij / n_i. Fleiss 1971 has the same number of answers n_i for all
-    items; with other numbers these are the means of Gwet 2014, chapter 2, and items with fewer than two answers do not
+    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not
     count.
 
     Args:

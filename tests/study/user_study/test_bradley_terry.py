@@ -10,7 +10,7 @@ from ha2g_jax.study.user_study.observations import Choices
 
 # Agresti, Categorical Data Analysis, Table 10.10: the American League of 1987, wins of the row over the column. The
 # estimates relative to Baltimore are printed there to two places, and with standard errors in Turner and Firth 2012
-# (Journal of Statistical Software 48(9)), section 2, the model without the advantage of the home team.
+# (Journal of Statistical Software 48(9)), the model without the advantage of the home team.
 TEAMS = ("Milwaukee", "Detroit", "Toronto", "New York", "Boston", "Cleveland", "Baltimore")
 WINS = [
     *([0, 7, 9, 7, 7, 9, 11], [6, 0, 7, 5, 11, 9, 9], [4, 6, 0, 7, 7, 8, 12], [6, 8, 6, 0, 6, 7, 10]),
