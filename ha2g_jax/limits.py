@@ -246,3 +246,9 @@ MAX_POSED_JOINTS = 6_000_000
 
 MAX_FACE_VALUES = 400
 """Values of a face in a frame: weights of expressions; FLAME has 100."""
+
+MAX_ANSWER_BYTES = 1 << 20
+"""Bytes of the answers of a participant in a user study; an item takes about 200."""
+
+MAX_ANSWER_FILES = 10_000
+"""Answer files that are analysed together."""

@@ -15,6 +15,7 @@ import jax
 import numpy as np
 import pytest
 import soundfile
+from fixtures.simulated_study import write_study
 
 from ha2g_jax import cli, launch, presets
 from ha2g_jax.checkpoint import model_folder
@@ -83,6 +84,7 @@ DEBUG = (
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
     (r"^study make .*", r"\g<0> --size 64"),
     (r"^video .*", r"\g<0> --size 64x64"),
+    (r"^study power .*", r"\g<0> --simulations 20"),
     (r"^live (?!.*--checkpoint)(.*?)(?: --fast)?$", r"live \1 --checkpoint runs/talk --fast"),
 )
 
@@ -189,6 +191,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     shutil.copy(folder / "speech.srt", folder / "take.srt")
     shutil.copy(ROOT / "ha2g_jax" / "assets" / "joint_maps" / "ha2g.yaml", folder / "my_joints.yaml")
     (folder / "consent.txt").write_text("I take part.\n")
+    write_study(folder / "my_study")
     write_smplx(folder)
     write_ted(folder / "ted_dataset")
     write_corpora(folder, tiny_talk)

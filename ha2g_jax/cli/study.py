@@ -4,6 +4,7 @@ import argparse
 import pathlib
 from typing import Any
 
+from ha2g_jax.cli import study_analysis
 from ha2g_jax.cli.data import positive
 from ha2g_jax.cli.parser import add_reading, read_seed
 
@@ -16,6 +17,7 @@ def add_command(commands: Any) -> None:
     study.description = "Studies in which people watch motion in a browser and judge it; see docs/user_study.md."
     parts = study.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_make(parts)
+    study_analysis.add_commands(parts)
 
 
 def _add_make(commands: Any) -> None:
