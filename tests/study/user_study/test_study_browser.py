@@ -15,6 +15,7 @@ import subprocess
 import pytest
 from fixtures.browser import drive
 
+from ha2g_jax.study.user_study.answers import read_answers
 from ha2g_jax.study.user_study.key import read_key
 from ha2g_jax.study.user_study.site import read_wording, write_site
 
@@ -103,6 +104,15 @@ def test_the_keyboard_is_enough(seen):
         else:
             assert answer.get("answer", answer.get("choice")) in (4, "right")
     assert "in a file" in seen["keyboardStatus"]
+
+
+def test_the_analysis_reads_what_the_page_writes(seen, tmp_path):
+    """Nothing but a failed attention check keeps a session out."""
+    for name, text in (("mouse", seen["posted"][0]["text"]), ("keyboard", seen["keyboard"]["text"])):
+        (tmp_path / f"{name}.json").write_text(text)
+    found = read_answers([tmp_path], seen["key"])
+    assert len(found.participants) + len(found.excluded) == 2
+    assert all(each.reason.startswith("failed ") for each in found.excluded)
 
 
 def test_nothing_is_answered_before_the_clip_was_seen(seen):
