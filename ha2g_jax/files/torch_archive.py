@@ -149,7 +149,7 @@ class _Archive:
         content = self._bytes[start : start + entry.file_size]
         if len(content) < entry.file_size:
             raise EOFError("it ends early")
-        if zlib.crc32(content) != entry.CRC:
+        if zlib.crc32(content.data) != entry.CRC:
             _refuse(f"bad checksum of {entry.filename[-40:]!r}")
         return content
 
