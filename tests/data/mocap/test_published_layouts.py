@@ -22,9 +22,8 @@ SEAMLESS = "V00_S0809_I00000582_P0947"
 CAPTURE = "c--20250108--1300--DXG448--BWW760--pilot--MotionPrior--ACTING_Adult_Birthday_--103301-103661"
 
 
-@pytest.fixture(scope="module")
-def poses():
-    """Axis-angles (FRAMES, 55, 3) of somebody whose forearms swing."""
+def swinging():
+    """Return axis-angles (FRAMES, 55, 3) of somebody whose forearms swing."""
     swing = np.sin(2 * np.pi * 0.5 * np.arange(FRAMES) / 30)
     poses = np.zeros((FRAMES, 55, 3))
     poses[:, JOINTS.index("left_shoulder"), 2] = -1.3
@@ -33,6 +32,11 @@ def poses():
     poses[:, JOINTS.index("right_elbow"), 1] = 1 - 0.8 * swing
     poses[:, JOINTS.index("right_index_1"), 2] = 0.5
     return poses
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return swinging()
 
 
 @pytest.fixture(scope="module")
@@ -60,15 +64,13 @@ def _segments():
     return [{"start": 0.1, "end": SECONDS - 0.4, "transcript": "hands " * SECONDS, "words": words}]
 
 
-@pytest.fixture
-def seamless(poses, tmp_path):
-    """A person whom a camera saw: y down, centimetres."""
-    folder = tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005"
-    _sound(folder / f"{SEAMLESS}.wav")
+def write_seamless(folder, poses, name=SEAMLESS):
+    """Write a person whom a camera saw: y down, centimetres."""
+    _sound(folder / f"{name}.wav")
     turned = poses.copy()
     turned[:, 0] = (Rotation.from_rotvec([np.pi, 0, 0]) * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
     np.savez(
-        folder / f"{SEAMLESS}.npz",
+        folder / f"{name}.npz",
         **{
             "smplh:global_orient": turned[:, 0].astype(np.float32),
             "smplh:body_pose": turned[:, 1:22].astype(np.float32),
@@ -79,15 +81,12 @@ def seamless(poses, tmp_path):
             "movement:emotion_arousal": np.zeros((FRAMES, 1)),
         },
     )
-    content = {"id": SEAMLESS, "metadata:transcript": _segments(), "metadata:vad": [{"start": 0.1, "end": 11}]}
-    (folder / f"{SEAMLESS}.json").write_text(json.dumps(content))
-    return tmp_path / "seamless"
+    content = {"id": name, "metadata:transcript": _segments(), "metadata:vad": [{"start": 0.1, "end": 11}]}
+    (folder / f"{name}.json").write_text(json.dumps(content))
 
 
-@pytest.fixture
-def embody(poses, tmp_path):
-    """A capture of two people, of whom one has no audio."""
-    capture = tmp_path / "datasets" / "acting" / CAPTURE
+def write_embody(section, poses, people=("BWW760", "DXG448"), silent=("DXG448",)):
+    """Write a capture of some people, of whom some have no audio."""
     arrays = {
         "body_pose": poses[:, 1:22].reshape(FRAMES, -1),
         "global_orient": poses[:, 0],
@@ -96,14 +95,27 @@ def embody(poses, tmp_path):
         "transl": np.linspace([0, 0, 0], [0.1, 0, 0], FRAMES),
         "betas": np.zeros((FRAMES, 300)),
     }
-    for person in ("BWW760", "DXG448"):
-        for name, array in arrays.items():
-            (capture / person / f"smplx_mesh_{name}").mkdir(parents=True)
-            np.save(capture / person / f"smplx_mesh_{name}" / f"{CAPTURE}.npy", array)
-        (capture / person / "missing").mkdir()
-        np.save(capture / person / "missing" / f"{CAPTURE}.npy", _good())
-    _sound(capture / "BWW760" / "separated_audio" / f"{CAPTURE}.wav")
-    (capture.parent / "dataset.json").write_text("{}")
+    for person in people:
+        folder = section / CAPTURE / person
+        for name, array in [*((f"smplx_mesh_{name}", array) for name, array in arrays.items()), ("missing", _good())]:
+            (folder / name).mkdir(parents=True)
+            np.save(folder / name / f"{CAPTURE}.npy", array)
+        if person not in silent:
+            _sound(folder / "separated_audio" / f"{CAPTURE}.wav")
+    (section / "dataset.json").write_text("{}")
+
+
+@pytest.fixture
+def seamless(poses, tmp_path):
+    """A folder of Seamless Interaction."""
+    write_seamless(tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005", poses)
+    return tmp_path / "seamless"
+
+
+@pytest.fixture
+def embody(poses, tmp_path):
+    """A folder of Embody 3D."""
+    write_embody(tmp_path / "datasets" / "acting", poses)
     return tmp_path / "datasets"
 
 
