@@ -276,7 +276,7 @@ def write_recipes(folder):
 
 def write_corpora(folder, tiny_talk):
     """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
-    for name in ("DST", "corpora/video", "talk-v3"):
+    for name in ("DST", "corpora/video", "corpora/own_all", "talk-v3"):
         (folder / name).symlink_to(tiny_talk)
     write = functions_of("test_merge.py")
     for name in ("ONE", "TWO"):
