@@ -52,6 +52,8 @@ PARSED_ONLY = {
     "serve": "runs until it is stopped; tests/serve runs it",
     "web": "needs node, and npm with its registry; tests/web runs it",
 }
+# Of the recipes the imports and what is done with the corpora run; training and scores are those of other pages.
+RECIPES = "docs/recipes/"
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}
 
@@ -104,6 +106,8 @@ def commands_to_run():
         found[page] = []
         for command in commands:
             made = debug_size(command)
+            if page.startswith(RECIPES) and command[0] != "data":
+                continue
             if pathlib.Path(page).name in OF_THE_READER or shlex.join(command).startswith(tuple(PARSED_ONLY)):
                 continue
             if made not in seen:
@@ -166,11 +170,18 @@ MOTIONS = (
     *("out/demo.npz", "out/mine.npz", "mine.npz", "speech_gestures.npz", "generated.npz"),
     *(f"{folder}/{name}.npz" for folder in ("my_system", "MINE", "THEIRS", "TRUE") for name in NAMES),
 )
-CAPTURED = ("captured.bvh", "SPEAKER.bvh", "take.bvh", *(f"recordings/{name}.bvh" for name in NAMES))
+PEOPLE = ("one", "two", "three")  # as many recordings as there are splits
+OF_RECIPES = tuple(f"{folder}/{name}" for folder in ("zeroeggs/clean", "twh") for name in PEOPLE)
+CAPTURED = (
+    *("captured.bvh", "SPEAKER.bvh", "take.bvh"),
+    *(f"recordings/{name}.bvh" for name in NAMES),
+    *(f"{name}.bvh" for name in OF_RECIPES),
+)
 SOUNDS = {"my.wav": 12} | dict.fromkeys(  # a recording is scored from 10 seconds on
     (
         *("examples/hello.wav", "speech.wav", "my_speech.wav", "take_mic.wav"),
         *(f"{folder}/{name}.wav" for folder in ("recordings", "TRUE") for name in NAMES),
+        *(f"{name}.wav" for name in OF_RECIPES),
     ),
     SECONDS,
 )
@@ -194,6 +205,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     write_study(folder / "my_study")
     write_smplx(folder)
     write_ted(folder / "ted_dataset")
+    write_recipes(folder)
     write_corpora(folder, tiny_talk)
     model_folder.save(folder / "runs" / "talk", debug_model.config, debug_model.assets, debug_model.variables)
     shutil.copytree(folder / "runs" / "talk", folder / "runs" / "demo" / "best")
@@ -246,9 +258,30 @@ def write_ted(folder):
         write["_write_database"](folder / split, [write["_make_video"](f"video of {split}", joints=43)])
 
 
+def write_recipes(folder):
+    """Write files in the layouts of the collections that the recipes speak of, beside those of `CAPTURED`."""
+    beat, root = functions_of("mocap/test_import_smplx.py"), folder / "BEAT2" / "beat_english_v2.0.0"
+    for number, name in enumerate(PEOPLE, start=1):
+        stem = f"{number}_{name}_0_1_1"
+        beat["_motion"](root / "smplxflame_30" / f"{stem}.npz")
+        beat["_speech"](root / "wave16k" / f"{stem}.wav", root / "textgrid" / f"{stem}.TextGrid")
+    layouts = functions_of("mocap/test_published_layouts.py")
+    poses = layouts["swinging"]()
+    for number, split in enumerate(("dev", "train")):
+        name = f"V00_S0809_I00000582_P{number}"
+        layouts["write_seamless"](folder / "seamless_interaction" / "improvised" / split / "0000", poses, name)
+    layouts["write_embody"](folder / "datasets" / "emotions", poses, people=PEOPLE, silent=())
+    write = functions_of("ted/conftest.py")
+    for name, joints, prefix in (("ted_expressive_dataset", 43, ""), ("ted_gesture_dataset", 10, "lmdb_")):
+        for split in ("train", "val", "test"):
+            place = folder / "data" / name / f"{prefix}{split}"
+            place.mkdir(parents=True)
+            write["_write_database"](place, [write["_make_video"](f"video of {split}", joints=joints)])
+
+
 def write_corpora(folder, tiny_talk):
     """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
-    for name in ("DST", "corpora/video", "talk-v3"):
+    for name in ("DST", "corpora/video", "corpora/own_all", "talk-v3"):
         (folder / name).symlink_to(tiny_talk)
     write = functions_of("test_merge.py")
     for name in ("ONE", "TWO"):

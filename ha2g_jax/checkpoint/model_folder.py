@@ -131,14 +131,14 @@ def save(
     with _writing(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise UserError(f"{shown(folder)} exists already; choose another folder or remove it")
-        data = weights.to_bytes(variables, is_exact=is_exact)
-        assets = dataclasses.replace(assets, hash=weights.hash_of(data))
         folder.absolute().parent.mkdir(parents=True, exist_ok=True)
         # The name of the folder may have as many letters as a name can have.
         temporary = pathlib.Path(tempfile.mkdtemp(prefix=".model-", dir=folder.absolute().parent))
         try:
+            found = weights.write(temporary / WEIGHTS, variables, is_exact=is_exact)
+            assets = dataclasses.replace(assets, hash=found)
             write_description(temporary, _settings_of_model(config), assets)
-            (temporary / WEIGHTS).write_bytes(data)
+            (temporary / WEIGHTS).chmod(0o644)
             temporary.chmod(0o755)
             temporary.replace(folder)
         finally:
@@ -275,7 +275,7 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
         speakers = {
             speaker: assets_module.style(record["speakers"][speaker], spec.style_dim) for speaker in assets.speakers
         }
-    assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(weights.to_bytes(variables)))
+    assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(variables))
     return LoadedModel(spec, variables, assets, config)
 
 

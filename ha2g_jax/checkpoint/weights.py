@@ -6,48 +6,66 @@ from typing import Any
 
 import jax
 import numpy as np
+import safetensors
 import safetensors.numpy
 from flax import traverse_util
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor, shapes_of
-from ha2g_jax.limits import MAX_WEIGHTS_BYTES
+from ha2g_jax.limits import MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
 
 Shapes = dict[str, tuple[int, ...]]
 
 _HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
 
 
-def to_bytes(variables: dict[str, Any], *, is_exact: bool = False) -> bytes:
-    """Return variables as the content of a file: float32, or float16 if float32 would take more than 20 MB.
+def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = False) -> str:
+    """Write variables as a file: float32, or float16 if float32 would take more than 20 MB.
+
+    Float32 arrays are written from where they are, without a copy in memory.
 
     Args:
+        path: path of the file.
         variables: {"params", "batch_stats"} of the generator.
         is_exact: whether to store float32 whatever the size.
 
+    Returns:
+        The hash of the file.
+
     Raises:
         UserError: there are more weights than a model folder may have.
+        OSError: the file cannot be written.
     """
+    arrays = _stored(variables, is_exact=is_exact)
+    if (size := sum(array.nbytes for array in arrays.values())) > MAX_WEIGHTS_BYTES - MAX_HEADER_BYTES:
+        raise UserError(
+            f"the weights take {size} bytes, expected at most {MAX_WEIGHTS_BYTES - MAX_HEADER_BYTES}: use a smaller "
+            "model"
+        )
+    try:
+        safetensors.numpy.save_file(arrays, path)
+    except safetensors.SafetensorError as error:  # in place of an OSError, such as that of a full disk
+        raise OSError(str(error)) from error
+    return hash_of_file(path)
+
+
+def hash_of(variables: dict[str, Any]) -> str:
+    """Return the hash that the file of some variables would have."""
+    return hashlib.sha256(safetensors.numpy.save(_stored(variables))).hexdigest()[:16]
+
+
+def _stored(variables: dict[str, Any], *, is_exact: bool = False) -> dict[str, np.ndarray]:
+    """Return variables by name in the type in which a file has them."""
     flat = flatten(jax.tree.map(np.asarray, variables))
     is_small = sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE
     dtype = np.float32 if is_exact or is_small else np.float16
-    data = safetensors.numpy.save({name: np.ascontiguousarray(array, dtype) for name, array in flat.items()})
-    if len(data) > MAX_WEIGHTS_BYTES:
-        raise UserError(
-            f"the weights take {len(data)} bytes, expected at most {MAX_WEIGHTS_BYTES}: use a smaller model"
-        )
-    return data
+    return {name: np.ascontiguousarray(array, dtype) for name, array in flat.items()}
 
 
 def flatten(variables: Any) -> dict[str, Any]:
     """Return nested dicts as one dict, with names such as "params/audio/stem/kernel"."""
     return dict(traverse_util.flatten_dict(variables, sep="/"))
-
-
-def hash_of(data: bytes) -> str:
-    """Return the hash of the content of a file of weights."""
-    return hashlib.sha256(data).hexdigest()[:16]
 
 
 def hash_of_file(path: pathlib.Path) -> str:

@@ -87,7 +87,7 @@ def _import_bvh(arguments: argparse.Namespace) -> None:
 def _add_import_smplx(data: Any) -> None:
     command = data.add_parser("import-smplx", help="import SMPL-X poses or joint positions, with audio and words")
     command.description = (
-        "Import SMPL-X poses (BEAT2) or joint positions. "
+        "Import SMPL-X or SMPL-H poses (BEAT2, Embody 3D, Seamless Interaction) or joint positions. "
         "Audio and transcript of a file lie beside it with the same name."
     )
     _add_motion_arguments(command, "a .npz file, a .npy file of joint positions, or a folder of .npz files")

@@ -82,6 +82,30 @@ def to_clips(
     return clips, report
 
 
+def cut(recording: Recording, start: int, end: int, fps: float) -> Recording:
+    """Return the part of a recording of frames [start, end), with the words that start in it.
+
+    Args:
+        recording: recording.
+        start: first frame.
+        end: last frame + 1.
+        fps: frames per second of the positions.
+    """
+    begin, finish = start / fps, end / fps
+    words = tuple(
+        Word(word.text, word.start - begin, min(word.end, finish) - begin)
+        for word in recording.words
+        if begin <= word.start < finish
+    )
+    return recording._replace(
+        audio=recording.audio[round(begin * SAMPLE_RATE) : round(finish * SAMPLE_RATE)],
+        words=words,
+        positions=recording.positions[start:end],
+        confidence=None if recording.confidence is None else recording.confidence[start:end],
+        start=recording.start + begin,
+    )
+
+
 def _pieces(words: tuple[Word, ...], start: int, end: int, fps: float, longest: float) -> list[tuple[int, int]]:
     """Divide frames [start, end) into pieces of at most `longest` frames, cut in the middle of the longest pauses."""
     if end - start <= longest:
@@ -99,21 +123,16 @@ def _pieces(words: tuple[Word, ...], start: int, end: int, fps: float, longest: 
 
 def _cut(recording: Recording, start: int, end: int, fps: float, number: int) -> Clip:
     """Return the clip of frames [start, end), without windows; a word belongs to the clip in which it starts."""
-    begin, finish = start / fps, end / fps
-    words = [
-        Word(word.text, word.start - begin, min(word.end, finish) - begin)
-        for word in recording.words
-        if begin <= word.start < finish
-    ]
+    part = cut(recording, start, end, fps)
     return Clip(
-        id=f"{recording.name}-{number}",
-        speaker=recording.speaker,
-        audio=recording.audio[round(begin * SAMPLE_RATE) : round(finish * SAMPLE_RATE)],
-        words=tuple(words),
-        positions=recording.positions[start:end],
-        reference_images=recording.reference_images,
-        recording_start=recording.start + begin,
+        id=f"{part.name}-{number}",
+        speaker=part.speaker,
+        audio=part.audio,
+        words=part.words,
+        positions=part.positions,
+        reference_images=part.reference_images,
+        recording_start=part.start,
         window_starts=(),
-        recording=recording.name,
-        confidence=None if recording.confidence is None else recording.confidence[start:end],
+        recording=part.name,
+        confidence=part.confidence,
     )

@@ -7,13 +7,19 @@ An archive is a zip file without compression:
     NAME/byteorder        "little" or "big", if it is there
     NAME/version and other small files, which are not needed
 
-Nothing is unpacked to a disk, and the names in the zip file are compared and never used as paths.
+Nothing is unpacked to a disk, and the names in the zip file are compared and never used as paths. The numbers stay in
+the file, which is mapped into memory: an array is a view of its bytes, so that a tensor takes memory only where it is
+copied, and sizes that the file does not have cannot be asked for.
 """
 
+import io
 import math
+import mmap
 import os
 import pathlib
+import struct
 import zipfile
+import zlib
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,6 +45,8 @@ _TYPES = {
     "ByteStorage": "u1",
     "BoolStorage": "?",
 }
+_LOCAL_HEADER = struct.Struct("<4s22xHH")  # signature, and the lengths of the name and of the extra field after it
+_SIGNATURE = b"PK\x03\x04"
 
 
 def read_torch(path: str | os.PathLike) -> Any:
@@ -49,7 +57,8 @@ def read_torch(path: str | os.PathLike) -> Any:
 
     Returns:
         Plain values, containers, arrays in place of tensors, and `torch_pickle.Inert` in place of other objects; see
-        `torch_pickle.read_pickle`. Arrays that were views of one storage share their memory and cannot be written.
+        `torch_pickle.read_pickle`. Arrays are views of the mapped file and cannot be written; the file must stay as it
+        is while they are used.
 
     Raises:
         UserError: the file is missing, too large, damaged or of another kind, states sizes that its content does not
@@ -64,15 +73,17 @@ def read_torch(path: str | os.PathLike) -> Any:
             if reader.peek(2)[:1] == b"\x80":
                 _refuse("it is a plain pickle, as PyTorch before 1.6 wrote; save it again with a later PyTorch")
             with zipfile.ZipFile(reader) as archive:
-                return _Archive(archive, size).read()
+                return _Archive(archive, file, size).read()
 
 
 class _Archive:
     """The files of a zip file whose names and sizes were checked."""
 
-    def __init__(self, archive: zipfile.ZipFile, size: int):
+    def __init__(self, archive: zipfile.ZipFile, file: io.FileIO, size: int):
         self._archive = archive
         self._entries = _check_entries(archive.infolist(), size)
+        # The views of it keep the map open.
+        self._bytes = np.frombuffer(mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ), np.uint8)
         self._arrays: dict[str, np.ndarray] = {}
 
     def read(self) -> Any:
@@ -125,8 +136,22 @@ class _Archive:
                 f"{dtype.itemsize} times {storage.count}"
             )
         if name not in self._arrays:
-            self._arrays[name] = np.frombuffer(self._content(name, MAX_TORCH_BYTES), np.uint8)
+            self._arrays[name] = self._mapped(self._entries[name])
         return self._arrays[name].view(dtype)
+
+    def _mapped(self, entry: zipfile.ZipInfo) -> np.ndarray:
+        """Return the bytes of a file that is stored without compression, after a check of its checksum."""
+        header = self._bytes[max(entry.header_offset, 0) :][: _LOCAL_HEADER.size].tobytes()
+        if len(header) < _LOCAL_HEADER.size or not header.startswith(_SIGNATURE):
+            raise EOFError("it ends early")
+        _, name_length, extra_length = _LOCAL_HEADER.unpack(header)
+        start = entry.header_offset + _LOCAL_HEADER.size + name_length + extra_length
+        content = self._bytes[start : start + entry.file_size]
+        if len(content) < entry.file_size:
+            raise EOFError("it ends early")
+        if zlib.crc32(content.data) != entry.CRC:
+            _refuse(f"bad checksum of {entry.filename[-40:]!r}")
+        return content
 
 
 def _check_entries(infos: list[zipfile.ZipInfo], size: int) -> dict[str, zipfile.ZipInfo]:

@@ -19,7 +19,7 @@ from ha2g_jax.features.asr_mel import asr_columns
 from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
-from ha2g_jax.limits import MAX_CHANNELS, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES, MAX_WHISPER_LAYERS
+from ha2g_jax.limits import MAX_CHANNELS, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WHISPER_BYTES, MAX_WHISPER_LAYERS
 
 CONFIG, WEIGHTS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
 
@@ -88,9 +88,9 @@ def load(folder: str | pathlib.Path) -> WhisperWeights:
     places = _places(folder)
     # Kernels are (..., inputs, outputs) here and (outputs, inputs, ...) there.
     shapes = {name: shape[::-1] for name, shape in _parameters(sizes).items()}
-    if (num_bytes := 2 * sum(map(math.prod, shapes.values()))) > MAX_WEIGHTS_BYTES:
+    if (num_bytes := 2 * sum(map(math.prod, shapes.values()))) > MAX_WHISPER_BYTES:
         raise UserError(
-            f"the encoder of {shown(folder)} has {num_bytes} bytes in 16 bits, expected at most {MAX_WEIGHTS_BYTES}; "
+            f"the encoder of {shown(folder)} has {num_bytes} bytes in 16 bits, expected at most {MAX_WHISPER_BYTES}; "
             "choose a smaller Whisper model"
         )
     params = {}

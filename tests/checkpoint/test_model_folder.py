@@ -2,14 +2,17 @@
 
 import json
 import shutil
+import tracemalloc
 
 import jax
 import numpy as np
 import pytest
+import safetensors
 
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.errors import UserError
+from ha2g_jax.limits import MAX_HEADER_BYTES
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +69,33 @@ def test_a_large_model_is_stored_in_half_precision(debug_model, tmp_path, monkey
     for found, exact in zip(jax.tree.leaves(loaded.variables), jax.tree.leaves(debug_model.variables), strict=True):
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, exact, rtol=1e-3, atol=1e-6)
+
+
+def test_weights_are_written_without_a_copy_and_have_the_hash_of_their_file(tmp_path):
+    variables = {"params": {name: np.full((1 << 20, 4), 0.5, np.float32) for name in "ab"}, "batch_stats": {}}
+    tracemalloc.start()
+    found = weights.write(tmp_path / "model.safetensors", variables, is_exact=True)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 26  # older releases of safetensors copy the numbers once
+    assert found == weights.hash_of_file(tmp_path / "model.safetensors") != weights.hash_of(variables)
+    weights.write(tmp_path / "half.safetensors", variables)
+    assert weights.hash_of(variables) == weights.hash_of_file(tmp_path / "half.safetensors")
+
+
+def test_a_full_disk_and_too_many_weights_leave_nothing(debug_model, tmp_path, monkeypatch):
+    def full(arrays, path):
+        raise safetensors.SafetensorError("I/O error: No space left on device")
+
+    for name, value, message in (
+        ("MAX_WEIGHTS_BYTES", MAX_HEADER_BYTES + 1000, "use a smaller model"),
+        ("safetensors.numpy.save_file", full, r"cannot write .*no space left on device"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"ha2g_jax.checkpoint.weights.{name}", value)
+            with pytest.raises(UserError, match=message):
+                model_folder.save(tmp_path / "new", debug_model.config, debug_model.assets, debug_model.variables)
+        assert not list(tmp_path.iterdir())
 
 
 def test_nothing_is_overwritten(debug_model, folder):

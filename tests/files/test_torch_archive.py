@@ -4,6 +4,7 @@ import argparse
 import collections
 import os
 import pickle
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -180,6 +181,36 @@ def test_a_file_beyond_the_limits(torch_files, refused, monkeypatch):
     for index in range(limits.MAX_TORCH_FILES):
         archive.files[f"archive/data/{index}"] = b""
     assert "8002 files" in refused(archive)
+
+
+def test_numbers_stay_in_the_file_until_they_are_used(torch_files, tmp_path):
+    value = {name: torch_files.Tensor(np.full((1 << 20, 4), 0.5, np.float32)) for name in "ab"}
+    path = torch_files.Archive(value).save(tmp_path / "large.bin")
+    tracemalloc.start()
+    found = read_torch(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert path.stat().st_size > 1 << 25 and peak < 1 << 21
+    assert found["b"].sum() == 2 << 20 and not found["a"].flags.writeable
+
+
+def test_a_file_that_is_larger_than_any_archive_is_not_read(tmp_path):
+    with (tmp_path / "best.bin").open("wb") as file:
+        file.truncate(limits.MAX_TORCH_BYTES + 1)
+    with pytest.raises(UserError, match=f"expected at most {limits.MAX_TORCH_BYTES}"):
+        read_torch(tmp_path / "best.bin")
+
+
+@pytest.mark.parametrize("place", [26, 28])
+def test_a_header_that_leads_to_other_numbers(place, torch_files, tmp_path):
+    """Before each file of a zip file are the lengths of its name and of an extra field, which say where it begins."""
+    path = torch_files.Archive({"x": torch_files.Tensor(NUMBERS)}).save(tmp_path / "bad.bin")
+    content = path.read_bytes()
+    start = content.index(b"archive/data/0") - 30
+    for length in (1, 255):
+        path.write_bytes(content[: start + place] + bytes([length]) + content[start + place + 1 :])
+        with pytest.raises(UserError, match=r"bad checksum|ends early"):
+            read_torch(path)
 
 
 def test_a_value_that_grows_when_it_is_followed_does_not_fill_the_memory(torch_files, tmp_path):

@@ -66,7 +66,8 @@ def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, .
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has shape {array.shape}, expected {expected}")
         if array.dtype.kind != "f":
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has numbers of type {array.dtype}, expected floats")
-        values = np.ascontiguousarray(row.conversion.convert(array), np.float32)
+        # A view of the file stays one where nothing changes; writers other than PyTorch do not align the numbers.
+        values = np.require(row.conversion.convert(array), np.float32, ("C_CONTIGUOUS", "ALIGNED"))
         if not np.isfinite(values).all():
             raise DoesNotFitError(f"{_shown(row.part, row.name)} has values that are not finite")
         converted[row.target] = values

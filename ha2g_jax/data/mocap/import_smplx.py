@@ -10,6 +10,7 @@ from ha2g_jax.data.import_report import Report
 from ha2g_jax.data.mocap.axes import UPS
 from ha2g_jax.data.mocap.importing import FileMotion, import_files
 from ha2g_jax.data.mocap.options import ImportOptions
+from ha2g_jax.data.mocap.published_layouts import SEAMLESS_NAME, find_embody
 from ha2g_jax.data.mocap.recordings import AUDIO_SUFFIXES, MotionRecording, find_recordings
 from ha2g_jax.data.mocap.smplx import AUTO, read_smplx
 from ha2g_jax.data.mocap.smplx_model import read_body_model
@@ -38,14 +39,15 @@ def import_smplx(
     """Write a corpus of one file of SMPL-X motion, or of all .npz files in a folder and its subfolders.
 
     Audio and words lie beside the motion and have its stem. If there are none, audio files and TextGrids of that stem
-    are searched for in all of `src`, for the folders of BEAT2. See `smplx.read_smplx` for the formats, and
+    are searched for in all of `src`, for the folders of BEAT2. In a folder of Embody 3D each person of a capture is a
+    recording. See `smplx.read_smplx` for the formats, and
     `importing.import_files` for unusable files and for motion and audio of different lengths.
 
     Args:
         src: path of a .npz file, of a .npy file of joint positions, or of a folder.
         dst: folder to make.
         options: options of all motion capture formats. By default the speaker is taken from a file name of the form
-            of BEAT2, else as described in `recordings.find_recordings`.
+            of BEAT2 or Seamless Interaction, else as described in `recordings.find_recordings`.
         model: path of an SMPL-X body model (.npz), for joints of the person's shape; None for the neutral template.
         up: axis of the files that points up, one of `axes.UPS`, or "auto".
         source_fps: frames per second of the files; None uses the rate stored in each file.
@@ -61,11 +63,13 @@ def import_smplx(
         raise UserError(f"up {up!r}; expected {AUTO} or one of {', '.join(UPS)}")
     if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
         raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
-    recordings = find_recordings(src, _SUFFIX, options)
-    if src.is_dir():
-        recordings = _with_folders_of_beat(recordings, src)
-    if options.speaker is None:
-        recordings = [_with_speaker_of_beat(recording) for recording in recordings]
+    recordings = find_embody(src, options) if src.is_dir() else []
+    if not recordings:
+        recordings = find_recordings(src, _SUFFIX, options)
+        if src.is_dir():
+            recordings = _with_folders_of_beat(recordings, src)
+        if options.speaker is None:
+            recordings = [_with_speaker_of_name(recording) for recording in recordings]
     body = template() if model is None else read_body_model(model)
     read = functools.partial(_read, options=options, body=body, source_fps=source_fps, up=up)
     joints = "neutral template" if model is None else f"body model {shown(pathlib.Path(model).name)}"
@@ -76,7 +80,7 @@ def import_smplx(
 def _read(path: pathlib.Path, options: ImportOptions, body: Body, source_fps: float | None, up: str) -> FileMotion:
     skeleton = load_skeleton(options.skeleton)
     motion = read_smplx(path, skeleton, body, fps=options.fps, source_fps=source_fps, up=up)
-    return FileMotion(motion.positions, motion.seconds, f"{motion.kind}, {motion.up} up")
+    return FileMotion(motion.positions, motion.seconds, f"{motion.kind}, {motion.up} up", motion.is_good)
 
 
 def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path) -> list[MotionRecording]:
@@ -97,6 +101,7 @@ def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path)
     ]
 
 
-def _with_speaker_of_beat(recording: MotionRecording) -> MotionRecording:
-    name = _BEAT_NAME.fullmatch(recording.path.stem)
+def _with_speaker_of_name(recording: MotionRecording) -> MotionRecording:
+    stem = recording.path.stem
+    name = _BEAT_NAME.fullmatch(stem) or SEAMLESS_NAME.fullmatch(stem)
     return recording._replace(speaker=name.group(1)) if name else recording

@@ -18,7 +18,8 @@ from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.mocap.options import ImportOptions
 from ha2g_jax.data.mocap.recordings import MotionRecording, compare_lengths, read_speech
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.recording import Recording, to_clips
+from ha2g_jax.data.recording import Recording, cut, to_clips
+from ha2g_jax.data.records import Clip
 from ha2g_jax.data.window_filters import MOCAP
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
@@ -38,11 +39,13 @@ class FileMotion(NamedTuple):
         positions: (T, joints, 3) metres in the axes of the skeleton, float32, at the corpus' frame rate.
         seconds: length of the motion in the file, in seconds.
         description: how the file was interpreted, which is stored in the corpus.
+        is_good: (T,) whether a pose can be used, None if all can. A recording is divided where poses cannot.
     """
 
     positions: np.ndarray
     seconds: float
     description: str
+    is_good: np.ndarray | None = None
 
 
 class _Result(NamedTuple):
@@ -133,8 +136,24 @@ def _import_file(
     positions = with_constant_lengths(motion.positions, skeleton)
     filters = MOCAP if words is not None else MOCAP._replace(min_words=None)
     content = Recording(recording.name, recording.speaker, audio, words or (), positions)
-    clips, report = to_clips(content, skeleton, fps=options.fps, filters=filters)
+    clips, report = list[Clip](), SplitReport()
+    stretches = _good_stretches(motion.is_good, len(positions))
+    if not stretches:
+        error = f"{shown(recording.path)} has no frame in which the person was tracked"
+        return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=error)
+    for start, end in stretches:
+        part = cut(content, start, end, options.fps)
+        new, counts = to_clips(part, skeleton, fps=options.fps, filters=filters, first=report.clips)
+        clips, report = clips + new, report + counts
+    report.videos = 1
     return _Result([records.encode_clip(clip) for clip in clips], report, motion.description, warning)
+
+
+def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, int]]:
+    """Return first and last + 1 of the frames of each stretch that can be used."""
+    good = np.ones(count, bool) if is_good is None else is_good
+    borders = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
+    return [(int(start), int(end)) for start, end in borders.reshape(-1, 2)]
 
 
 def with_constant_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:

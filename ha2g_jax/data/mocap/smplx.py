@@ -11,6 +11,7 @@ from ha2g_jax.data.mocap.axes import find_up, mean_heading, to_skeleton_axes
 from ha2g_jax.data.mocap.face import add_face
 from ha2g_jax.data.mocap.kinematics import check_size
 from ha2g_jax.data.mocap.legs import from_rest_pose, to_export_axes
+from ha2g_jax.data.mocap.published_layouts import is_embody, read_embody
 from ha2g_jax.data.mocap.smplx_arrays import NAMES, POSES, POSITIONS, SmplxArrays, to_arrays
 from ha2g_jax.data.mocap.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.errors import UserError
@@ -42,6 +43,7 @@ class SmplxMotion(NamedTuple):
         up: axis of the file that points up.
         lower: pelvis and legs; None for positions.
         face: passengers (T, n) by name: "expressions", "arkit" and "jaw", its (T, 3) axis-angles.
+        is_good: (T,) whether the pose was tracked in the file.
     """
 
     positions: np.ndarray
@@ -51,6 +53,7 @@ class SmplxMotion(NamedTuple):
     up: str
     lower: LowerBody | None
     face: dict[str, np.ndarray]
+    is_good: np.ndarray
 
 
 def read_smplx(
@@ -69,7 +72,8 @@ def read_smplx(
     metres are interpolated linearly.
 
     Args:
-        path: path of a `.npz` file, or of a `.npy` file of positions.
+        path: path of a `.npz` file, of a `.npy` file of positions, or of the body poses of Embody 3D, beside whose
+            folder are those of its other arrays.
         skeleton: skeleton of the result.
         body: body to which poses are applied, the template or that of a model file.
         fps: frames per second of the result; None keeps those of the file.
@@ -81,8 +85,11 @@ def read_smplx(
     """
     path = pathlib.Path(path)
     check_regular(path, "a .npz of SMPL-X motion")
-    if path.suffix.lower() == ".npy":
-        arrays: dict[str, np.ndarray] = dict(zip(POSITIONS, read_npz(path, max_bytes=_MAX_BYTES).values()))
+    arrays: dict[str, np.ndarray]
+    if is_embody(path):
+        arrays = read_embody(path, _MAX_BYTES)
+    elif path.suffix.lower() == ".npy":
+        arrays = dict(zip(POSITIONS, read_npz(path, max_bytes=_MAX_BYTES).values()))
     else:
         arrays = read_npz(path, max_bytes=_MAX_BYTES, names=NAMES)
     try:
@@ -126,7 +133,9 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         positions, up = _from_positions(_between(frames, moments), skeleton, up)
     _check_arms(positions, skeleton)
     positions = to_skeleton_axes(positions, skeleton, up=up).astype(np.float32)
-    return SmplxMotion(positions, len(frames) / rate, rate, kind, up, lower, face)
+    before, after, _ = _neighbours(moments, len(frames))
+    is_good = arrays.is_good[before] & arrays.is_good[after]
+    return SmplxMotion(positions, len(frames) / rate, rate, kind, up, lower, face, is_good)
 
 
 def joints_at_origin(arrays: SmplxArrays, rest: np.ndarray, fps: float) -> np.ndarray:

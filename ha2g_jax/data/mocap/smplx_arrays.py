@@ -6,10 +6,11 @@
 | AMASS for SMPL-H | `poses` (T, 156): root, body, left and right hand |
 | parts as in AMASS | `root_orient` (T, 3), `pose_body` (T, 63), `pose_hand` (T, 90), `pose_jaw`, `pose_eye` |
 | parts as in the smplx package | `global_orient`, `body_pose`, `left_hand_pose`, `right_hand_pose`, `jaw_pose` |
+| parts as in Seamless Interaction, for SMPL-H | `smplh:global_orient` and others; see `published_layouts` |
 | positions of joints | `joints` (T, 55, 76, 127 or 144, 3) in metres |
 
 Beside them: `trans` or `transl` (T, 3), `betas`, `mocap_frame_rate` or another name of the rate, and as passengers
-`expressions` (T, n) of FLAME and `arkit` (T, 52).
+`expressions` (T, n) of FLAME and `arkit` (T, 52), and `is_good` (T,), 0 in frames that were not tracked.
 """
 
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ha2g_jax.data.mocap.published_layouts import IS_GOOD, SEAMLESS_PREFIX, from_seamless
 from ha2g_jax.data.mocap.smplx_template import JOINTS
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_SMPLX_FRAMES, MIN_MOTION_FPS
@@ -61,6 +63,8 @@ NAMES = (
     *_EXPRESSIONS,
     *_ARKIT,
     *(name for names in _PARTS for name in names),
+    *(f"{SEAMLESS_PREFIX}{name}" for names in _PARTS for name in names),
+    *(f"{SEAMLESS_PREFIX}{name}" for name in ("translation", "is_valid")),
 )
 """Arrays of a file that are read."""
 
@@ -75,6 +79,7 @@ class SmplxArrays(NamedTuple):
         betas: (n,) shape coefficients.
         fps: frames per second.
         face: passengers by name: "expressions" (T, n) and "arkit" (T, 52), those that the file has.
+        is_good: (T,) whether a frame can be used.
     """
 
     frames: np.ndarray
@@ -83,12 +88,14 @@ class SmplxArrays(NamedTuple):
     betas: np.ndarray
     fps: float
     face: dict[str, np.ndarray]
+    is_good: np.ndarray
 
 
 def has_poses(arrays: Mapping[str, object]) -> bool:
     """Return whether a file has SMPL-X poses, judged by the names of its arrays."""
     parts = list(_PARTS)[:_NEEDED]
-    return POSES in arrays or all(any(name in arrays for name in names) for names in parts)
+    names = {name.removeprefix(SEAMLESS_PREFIX) for name in arrays}
+    return POSES in arrays or all(not names.isdisjoint(part) for part in parts)
 
 
 def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None) -> SmplxArrays:
@@ -101,6 +108,7 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
     Raises:
         UserError: there are no poses and no positions, or wrong shapes, invalid values or no frame rate.
     """
+    arrays = from_seamless(arrays)
     if has_poses(arrays):
         name, frames = _poses(arrays)
     else:
@@ -116,6 +124,7 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
         betas=_shape(arrays),
         fps=source_fps or _rate(arrays),
         face=_face(arrays, count, name),
+        is_good=_good(arrays, count, name),
     )
 
 
@@ -197,6 +206,13 @@ def _trans(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarr
     if trans.shape != (count, 3):
         raise UserError(f"{name} has shape {trans.shape}; expected {(count, 3)}, as many frames as {poses}")
     return _checked(trans, name)
+
+
+def _good(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarray:
+    good = arrays.get(IS_GOOD, np.ones(count, bool))
+    if good.size != count or good.dtype.kind not in "biuf":
+        raise UserError(f"the marks of good frames have shape {good.shape}; expected {(count,)}, as many as {poses}")
+    return good.reshape(count) != 0
 
 
 def _face(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> dict[str, np.ndarray]:

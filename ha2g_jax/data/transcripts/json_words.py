@@ -1,4 +1,4 @@
-"""Parser of the JSON of speech recognisers and aligners: Whisper, whisperX, faster-whisper, Gentle."""
+"""Parser of the JSON of speech recognisers and aligners: Whisper, whisperX, faster-whisper, Gentle; and of Seamless."""
 
 import json
 import math
@@ -27,7 +27,9 @@ def parse_json(text: str, path: pathlib.Path) -> list[Stretch]:
     """
     try:
         content = reading.parse_json(text)
-        segments, words = content.get("segments"), content.get("words", content.get("word_segments"))
+        # Seamless Interaction has the segments of whisperX under a name of its own.
+        segments = content.get("segments") or content.get("metadata:transcript")
+        words = content.get("words", content.get("word_segments"))
         # OpenAI's service returns segments without words, and a separate list of words.
         if segments and (not words or any(segment.get("words") for segment in segments)):
             return [stretch for segment in segments for stretch in _segment(segment)]
@@ -57,7 +59,7 @@ def _segment(segment: dict[str, Any]) -> list[Stretch]:
     words = [_word(word) for word in segment.get("words") or []]
     if any(word.start is not None for word in words):
         return fill_gaps(words, start, end, slack=math.inf)
-    return [Stretch(_spoken(segment["text"]), start, end)]
+    return [Stretch(_spoken(segment["text"] if "text" in segment else segment["transcript"]), start, end)]
 
 
 def _word(word: dict[str, Any]) -> Stretch:
