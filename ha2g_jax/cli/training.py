@@ -45,9 +45,9 @@ def add_commands(commands: Any) -> None:
     plot.add_argument(
         "--smooth",
         type=float,
-        default=0.02,
+        default=0.04,
         metavar="FRACTION",
-        help="width of the running mean as a fraction of the steps; 0 for none (default: 0.02)",
+        help="width of the running mean as a fraction of the steps; 0 for none (default: 0.04)",
     )
     plot.add_argument(
         "--samples",

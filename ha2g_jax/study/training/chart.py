@@ -17,6 +17,7 @@ DASHES = ((), (7, 3), (2, 2), (7, 2, 2, 2))  # in points; of lines 0 to 6, 7 to 
 _SIZE = (4.8, 2.6)  # inches of 72 points
 _AXES = (0.115, 0.165, 0.875, 0.81)  # left, bottom, width and height as fractions of the picture
 _FEW_DECADES = 1000.0  # ratio of the ends of an axis up to which 2 and 5 are marked beside the powers of ten
+_FLAT = 1e-6  # range of an axis, relative to its values, up to which they are equal but for rounding
 _MOST_MARKERS = 60  # points of a curve that are marked
 # Colours that matplotlib writes, in place of which the page's variables are put.
 _VARIABLES = {f"#0102{number:02x}": f"var(--line-{number})" for number in range(NUM_COLOURS)}
@@ -86,16 +87,17 @@ def _set_up(axes: Any, steps: tuple[float, float], values: tuple[float, float]) 
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high / low < _FEW_DECADES else (1,)))
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.yaxis.set_major_formatter("{x:g}")
         margin = (high / low) ** 0.06
         axes.set_ylim(low / margin, high * margin)
     else:
-        margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
+        is_flat = high - low <= _FLAT * max(abs(low), abs(high))
+        margin = (0.1 * abs(high) or 1.0) if is_flat else 0.06 * (high - low)
         axes.set_ylim(low - margin, high + margin)
     margin = 0.02 * (steps[1] - steps[0]) or 1.0
     axes.set_xlim(steps[0] - margin, steps[1] + margin)
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xlabel("step", color=_INK)
     axes.grid(color=_GRID, linewidth=0.8)
     axes.set_axisbelow(True)
@@ -129,7 +131,7 @@ def _for_page(text: str, label: str, curves: Sequence[Curve]) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
     text = re.sub(r' id="(?!line-|[mpc][0-9a-f]{10})[^"]*"', "", text)
-    text = re.sub(r"(\d\.\d)\d+", r"\1", text)
+    text = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), text)
     text = re.sub(r"font-family: [^;]*; ", "", text)
     for written, variable in _VARIABLES.items():
         text = text.replace(written, variable)

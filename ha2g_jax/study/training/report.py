@@ -20,7 +20,7 @@ from ha2g_jax.study.training.samples import SECONDS, Samples, make_samples
 from ha2g_jax.study.training.series import Series, to_series
 from ha2g_jax.train.metrics_file import METRICS, read_metrics
 
-SMOOTHING = 0.02  # width of the running mean as a fraction of the steps
+SMOOTHING = 0.04  # width of the running mean as a fraction of the steps
 
 _LOSS, _STEPS_PER_SECOND = "loss/", "steps_per_second"
 # Heading -> beginnings of the names of metrics; the loss terms are apart, and "Others" has the rest.

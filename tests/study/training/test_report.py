@@ -64,6 +64,13 @@ def test_the_page_needs_nothing_else(make_run, write):
     assert len(ids) == len(set(ids))
 
 
+def test_axes_have_readable_numbers(make_run, write):
+    page = write(make_run())
+    texts = {label: [text.text for text in chart.iter("text")] for label, chart in charts(page).items()}
+    assert {"0.2", "0.4", "0.6", "0", "1k"} <= set(texts["huber, training"])
+    assert "0.0001" in texts["learning rate, generator"]  # constant, so that nothing is magnified but its rounding
+
+
 def test_seeds_are_one_line_with_a_band(make_run, write):
     page = write(make_run("a"), make_run("b", seed=1), make_run("c", **{"train.learning_rate": 0.01}))
     assert "2 runs, seeds 0, 1" in page and "learning_rate=0.01" in page
@@ -124,7 +131,7 @@ def test_a_hundred_thousand_rows_take_seconds_and_little_space(make_run, write):
 
 def test_smoothing_is_as_asked(make_run, write):
     path = make_run()
-    assert "running means over 20 steps" in write(path)
+    assert "running means over 40 steps" in write(path)
     assert "running means over 500 steps" in write(path, smoothing=0.5)
     assert "Curves are not smoothed." in write(path, smoothing=0)
 
