@@ -1,5 +1,6 @@
 """What a chart shows of a metric: for each line its mean over seeds by step, their range, and the logged values."""
 
+import pathlib
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -9,11 +10,12 @@ from ha2g_jax.study.training.lines import Line
 from ha2g_jax.study.training.series import Series, extremes, running_mean, shown_steps
 
 _MOST_POINTS = 240  # points of a curve, whose chart is about 480 pixels wide
+_LEAST_POINTS, _POINTS_OF_ALL = 60, 4000  # of many lines each has fewer points, so that the page stays small
 _MOST_LOGGED = 8  # lines of a page up to which the logged values are drawn as well
 _LOG_FROM = 20.0  # ratio of the greatest to the least value from which an axis is logarithmic
 
-# Name of a run -> metrics by name.
-Metrics = Mapping[str, Mapping[str, Series]]
+# Workdir of a run -> metrics by name.
+Metrics = Mapping[pathlib.Path, Mapping[str, Series]]
 
 
 class Curve(NamedTuple):
@@ -76,14 +78,15 @@ def make_curves(name: str, lines: Sequence[Line], metrics: Metrics, width: float
     found: dict[int, list[Series]] = {}
     left_out: dict[int, int] = {}
     for number, line in enumerate(lines):
-        series = [metrics[run.name][name] for run in line.runs if name in metrics[run.name]]
+        series = [metrics[run.path][name] for run in line.runs if name in metrics[run.path]]
         left_out[number] = sum(one.num_left_out for one in series)
         if series := [one for one in series if len(one.steps)]:
             found[number] = series
     if not found:
         return []
-    at = shown_steps([one for series in found.values() for one in series], _MOST_POINTS)
-    if len(at) == _MOST_POINTS:
+    most = min(_MOST_POINTS, max(_LEAST_POINTS, _POINTS_OF_ALL // len(lines)))
+    at = shown_steps([one for series in found.values() for one in series], most)
+    if len(at) == most:
         width = max(width, at[1] - at[0])  # every value counts, also where curves are only thinned
     curves = []
     for number, series in found.items():

@@ -72,7 +72,7 @@ def write_report(
         raise UserError(f"{shown(runs[0].path)}{more} cannot be read ({runs[0].reason}); name other runs")
     lines = make_lines(runs)
     with stage("reading the metrics"):
-        metrics = {run.name: _read_metrics(run) for run in runs if run.state != DAMAGED}
+        metrics = {run.path: _read_metrics(run) for run in runs if run.state != DAMAGED}
     width = smoothing * max(run.step for run in runs)
     samples = make_samples(lines, num_clips) if num_clips else None
     sections = [

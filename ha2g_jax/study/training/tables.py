@@ -58,14 +58,14 @@ def how_to_read(lines: Sequence[Line], width: float) -> str:
 
 def run_table(runs: Sequence[Run], lines: Sequence[Line]) -> str:
     """Make the table of runs with state, progress, best score and starts."""
-    labels = {run.name: line.label for line in lines for run in line.runs}
+    labels = {run.path: line.label for line in lines for run in line.runs}
     rows = [["run", "line", "state", "step", "best validation score", "at step", "starts at step", "last change (UTC)"]]
     for run in runs:
         best = [f"{run.best.name} {run.best.value:.4g}", f"{run.best.step:,}"] if run.best else [ABSENT, ABSENT]
         step = ABSENT if run.steps is None else f"{run.step:,} of {run.steps:,}"
         starts = ", ".join(f"{start:,}" for start in run.starts) or ABSENT
         rows.append(
-            [run.name, labels.get(run.name, ABSENT), run.state, step, *best, starts, f"{run.changed:%Y-%m-%d %H:%M}"]
+            [run.name, labels.get(run.path, ABSENT), run.state, step, *best, starts, f"{run.changed:%Y-%m-%d %H:%M}"]
         )
     reasons = [f"<li>{html.escape(f'{run.name} {run.state}: {run.reason}')}</li>" for run in runs if run.reason]
     return table(rows) + (f'<ul class="reasons">{"".join(reasons)}</ul>' if reasons else "")

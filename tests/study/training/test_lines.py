@@ -44,15 +44,20 @@ def test_names_are_as_short_as_they_can_be_told_apart():
 
 @pytest.fixture
 def two_seeds(make_run):
-    """A line of two seeds, and another line."""
+    """A line of two seeds, a and b, and another line, c."""
     return make_lines(read_runs([make_run("a"), make_run("b", seed=1), make_run("c", **{"train.batch_size": 8})]))
+
+
+def by_path(lines, metrics):
+    """Return metrics by the name of a run as metrics by its workdir."""
+    return {run.path: metrics[run.name] for line in lines for run in line.runs}
 
 
 def test_the_band_is_from_the_least_to_the_greatest_seed(two_seeds):
     steps = np.array([10, 20, 30])
     first, second = Series(steps, np.array([1.0, 2, 3])), Series(steps[:2], np.array([3.0, 6]))
     metrics = {"a": {"x": first}, "b": {"x": second}, "c": {}}
-    (curve,) = make_curves("x", two_seeds, metrics, 0.0)
+    (curve,) = make_curves("x", two_seeds, by_path(two_seeds, metrics), 0.0)
     assert curve.mean.tolist() == [2, 4, 3] and curve.low is not None and curve.high is not None
     assert curve.low.tolist() == [1, 2, 3] and curve.high.tolist() == [3, 6, 3]
     assert curve.is_whole.tolist() == [True, True, False] and curve.num_runs == 2
@@ -65,12 +70,12 @@ def test_seeds_that_are_logged_at_other_steps_are_compared_at_all_of_them(two_se
         "b": {"x": Series(np.array([0, 10, 20]), np.array([0.0, 3, 4]))},
         "c": {},
     }
-    (curve,) = make_curves("x", two_seeds, metrics, 0.0)
+    (curve,) = make_curves("x", two_seeds, by_path(two_seeds, metrics), 0.0)
     assert curve.steps.tolist() == [0, 10, 20] and curve.mean.tolist() == [0, 2, 3]
 
 
 def test_a_metric_of_some_lines_is_a_curve_of_these(two_seeds):
     metrics = {"a": {}, "b": {}, "c": {"x": Series(np.array([1]), np.array([2.0]))}}
-    (curve,) = make_curves("x", two_seeds, metrics, 0.0)
+    (curve,) = make_curves("x", two_seeds, by_path(two_seeds, metrics), 0.0)
     assert curve.number == 1 and curve.low is None and curve.logged is not None
-    assert make_curves("y", two_seeds, metrics, 0.0) == []
+    assert make_curves("y", two_seeds, by_path(two_seeds, metrics), 0.0) == []
