@@ -91,7 +91,7 @@ def _set_up(axes: Any, steps: tuple[float, float], values: tuple[float, float]) 
         axes.set_ylim(low / margin, high * margin)
     else:
         is_flat = high - low <= _FLAT * max(abs(low), abs(high))
-        margin = (0.1 * abs(high) or 1.0) if is_flat else 0.06 * (high - low)
+        margin = (0.5 * abs(high) or 1.0) if is_flat else 0.06 * (high - low)
         axes.set_ylim(low - margin, high + margin)
     margin = 0.02 * (steps[1] - steps[0]) or 1.0
     axes.set_xlim(steps[0] - margin, steps[1] + margin)
