@@ -25,6 +25,7 @@ from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import run_logged, stop_signals
 from ha2g_jax.launch import load_config
+from ha2g_jax.train.metrics_file import METRICS, read_metrics
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")
 SEED = "seed"
@@ -191,8 +192,6 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
 
 def _progress(workdir: pathlib.Path) -> dict[str, Any]:
     """Return the last step of a run and its last validation scores."""
-    from ha2g_jax.train.writers import METRICS, read_metrics  # imports JAX, after the arguments were checked
-
     path = workdir / METRICS
     lines = read_metrics(path) if path.is_file() else []
     prefix = "validation/"

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import soundfile
 from fixtures.simulated_study import write_study
+from fixtures.workdirs import write_run
 
 from ha2g_jax import cli, launch, presets
 from ha2g_jax.checkpoint import model_folder
@@ -210,6 +211,8 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     model_folder.save(folder / "runs" / "talk", debug_model.config, debug_model.assets, debug_model.variables)
     shutil.copytree(folder / "runs" / "talk", folder / "runs" / "demo" / "best")
     write_autoencoder(folder / "runs" / "autoencoder", draw_state)
+    for seed in (0, 1):
+        write_run(folder / "runs" / "sweep" / f"seed={seed}", seed=seed)
     return folder
 
 

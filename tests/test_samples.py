@@ -69,7 +69,7 @@ def test_other_weights_move_the_generated_figure_alone_and_compile_nothing(write
 
 def test_the_style_is_the_speaker_s_then_the_images_then_the_prior(debug_model, clip):
     def style(clip, **changes):
-        return samples._style(dataclasses.replace(debug_model, **changes), clip)
+        return samples.clip_style(dataclasses.replace(debug_model, **changes), clip)
 
     known = dataclasses.replace(clip, speaker="ada")
     ada = debug_model.assets.speakers["ada"]

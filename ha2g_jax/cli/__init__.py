@@ -10,7 +10,7 @@ import sys
 import traceback
 
 from ha2g_jax import __version__
-from ha2g_jax.cli import data, evaluate, export, generate, live, serve, study, view, web
+from ha2g_jax.cli import data, evaluate, export, generate, live, serve, study, training, view, web
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
@@ -93,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     speakers.set_defaults(run=_speakers)
 
     commands.add_parser("train", help="train a model (see ha2g train --help)", add_help=False)
+    training.add_commands(commands)
 
     doctor = commands.add_parser("doctor", help="check devices, versions, memory and data, and time one step")
     doctor.add_argument("--config", metavar="CONFIG", help=f"{_CONFIG} (default: the smallest model)")

@@ -53,7 +53,7 @@ def write_sample(
     fps, skeleton = config.data.fps, assets.skeleton
     model = Model(spec, variables, assets, config)
     try:
-        generated = generate_directions(model, audio, _style(model, clip), _SEED, words=clip.words)
+        generated = generate_directions(model, audio, clip_style(model, clip), _SEED, words=clip.words)
         true = positions_to_directions(skeleton, clip.positions[: _SECONDS * fps])
         motions = {
             "true": Motion.from_directions(skeleton, true, fps),
@@ -64,8 +64,13 @@ def write_sample(
         tqdm.tqdm.write(f"no sample of step {step}: {error}", file=sys.stderr)
 
 
-def _style(model: Model, clip: Clip) -> np.ndarray:
-    """Return the style (style_dim,) to generate a clip in."""
+def clip_style(model: Model, clip: Clip) -> np.ndarray:
+    """Return the style (style_dim,) to generate a clip in: that of its speaker, of its images, or a random one.
+
+    Args:
+        model: model that generates the motion.
+        clip: clip of the corpus that the model was trained on.
+    """
     spec, parts = model.spec, (model.spec, model.variables, model.assets)
     if len(model.assets.speakers.get(clip.speaker, ())):
         return choose_style(*parts, Style(speaker=clip.speaker, variation=0))[0]

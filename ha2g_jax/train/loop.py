@@ -34,6 +34,7 @@ from ha2g_jax.train.starts import calm_starts, speaker_identities
 from ha2g_jax.train.validation import Validation
 from ha2g_jax.train.workdir_lock import only_run
 from ha2g_jax.train.writers import open_writers
+from ha2g_jax.train.writing import replacing
 
 SAMPLES, PROFILE = "samples", "profile"
 
@@ -116,6 +117,7 @@ def _train(
     if hosts.is_first():
         model_folder.write_description(workdir, config, assets)
         run_record.write(workdir, config, step, corpus)
+        held.enter_context(run_record.noting_failure(workdir))
 
     writer = open_writers(workdir, step, config, hosts.is_first())
     bar = tqdm.tqdm(
@@ -217,7 +219,7 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
     with contextlib.closing(Checkpoints(folder)) as failed:
         save(failed, failure=report)
     if hosts.is_first():
-        with run_record.replacing(folder.with_suffix(".json")) as temporary:
+        with replacing(folder.with_suffix(".json")) as temporary:
             temporary.write_text(json.dumps(report, indent=1) + "\n")
     shown = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
     return UserError(

@@ -22,8 +22,9 @@ from ha2g_jax.checkpoint.model_folder import RUN, config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, shown
+from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
 from ha2g_jax.limits import MAX_RECORD_BYTES
+from ha2g_jax.train.writing import replacing, writing
 
 # Packages whose version can change a result, and packages that write the files of a run.
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
@@ -47,7 +48,7 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
     """
     record = _read(workdir)
     start = {
-        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "time": _now(),
         "step": step,
         "command": sys.argv,
         "python": platform.python_version(),
@@ -59,6 +60,26 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
         "corpus": {"path": str(corpus.path.resolve()), "sha256": _digest(corpus)},
     }
     _write(workdir, record | {"config": config_to_json(config), "starts": [*record["starts"], start]})
+
+
+@contextlib.contextmanager
+def noting_failure(workdir: pathlib.Path) -> Iterator[None]:
+    """Store the reason in the last start of `run.json` if this context ends with an error; only the first host does.
+
+    A run that a signal stops, or that is killed, stores none.
+
+    Args:
+        workdir: folder of the run, whose start is in its `run.json`.
+    """
+    try:
+        yield
+    except Exception as error:
+        with contextlib.suppress(UserError):  # the disk may be full, which the error itself says
+            record = _read(workdir)
+            *earlier, last = record["starts"] or [{}]
+            failure = {"time": _now(), "reason": f"{_kind(error)}{reason(error)}"}
+            _write(workdir, record | {"starts": [*earlier, {**last, "failure": failure}]})
+        raise
 
 
 def wandb_id(workdir: pathlib.Path) -> str:
@@ -93,38 +114,6 @@ def commit(package: pathlib.Path) -> str | None:
     return _output([*git, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"])
 
 
-@contextlib.contextmanager
-def writing(path: pathlib.Path) -> Iterator[None]:
-    """Turn a failure to write a file or folder, such as a full disk, into a `UserError` that names the path."""
-    try:
-        yield
-    except OSError as error:
-        raise UserError(
-            f"{shown(path)} cannot be written ({error.strerror or error}): correct this, then the same command "
-            "continues"
-        ) from error
-
-
-@contextlib.contextmanager
-def replacing(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Provide a temporary path that replaces a file at the end; if writing fails, the file stays as it was.
-
-    Args:
-        path: path of the file.
-
-    Raises:
-        UserError: the file cannot be written, for example because the disk is full.
-    """
-    temporary = path.with_name(f"{path.name}.new")
-    with writing(path):
-        try:
-            yield temporary
-            temporary.replace(path)
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-
-
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
     """Return the content of `run.json`; a damaged file is renamed, because a record must not stop a run."""
     path = workdir / RUN
@@ -148,6 +137,15 @@ def _read(workdir: pathlib.Path) -> dict[str, Any]:
 def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
     with replacing(workdir / RUN) as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n")
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _kind(error: Exception) -> str:
+    """Return the class of an error that no message for the user was made of."""
+    return "" if isinstance(error, UserError) else f"{type(error).__name__}: "
 
 
 def _versions() -> dict[str, str]:

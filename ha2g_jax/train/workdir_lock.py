@@ -8,9 +8,11 @@ import filelock
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.train import run_record
+from ha2g_jax.train.writing import writing
 
 LOCK = "training.lock"
+
+_PATIENCE = 1.0  # seconds; `is_training` may hold the lock for a moment
 
 
 @contextlib.contextmanager
@@ -31,12 +33,12 @@ def only_run(workdir: pathlib.Path) -> Iterator[None]:
     Raises:
         UserError: another process trains in the workdir, or it cannot be written.
     """
-    with run_record.writing(workdir):
+    with writing(workdir):
         is_new = not workdir.exists()
         workdir.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(workdir / LOCK)
         try:
-            lock.acquire(timeout=0)
+            lock.acquire(timeout=_PATIENCE)
         except filelock.Timeout as error:
             raise UserError(
                 f"another process trains in {shown(workdir)}: wait until it ends, or choose another --workdir"
@@ -49,3 +51,23 @@ def only_run(workdir: pathlib.Path) -> Iterator[None]:
                 (workdir / LOCK).unlink()
                 workdir.rmdir()
         lock.release()
+
+
+def is_training(workdir: pathlib.Path) -> bool:
+    """Return whether a process trains in a workdir, as far as this host sees its lock; see `only_run`.
+
+    Args:
+        workdir: folder of a run.
+
+    Raises:
+        OSError: the lock cannot be opened, as that of another user.
+    """
+    if not (workdir / LOCK).exists():
+        return False
+    lock = filelock.FileLock(workdir / LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        return True
+    lock.release()
+    return False

@@ -1,20 +1,19 @@
 """Write the metrics of a run to `metrics.jsonl`, TensorBoard event files and, optionally, Weights & Biases."""
 
 import contextlib
-import json
 import pathlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, reading, shown
-from ha2g_jax.limits import MAX_METRICS_LINE
 from ha2g_jax.train import run_record
+from ha2g_jax.train.metrics_file import METRICS, MetricsFile
+from ha2g_jax.train.writing import writing
 
-METRICS, EVENTS = "metrics.jsonl", "tensorboard"
+EVENTS = "tensorboard"
 
 # Weights & Biases would take any time to send the rest, but a run that is stopped has half a minute. What was not sent
 # is kept in the workdir, for `wandb sync`.
@@ -84,30 +83,6 @@ def open_writers(workdir: pathlib.Path, step: int, config: Config, is_first: boo
     return Writer([*destinations, EventFile(workdir / EVENTS, step)])
 
 
-class MetricsFile:
-    """Append to `metrics.jsonl`: one JSON object per line, numbers with six digits.
-
-    Args:
-        path: path of the file.
-        step: step at which the run starts; lines of later steps and an incomplete last line are dropped.
-    """
-
-    def __init__(self, path: pathlib.Path, step: int):
-        self._path = path
-        with run_record.replacing(path) as temporary, temporary.open("w") as file:
-            file.writelines(json.dumps(line) + "\n" for line in _lines(path) if line["step"] <= step)
-
-    def write(self, step: int, metrics: dict[str, float]) -> None:
-        """Append the line of a step."""
-        rounded = {name: float(f"{value:.6g}") for name, value in metrics.items()}
-        # The file is opened for each line, so that nothing stays in a buffer, not even that of a network disk.
-        with run_record.writing(self._path), self._path.open("a") as file:
-            file.write(json.dumps({"step": step} | rounded) + "\n")
-
-    def close(self) -> None:
-        """Do nothing: every line is already written."""
-
-
 class EventFile:
     """Add a TensorBoard event file to a folder; the names of metrics become tags.
 
@@ -127,7 +102,7 @@ class EventFile:
         self._folder = folder
         self._events: Any = event_pb2  # the classes of both modules are made at run time
         self._summaries: Any = summary_pb2
-        with run_record.writing(folder):
+        with writing(folder):
             folder.mkdir(exist_ok=True)
             # A unique name in the order of time: by the library's default two starts in one second share a file.
             self._file = EventsWriter(str(folder / "events"), f".{time.time_ns()}")
@@ -136,7 +111,7 @@ class EventFile:
     def write(self, step: int, metrics: dict[str, float]) -> None:
         """Write one event with all metrics of a step."""
         values = [self._summaries.Summary.Value(tag=name, simple_value=value) for name, value in metrics.items()]
-        with run_record.writing(self._folder):
+        with writing(self._folder):
             self._add(step, summary=self._summaries.Summary(value=values))
 
     def _add(self, step: int, **content: Any) -> None:
@@ -197,38 +172,3 @@ class WandbRun:
     def close(self) -> None:
         """End the report, after waiting a limited time for the rest to be sent."""
         self._run.finish()
-
-
-def read_metrics(path: pathlib.Path) -> list[dict[str, float]]:
-    """Return the lines of a `metrics.jsonl`.
-
-    Args:
-        path: path of the file.
-
-    Raises:
-        UserError: there is no such file.
-    """
-    with reading(path, "the metrics of a run"):
-        if path.is_file():
-            return list(_lines(path))
-    raise UserError(f"no metrics in {shown(path)}; expected the metrics.jsonl of a workdir")
-
-
-def _lines(path: pathlib.Path) -> Iterator[dict[str, float]]:
-    """Yield the complete lines; a run that was killed may leave an incomplete one, and damage may leave any."""
-    if not path.exists():
-        return
-    with path.open(errors="replace") as file:
-        while text := file.readline(MAX_METRICS_LINE):
-            if (line := _parse(text)) is not None:
-                yield line
-
-
-def _parse(text: str) -> dict[str, float] | None:
-    try:
-        line = parse_json(text) if text.endswith("\n") else None
-    except ValueError:
-        return None
-    if not isinstance(line, dict) or type(line.get("step")) is not int:
-        return None
-    return line if all(isinstance(value, int | float) for value in line.values()) else None

@@ -22,7 +22,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.synthesis.files import generate_files
 from ha2g_jax.train import checks, run_record
-from ha2g_jax.train.writers import read_metrics
+from ha2g_jax.train.metrics_file import read_metrics
 
 # Orbax reads arrays at once in tasks of asyncio, and leaves those behind that fail after the first.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

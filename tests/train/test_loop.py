@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
 from ha2g_jax.train import loop
 from ha2g_jax.train.log import StepLog
-from ha2g_jax.train.writers import read_metrics
+from ha2g_jax.train.metrics_file import read_metrics
 
 ROOT = pathlib.Path(__file__).parent.parent.parent
 CONFIGS = ROOT / "experiments" / "configs"
@@ -159,4 +159,6 @@ def test_a_step_that_is_not_finite_ends_the_run_and_can_be_looked_at(config_for,
         loop.train(config_for("seq2seq", steps=3), tmp_path)
     report = json.loads((tmp_path / "failed.json").read_text())
     assert report["step"] == 1 and len(report["windows"]) == 4
+    (start,) = json.loads((tmp_path / "run.json").read_text())["starts"]
+    assert "continuity not finite at step 1" in start["failure"]["reason"]
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model_folder.load(tmp_path / "failed").variables))

@@ -81,3 +81,31 @@ def test_the_commit_is_that_of_the_source_tree(tmp_path, monkeypatch):
     assert run_record.commit(package) == f"{clean}-dirty"
     monkeypatch.setenv("PATH", "")
     assert run_record.commit(package) is None
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(UserError("disk full"), "disk full"), (RuntimeError("out of\nmemory"), "RuntimeError: out of memory")],
+)
+def test_the_reason_of_a_failure_is_that_of_the_last_start(start, tmp_path, error, reason):
+    start(0)
+    start(5)
+    with pytest.raises(type(error)), run_record.noting_failure(tmp_path):
+        raise error
+    first, last = json.loads((tmp_path / "run.json").read_text())["starts"]
+    assert "failure" not in first and last["failure"]["reason"] == reason and last["step"] == 5
+    assert "failure" not in start(7)["starts"][-1]
+
+
+def test_a_run_that_is_stopped_has_not_failed(start, tmp_path):
+    start(0)
+    with pytest.raises(KeyboardInterrupt), run_record.noting_failure(tmp_path):
+        raise KeyboardInterrupt
+    assert "failure" not in json.loads((tmp_path / "run.json").read_text())["starts"][-1]
+
+
+def test_a_failure_that_cannot_be_stored_is_raised_all_the_same(start, tmp_path):
+    start(0)
+    (tmp_path / "run.json.new").symlink_to("/dev/full")
+    with pytest.raises(RuntimeError, match="oops"), run_record.noting_failure(tmp_path):
+        raise RuntimeError("oops")

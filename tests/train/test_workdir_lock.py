@@ -10,7 +10,7 @@ import pytest
 from ha2g_jax import launch
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import loop
-from ha2g_jax.train.workdir_lock import LOCK, only_run
+from ha2g_jax.train.workdir_lock import LOCK, is_training, only_run
 
 CONFIG = pathlib.Path(__file__).parent.parent / "one_stage.py"
 
@@ -25,6 +25,13 @@ def test_a_second_training_is_refused_until_the_first_ends(tmp_path):
         pass
     with only_run(workdir):
         assert [path.name for path in workdir.iterdir()] == [LOCK]
+
+
+def test_the_lock_says_whether_a_process_trains(tmp_path):
+    assert not is_training(tmp_path) and not list(tmp_path.iterdir())
+    with only_run(tmp_path):
+        assert is_training(tmp_path)
+    assert not is_training(tmp_path)
 
 
 def test_a_killed_training_leaves_no_lock(tmp_path):

@@ -8,7 +8,8 @@ from tensorboard.backend.event_processing import event_accumulator
 
 from ha2g_jax import config as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.writers import METRICS, open_writers, read_metrics
+from ha2g_jax.train.metrics_file import METRICS, read_metrics
+from ha2g_jax.train.writers import open_writers
 
 
 @pytest.fixture
@@ -132,3 +133,12 @@ def test_wandb_that_is_missing_is_named(write, config, monkeypatch):
     config.train.wandb = "gestures"
     with pytest.raises(UserError, match=r"'gestures' but .* not installed: pip install 'ha2g-jax\[wandb\]'"):
         write(0, 1)
+
+
+def test_some_lines_and_the_last_can_be_read_alone(tmp_path):
+    path = tmp_path / METRICS
+    path.write_text(
+        '{"step": 1, "x": 1}\n{"step": 2, "y": 2}\n{"step": 3, "x": 3}\n{"step": 4, "x": 4}\n{"step": 5, "y"'
+    )
+    assert [line["step"] for line in read_metrics(path, '"y"')] == [2, 4]
+    assert [line["step"] for line in read_metrics(path, '"x"')] == [1, 3, 4]

@@ -1,0 +1,1 @@
+"""Pictures and tables of training runs, from what their workdirs hold."""
