@@ -21,6 +21,13 @@ GENEA = {
     "head": "b_head", "hip": "upleg", "knee": "leg", "ankle": "foot", "foot": "ball",
     "collar": "shoulder", "shoulder": "arm", "elbow": "forearm", "wrist": "wrist",
 }  # fmt: skip
+ZEROEGGS = MIXAMO | {"spine3": "Spine3", "spine2": "Spine2"}
+BEAT = ZEROEGGS | {"shoulder": "{side}Arm", "elbow": "{side}Arm1", "wrist": "{side}Hand"}
+
+
+def named(side: str, name: str) -> str:
+    """The name of a joint of a side: LArm for {side}Arm, and LeftFoot for Foot."""
+    return name.format(side=side[0].upper()) if "{" in name else f"{side.title()}{name}"
 
 
 def rodrigues(vectors: np.ndarray) -> np.ndarray:
@@ -74,28 +81,39 @@ def person() -> Person:
     return Person(poses, trans)
 
 
-def bvh(person: Person, names: dict[str, str], *, mirrored: bool = False) -> str:
-    """The person as BVH in centimetres, in the names of another program; mirrored, x points the other way."""
+def bvh(person: Person, names: dict[str, str] | None, axes: np.ndarray | None = None) -> str:
+    """The person as BVH in centimetres, in the names of another program.
+
+    Args:
+        person: person with y up, facing +z.
+        names: names of the joints; None for those of `ha2g export`.
+        axes: (3, 3) axes of the file as rows, left-handed ones with the determinant -1; the same by default.
+    """
     from scipy.spatial.transform import Rotation
 
     def name(joint: str) -> str:
+        if names is None:
+            return {"spine3": "spine"}.get(joint, joint)
         side, _, part = joint.partition("_")
         if side not in ("left", "right"):
             return names[joint]
         finger = re.fullmatch(r"(\w+)_(\d)", part)
         if names is GENEA:
             return f"b_{side[0]}_{finger[1]}{finger[2]}" if finger else f"b_{side[0]}_{names[part]}"
+        if names is BEAT:
+            return f"{side[0].upper()}Hand{finger[1][0].upper()}{finger[2]}" if finger else named(side, names[part])
         return f"{side.title()}Hand{finger[1].title()}{finger[2]}" if finger else f"{side.title()}{names[part]}"
 
-    rest, sign = template().points, np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    turns = sign.prod() * sign  # a reflection turns the axis of a rotation about
+    axes = np.eye(3) if axes is None else axes
+    rest = template().points @ axes.T
+    vectors = np.linalg.det(axes) * person.poses @ axes.T  # a reflection turns the axis of a rotation about
     lines, columns = ["HIERARCHY"], []
 
     def write(joint: int, pad: str) -> None:
         parent = PARENTS[joint]
-        offset = 100 * sign * (rest[joint] - (rest[parent] if parent >= 0 else 0))
-        angles = Rotation.from_rotvec(turns * person.poses[:, joint]).as_euler("ZXY", degrees=True)
-        place = [*(100 * sign * person.trans).T] if parent < 0 else []
+        offset = 100 * (rest[joint] - (rest[parent] if parent >= 0 else 0))
+        angles = Rotation.from_rotvec(vectors[:, joint]).as_euler("ZXY", degrees=True)
+        place = [*(100 * person.trans @ axes.T).T] if parent < 0 else []
         columns.extend([*place, *angles.T])
         channels = f"{'6 Xposition Yposition Zposition' if parent < 0 else '3'} Zrotation Xrotation Yrotation"
         lines.extend([f"{pad}{'JOINT' if pad else 'ROOT'} {name(JOINTS[joint])}", pad + "{"])

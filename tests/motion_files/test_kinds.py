@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pygltflib
 import pytest
-from motion_files.conftest import FRAMES, GENEA, MIXAMO, bvh, read_bvh_positions
+from motion_files.conftest import FRAMES, read_bvh_positions
 
 from ha2g_jax import cli
 from ha2g_jax.data.mocap.smplx_template import JOINTS
@@ -154,13 +154,6 @@ def test_directions_that_may_be_either_are_refused(scale, files, tmp_path):
     with pytest.raises(UserError, match=r"x\.npy has vectors whose lengths differ from 1") as caught:
         read_motion(tmp_path / "x.npy")
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("names", [MIXAMO, GENEA])
-def test_a_mirrored_bvh_is_named(names, person, tmp_path):
-    (tmp_path / "x.bvh").write_text(bvh(person, names, mirrored=True))
-    with pytest.raises(UserError, match=r"x\.bvh: left and right are mirrored, as in left-handed axes"):
-        read_motion(tmp_path / "x.bvh")
 
 
 def test_a_real_recording_is_not_mirrored_and_its_mirror_image_is(private_data, tmp_path):
