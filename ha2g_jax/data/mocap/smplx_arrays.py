@@ -178,7 +178,10 @@ def _rate(arrays: Mapping[str, np.ndarray]) -> float:
     if name is None:
         raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
     value = arrays[name]
-    rate = float(value.reshape(-1)[0]) if value.size == 1 and value.dtype.kind in "fiu" else 0.0
+    try:  # some files have it as text
+        rate = float(value.item()) if value.size == 1 and value.dtype.kind in "fiuSU" else 0.0
+    except ValueError:
+        rate = 0.0
     if not MIN_MOTION_FPS <= rate <= MAX_MOTION_FPS:
         raise UserError(f"{name} is {str(value)[:40]!r}; expected frames per second (--source-fps)")
     return rate
