@@ -176,7 +176,15 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     folder = tmp_path_factory.mktemp("files")
     flat = person.poses.reshape(FRAMES, -1)
     rate, face = {"mocap_frame_rate": FPS}, np.linspace(0, 1, FRAMES * 100).reshape(FRAMES, 100)
-    beat2 = {"poses": flat, "trans": person.trans, "betas": np.zeros(300), "expressions": face, "gender": "neutral"}
+    arkit = np.linspace(0, 1, FRAMES * 52).reshape(FRAMES, 52)
+    beat2 = {
+        "poses": flat,
+        "trans": person.trans,
+        "betas": np.zeros(300),
+        "expressions": face,
+        "arkit": arkit,
+        "gender": "neutral",
+    }
     # AMASS has z up: the root and the place are rotated.
     from scipy.spatial.transform import Rotation
 
@@ -185,18 +193,21 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     z_up, place = np.concatenate([root, flat[:, 3:]], axis=1), to_z.apply(person.trans)
     parts = {"root_orient": root, "pose_body": flat[:, 3:66], "pose_hand": flat[:, 75:], "pose_jaw": flat[:, 66:69]}
     smplh = {"poses": np.concatenate([z_up[:, :66], z_up[:, 75:]], axis=1), "trans": place, "dmpls": np.zeros((9, 8))}
+    package = {"global_orient": flat[:, :3], "body_pose": flat[:, 3:66], "jaw_pose": flat[:, 66:69]}
+    package |= {"left_hand_pose": flat[:, 75:120], "right_hand_pose": flat[:, 120:], "expression": face[:, :10]}
     made = {
         "BEAT2": ("beat2.npz", beat2 | rate),
         "AMASS SMPL-X": ("amass.npz", {"poses": z_up, "trans": place, "surface_model_type": "smplx"} | rate),
         "AMASS SMPL-H": ("smplh.npz", smplh | {"mocap_framerate": float(FPS), "betas": np.zeros(16)}),
         "AMASS parts": ("parts.npz", parts | {"trans": place} | rate),
+        "smplx package": ("package.npz", package | {"transl": person.trans, "fps": FPS}),
         "SMPL-X joints": ("joints.npz", {"joints": person.joints, "fps": FPS}),
     }
     paths = {}
     for kind, (name, arrays) in made.items():
         np.savez(folder / name, **arrays)
         paths[kind] = folder / name
-    for kind, names in (("BVH", MIXAMO), ("GENEA BVH", GENEA)):
+    for kind, names in (("BVH", MIXAMO), ("GENEA BVH", GENEA), ("BEAT BVH", BEAT), ("ZeroEGGS BVH", ZEROEGGS)):
         paths[kind] = folder / f"{kind.split()[0].lower()}.bvh"
         paths[kind].write_text(bvh(person, names))
     from ha2g_jax.motion_files import read_motion
@@ -209,12 +220,16 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
         "directions less mean": directions - mean,
         "TED-Gesture directions": gesture.directions.reshape(FRAMES, 27),
         "TED-Expressive positions": motion.positions,
+        "TED-Gesture positions": gesture.positions,
+        "SMPL-X joints array": person.joints,
     }.items():
         paths[kind] = folder / f"{kind.replace(' ', '_')}.npy"
         np.save(paths[kind], array)
     motion.save(folder / "own.npz")
     paths["own"] = folder / "own.npz"
     named = {"fps": FPS, "joint_names": list(motion.joint_names), "positions": motion.positions.tolist()}
+    paths["named positions npz"] = folder / "named.npz"
+    np.savez(paths["named positions npz"], **named)
     paths["named positions"] = folder / "named.json"
     paths["named positions"].write_text(json.dumps(named))
     return paths
