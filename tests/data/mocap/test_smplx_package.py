@@ -3,6 +3,8 @@
 The package needs a body model with a licence of its own, which is not here; what is tested holds for any model.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def write_model(path, joints: np.ndarray, seed: int = 0) -> None:
     vertices += (joints - regressor @ vertices)[owner]
     tree = np.array([PARENTS, range(len(JOINTS))], np.int64)
     tree[0, 0] = 2**32 - 1
-    hands = {f"hands_{part}{side}": np.zeros(shape) for part, shape in HANDS.items() for side in "lr"}
+    hands: dict[str, Any] = {f"hands_{part}{side}": np.zeros(shape) for part, shape in HANDS.items() for side in "lr"}
     np.savez(
         path,
         v_template=vertices,

@@ -4,6 +4,7 @@ import hashlib
 import json
 import pathlib
 import zipfile
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,12 +88,16 @@ def test_a_clip_of_beat2_moves_as_its_speaker_where_the_model_has_them(
 @pytest.mark.parametrize("layout", ["{clip}.{number}.npz", "sample_{number}/{clip}.npz"])
 def test_motion_of_another_system_is_packed(layout, speech, files, tmp_path):
     with np.load(files["BEAT2"]) as given:
-        arrays = {name: given[name] for name in ("trans", "poses", "mocap_frame_rate")} | {"betas": np.full(300, 0.1)}
+        arrays: dict[str, Any] = {name: given[name] for name in ("trans", "poses", "mocap_frame_rate")} | {
+            "betas": np.full(300, 0.1)
+        }
     for clip, frames in FRAMES.items():
         for number in range(1, 6):
             path = tmp_path / "theirs" / layout.format(clip=clip, number=number)
             path.parent.mkdir(parents=True, exist_ok=True)
-            repeated = {name: np.resize(arrays[name], (frames, arrays[name].shape[1])) for name in ("trans", "poses")}
+            repeated: dict[str, Any] = {
+                name: np.resize(arrays[name], (frames, width)) for name, width in (("trans", 3), ("poses", 165))
+            }
             repeated["poses"][:, 60:] *= number / 5
             np.savez(path, **arrays | repeated)
     pack = write_pack(speech, tmp_path / "pack.zip", motion=tmp_path / "theirs")
