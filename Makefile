@@ -35,7 +35,7 @@ test-torch: $(VENV)-torch/torch
 	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m torch
 
 test-blender: $(VENV)/test $(VENV)-blender/bpy
-	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats
+	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats tests/motion_files
 
 test-web: $(VENV)/test $(VENV)-web/node_modules web/node_modules
 	npm test --silent --prefix web
@@ -93,6 +93,7 @@ $(VENV)-torch/torch: pyproject.toml
 	$(PYTHON) -m venv $(VENV)-torch
 	$(VENV)-torch/bin/python -m pip install --quiet --upgrade pip
 	$(VENV)-torch/bin/python -m pip install --quiet --editable '.[test,torch]'
+	$(VENV)-torch/bin/python -m pip install --quiet --no-deps smplx
 	touch $@
 
 $(VENV)-blender/bpy:

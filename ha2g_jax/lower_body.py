@@ -25,9 +25,11 @@ OPTIONAL = ("left_foot", "right_foot")
 ARRAYS = ("lower_offsets", "lower_rotations", "lower_translation")
 """Names of the arrays in a file of `Motion.save`."""
 
+SOLE = 0.02
+"""Metres from the ball of the foot to the floor."""
+
 _MAX_METRES = 1e4
 _TRUSTED = 0.1  # metres within which the height 0 of a file is taken for the floor
-_SOLE = 0.02  # metres from the ball of the foot to the floor
 _LOWEST = 0.05  # quantile of the heights of the lower foot that is standing
 
 
@@ -61,7 +63,7 @@ class LowerBody:
         SMPL-X measures `trans` from a point of its body model, so that 0 is no floor.
         """
         lowest = self.positions()[..., 1].min(axis=1)
-        height = float(np.quantile(lowest, _LOWEST)) - _SOLE
+        height = float(np.quantile(lowest, _LOWEST)) - SOLE
         return 0.0 if abs(height) <= _TRUSTED else height
 
     def check(self, num_frames: int) -> None:

@@ -178,7 +178,7 @@ CAPTURED = (
     *(f"recordings/{name}.bvh" for name in NAMES),
     *(f"{name}.bvh" for name in OF_RECIPES),
 )
-SOUNDS = {"my.wav": 12} | dict.fromkeys(  # a recording is scored from 10 seconds on
+SOUNDS = {"my.wav": 12, "test_speech/2_scott_0_1_1.wav": 8} | dict.fromkeys(  # a recording is scored from 10 seconds on
     (
         *("examples/hello.wav", "speech.wav", "my_speech.wav", "take_mic.wav"),
         *(f"{folder}/{name}.wav" for folder in ("recordings", "TRUE") for name in NAMES),
@@ -242,6 +242,8 @@ def write_smplx(folder):
     write["_motion"](beat / "smplxflame_30" / "2_scott_0_1_1.npz")
     write["_speech"](beat / "wave16k" / "2_scott_0_1_1.wav", beat / "textgrid" / "2_scott_0_1_1.TextGrid")
     write["_motion"](folder / "poses.npz")
+    for place in ("smplxflame_30", "MOTIONS"):
+        write["_motion"](folder / place / "2_scott_0_1_1.npz")
     np.save(folder / "directions.npy", swaying(0).directions)
     for system in ("emage", "ours", "true"):
         write["_motion"](folder / "smplx" / system / "one.npz")

@@ -10,7 +10,7 @@ import sys
 import traceback
 
 from ha2g_jax import __version__
-from ha2g_jax.cli import data, evaluate, export, generate, live, serve, study, training, view, web
+from ha2g_jax.cli import data, evaluate, export, genea, generate, live, serve, study, training, view, web
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
@@ -130,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
 
     evaluate.add_command(commands)
     study.add_command(commands)
+    genea.add_commands(commands)
 
     model = commands.add_parser("export-model", help="write the model of a workdir as a folder of safetensors and JSON")
     model.add_argument("workdir", help="workdir of ha2g train, a checkpoint in it, a model folder, or 'demo'")

@@ -96,7 +96,7 @@ def _add_import_smplx(data: Any) -> None:
     )
     command.add_argument(
         "--up",
-        choices=("auto", "y", "-y", "z", "-z"),
+        choices=("auto", "y", "-y", "z", "-z", "x", "-x"),
         default="auto",
         help="axis of the files that points up (default: auto)",
     )

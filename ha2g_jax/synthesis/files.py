@@ -103,7 +103,7 @@ def _generate(
     """Write the files of one file of speech, all or none."""
     with stage("reading the speech"):
         audio = read_speech(task.speech)
-    spoken = _read_words(model, task.speech, audio.samples, words)
+    spoken = read_words(model, task.speech, audio.samples, words)
     with contextlib.ExitStack() as stack:
         # The files are opened before the work, so that a path that cannot be written is noticed early.
         temporary = [stack.enter_context(whole_file(path)) for path in task.paths]
@@ -135,10 +135,20 @@ def _write(
             formats.export(motion, path)
 
 
-def _read_words(
+def read_words(
     model: Generator[Any], speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None
 ) -> tuple[Word, ...]:
-    """Return the words of the speech; () if the model reads no words or there is no transcript."""
+    """Return the words of the speech; () if the model reads no words or there is no transcript.
+
+    Args:
+        model: model that the words are for.
+        speech: path of the speech.
+        audio: (samples,) float32 mono samples of the speech at 16 kHz.
+        words: path of a transcript; by default one beside the speech.
+
+    Raises:
+        UserError: the transcript cannot be read.
+    """
     if not model.reads_words:
         if words is not None:
             tqdm.write(f"{model.spec.method} reads no words: {shown(words)} is not used", file=sys.stderr)

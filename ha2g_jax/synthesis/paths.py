@@ -52,7 +52,7 @@ def plan(speech: Path | Sequence[Path], out: Path | None = None, suffix: str | N
         folder = None if out is None else pathlib.Path(out)
         if folder is not None and folder.suffix.lower() in SUFFIXES and not folder.is_dir():
             raise UserError(f"{shown(folder)} would be a folder, for several files; name their format with --format")
-        tasks = [Task(path, _gestures(path, folder, suffix)) for path in _find_speech(inputs)]
+        tasks = [Task(path, _gestures(path, folder, suffix)) for path in find_speech(inputs)]
         for target in {task.paths[0].parent for task in tasks}:
             _check_writable(target)
     _check_distinct(tasks)
@@ -93,8 +93,15 @@ def _with_suffixes(stem: pathlib.Path, suffix: str | None) -> tuple[pathlib.Path
     return tuple(stem.with_name(stem.name + each) for each in ((suffix,) if suffix else _DEFAULT_SUFFIXES))
 
 
-def _find_speech(inputs: list[pathlib.Path]) -> list[pathlib.Path]:
-    """Return the files of speech that are named, or are in a folder that is named, in order."""
+def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
+    """Return the files of speech that are named, or are in a folder that is named, in order.
+
+    Args:
+        inputs: paths of files and folders.
+
+    Raises:
+        UserError: a file cannot be opened, or a folder has no speech.
+    """
     found: list[pathlib.Path] = []
     for path in inputs:
         if path.is_dir():

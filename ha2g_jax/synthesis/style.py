@@ -48,6 +48,11 @@ class Style(NamedTuple):
     values: np.ndarray | None = None
     variation: float = VARIATION
 
+    @property
+    def has_source(self) -> bool:
+        """Whether anything but the prior and the seed of the motion decides."""
+        return any(part is not None for part in self[:5])
+
 
 FROM_PRIOR = Style()
 

@@ -21,6 +21,13 @@ GENEA = {
     "head": "b_head", "hip": "upleg", "knee": "leg", "ankle": "foot", "foot": "ball",
     "collar": "shoulder", "shoulder": "arm", "elbow": "forearm", "wrist": "wrist",
 }  # fmt: skip
+ZEROEGGS = MIXAMO | {"spine3": "Spine3", "spine2": "Spine2"}
+BEAT = ZEROEGGS | {"shoulder": "{side}Arm", "elbow": "{side}Arm1", "wrist": "{side}Hand"}
+
+
+def named(side: str, name: str) -> str:
+    """The name of a joint of a side: LArm for {side}Arm, and LeftFoot for Foot."""
+    return name.format(side=side[0].upper()) if "{" in name else f"{side.title()}{name}"
 
 
 def rodrigues(vectors: np.ndarray) -> np.ndarray:
@@ -74,28 +81,39 @@ def person() -> Person:
     return Person(poses, trans)
 
 
-def bvh(person: Person, names: dict[str, str], *, mirrored: bool = False) -> str:
-    """The person as BVH in centimetres, in the names of another program; mirrored, x points the other way."""
+def bvh(person: Person, names: dict[str, str] | None, axes: np.ndarray | None = None) -> str:
+    """The person as BVH in centimetres, in the names of another program.
+
+    Args:
+        person: person with y up, facing +z.
+        names: names of the joints; None for those of `ha2g export`.
+        axes: (3, 3) axes of the file as rows, left-handed ones with the determinant -1; the same by default.
+    """
     from scipy.spatial.transform import Rotation
 
     def name(joint: str) -> str:
+        if names is None:
+            return {"spine3": "spine"}.get(joint, joint)
         side, _, part = joint.partition("_")
         if side not in ("left", "right"):
             return names[joint]
         finger = re.fullmatch(r"(\w+)_(\d)", part)
         if names is GENEA:
             return f"b_{side[0]}_{finger[1]}{finger[2]}" if finger else f"b_{side[0]}_{names[part]}"
+        if names is BEAT:
+            return f"{side[0].upper()}Hand{finger[1][0].upper()}{finger[2]}" if finger else named(side, names[part])
         return f"{side.title()}Hand{finger[1].title()}{finger[2]}" if finger else f"{side.title()}{names[part]}"
 
-    rest, sign = template().points, np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    turns = sign.prod() * sign  # a reflection turns the axis of a rotation about
+    axes = np.eye(3) if axes is None else axes
+    rest = template().points @ axes.T
+    vectors = np.linalg.det(axes) * person.poses @ axes.T  # a reflection turns the axis of a rotation about
     lines, columns = ["HIERARCHY"], []
 
     def write(joint: int, pad: str) -> None:
         parent = PARENTS[joint]
-        offset = 100 * sign * (rest[joint] - (rest[parent] if parent >= 0 else 0))
-        angles = Rotation.from_rotvec(turns * person.poses[:, joint]).as_euler("ZXY", degrees=True)
-        place = [*(100 * sign * person.trans).T] if parent < 0 else []
+        offset = 100 * (rest[joint] - (rest[parent] if parent >= 0 else 0))
+        angles = Rotation.from_rotvec(vectors[:, joint]).as_euler("ZXY", degrees=True)
+        place = [*(100 * person.trans @ axes.T).T] if parent < 0 else []
         columns.extend([*place, *angles.T])
         channels = f"{'6 Xposition Yposition Zposition' if parent < 0 else '3'} Zrotation Xrotation Yrotation"
         lines.extend([f"{pad}{'JOINT' if pad else 'ROOT'} {name(JOINTS[joint])}", pad + "{"])
@@ -158,7 +176,15 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     folder = tmp_path_factory.mktemp("files")
     flat = person.poses.reshape(FRAMES, -1)
     rate, face = {"mocap_frame_rate": FPS}, np.linspace(0, 1, FRAMES * 100).reshape(FRAMES, 100)
-    beat2 = {"poses": flat, "trans": person.trans, "betas": np.zeros(300), "expressions": face, "gender": "neutral"}
+    arkit = np.linspace(0, 1, FRAMES * 52).reshape(FRAMES, 52)
+    beat2 = {
+        "poses": flat,
+        "trans": person.trans,
+        "betas": np.zeros(300),
+        "expressions": face,
+        "arkit": arkit,
+        "gender": "neutral",
+    }
     # AMASS has z up: the root and the place are rotated.
     from scipy.spatial.transform import Rotation
 
@@ -167,18 +193,21 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     z_up, place = np.concatenate([root, flat[:, 3:]], axis=1), to_z.apply(person.trans)
     parts = {"root_orient": root, "pose_body": flat[:, 3:66], "pose_hand": flat[:, 75:], "pose_jaw": flat[:, 66:69]}
     smplh = {"poses": np.concatenate([z_up[:, :66], z_up[:, 75:]], axis=1), "trans": place, "dmpls": np.zeros((9, 8))}
+    package = {"global_orient": flat[:, :3], "body_pose": flat[:, 3:66], "jaw_pose": flat[:, 66:69]}
+    package |= {"left_hand_pose": flat[:, 75:120], "right_hand_pose": flat[:, 120:], "expression": face[:, :10]}
     made = {
         "BEAT2": ("beat2.npz", beat2 | rate),
         "AMASS SMPL-X": ("amass.npz", {"poses": z_up, "trans": place, "surface_model_type": "smplx"} | rate),
         "AMASS SMPL-H": ("smplh.npz", smplh | {"mocap_framerate": float(FPS), "betas": np.zeros(16)}),
         "AMASS parts": ("parts.npz", parts | {"trans": place} | rate),
+        "smplx package": ("package.npz", package | {"transl": person.trans, "fps": FPS}),
         "SMPL-X joints": ("joints.npz", {"joints": person.joints, "fps": FPS}),
     }
     paths = {}
     for kind, (name, arrays) in made.items():
         np.savez(folder / name, **arrays)
         paths[kind] = folder / name
-    for kind, names in (("BVH", MIXAMO), ("GENEA BVH", GENEA)):
+    for kind, names in (("BVH", MIXAMO), ("GENEA BVH", GENEA), ("BEAT BVH", BEAT), ("ZeroEGGS BVH", ZEROEGGS)):
         paths[kind] = folder / f"{kind.split()[0].lower()}.bvh"
         paths[kind].write_text(bvh(person, names))
     from ha2g_jax.motion_files import read_motion
@@ -191,12 +220,16 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
         "directions less mean": directions - mean,
         "TED-Gesture directions": gesture.directions.reshape(FRAMES, 27),
         "TED-Expressive positions": motion.positions,
+        "TED-Gesture positions": gesture.positions,
+        "SMPL-X joints array": person.joints,
     }.items():
         paths[kind] = folder / f"{kind.replace(' ', '_')}.npy"
         np.save(paths[kind], array)
     motion.save(folder / "own.npz")
     paths["own"] = folder / "own.npz"
     named = {"fps": FPS, "joint_names": list(motion.joint_names), "positions": motion.positions.tolist()}
+    paths["named positions npz"] = folder / "named.npz"
+    np.savez(paths["named positions npz"], **named)
     paths["named positions"] = folder / "named.json"
     paths["named positions"].write_text(json.dumps(named))
     return paths

@@ -1,12 +1,14 @@
 """Motion of every kind goes through every command, at the joint positions that a reader of its own finds."""
 
+import functools
+import json
 import shutil
 from typing import Any
 
 import numpy as np
 import pygltflib
 import pytest
-from motion_files.conftest import FRAMES, GENEA, MIXAMO, bvh, read_bvh_positions
+from motion_files.conftest import FRAMES, read_bvh_positions
 
 from ha2g_jax import cli
 from ha2g_jax.data.mocap.smplx_template import JOINTS
@@ -15,13 +17,20 @@ from ha2g_jax.lower_body import LowerBody
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion_files import read_motion
+from ha2g_jax.study.evaluation import inputs
+from ha2g_jax.study.evaluation.evaluate import evaluate
 
 KINDS = (
-    *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "SMPL-X joints", "BVH", "GENEA BVH"),
-    *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions", "named positions"),
+    *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
+    *("SMPL-X joints", "SMPL-X joints array", "BVH", "GENEA BVH", "BEAT BVH", "ZeroEGGS BVH"),
+    *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
+    *("TED-Gesture positions", "named positions", "named positions npz"),
 )
-POSED = ("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "BVH", "GENEA BVH")
-WITHOUT_RATE = {"directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"}
+POSED = ("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package", "BVH", "GENEA BVH", "BEAT BVH")
+WITHOUT_RATE = {
+    *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
+    *("TED-Gesture positions", "SMPL-X joints array"),
+}
 NAMES = {"spine": "spine3"}
 LOWER = [
     *("pelvis", "left_hip", "left_knee", "left_ankle", "left_foot"),
@@ -45,9 +54,15 @@ def run(*arguments) -> int:
     return cli.main([str(argument) for argument in arguments])
 
 
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    """Intervals of ten draws, which take no time."""
+    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))
+
+
 def go_through_all(path, folder, capsys, *rate):
     """Give a file to every command, which must succeed."""
-    for suffix in (".glb", ".bvh", ".npz"):
+    for suffix in formats.SUFFIXES:
         assert run("export", path, *rate, "-o", folder / f"x{suffix}") == 0
     assert run("export", path, *rate, "-o", folder / "smplx.npz", "--rig", "smplx") == 0
     assert run("view", path, *rate, "-o", folder / "x.html") == 0
@@ -119,10 +134,32 @@ def test_legs_and_place_reach_the_files_of_other_programs(kind, files, person, t
     assert {("pelvis", "translation"), ("pelvis", "rotation"), ("left_knee", "rotation")} <= moved
 
 
+def test_a_face_of_fewer_values_is_a_passenger_to_other_kinds_and_back(files, tmp_path):
+    formats.export(read_motion(files["smplx package"]), tmp_path / "own.npz")
+    formats.export(read_motion(tmp_path / "own.npz"), tmp_path / "smplx.npz", rig="smplx")
+    with np.load(files["smplx package"]) as given, np.load(tmp_path / "smplx.npz") as found:
+        np.testing.assert_allclose(found["expressions"], given["expression"], atol=1e-6)
+        np.testing.assert_allclose(found["poses"][:, 66:69], given["jaw_pose"], atol=1e-6)
+
+
+def test_the_place_reaches_vrm_and_tables(files, tmp_path):
+    motion = read_motion(files["BEAT2"])
+    expected = lower_of(motion).translation
+    formats.export(motion, tmp_path / "x.json")
+    tree = json.loads((tmp_path / "x.json").read_text())
+    roots = np.array([frame["positions"][0] for frame in tree["frames"]])
+    np.testing.assert_allclose(roots, expected, atol=1e-3)
+    formats.export(motion, tmp_path / "x.vrma")
+    gltf: Any = pygltflib.GLTF2().load_binary(str(tmp_path / "x.vrma"))
+    moved = {(gltf.nodes[channel.target.node].name, channel.target.path) for channel in gltf.animations[0].channels}
+    assert {("hips", "translation"), ("leftUpperLeg", "rotation"), ("rightFoot", "rotation")} <= moved
+
+
 def test_smplx_keeps_root_legs_and_face(files, person, tmp_path):
     formats.export(read_motion(files["BEAT2"]), tmp_path / "x.npz", rig="smplx")
     with np.load(files["BEAT2"]) as given, np.load(tmp_path / "x.npz") as found:
-        np.testing.assert_allclose(found["expressions"], given["expressions"], atol=1e-6)
+        for name in ("expressions", "arkit"):
+            np.testing.assert_allclose(found[name], given[name], atol=1e-6)
         legs = [JOINTS.index(name) for name in LOWER[1:]]
         poses = found["poses"].reshape(FRAMES, 55, 3)
         np.testing.assert_allclose(poses[:, legs], person.poses[:, legs], atol=1e-5)
@@ -136,7 +173,7 @@ def test_a_saved_motion_keeps_legs_and_face(files, tmp_path):
     motion.save(tmp_path / "x.npz")
     again = read_motion(tmp_path / "x.npz")
     np.testing.assert_array_equal(lower_of(again).rotations, lower_of(motion).rotations)
-    assert set(again.face) == {"expressions", "jaw"}
+    assert set(again.face) == {"expressions", "jaw", "arkit"}
 
 
 def test_direction_arrays_are_read_whole_and_less_the_mean(files):
@@ -154,13 +191,6 @@ def test_directions_that_may_be_either_are_refused(scale, files, tmp_path):
     with pytest.raises(UserError, match=r"x\.npy has vectors whose lengths differ from 1") as caught:
         read_motion(tmp_path / "x.npy")
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("names", [MIXAMO, GENEA])
-def test_a_mirrored_bvh_is_named(names, person, tmp_path):
-    (tmp_path / "x.bvh").write_text(bvh(person, names, mirrored=True))
-    with pytest.raises(UserError, match=r"x\.bvh: left and right are mirrored, as in left-handed axes"):
-        read_motion(tmp_path / "x.bvh")
 
 
 def test_a_real_recording_is_not_mirrored_and_its_mirror_image_is(private_data, tmp_path):

@@ -8,9 +8,12 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import Skeleton
 
-UPS = ("y", "-y", "z", "-z")
+UPS = ("y", "-y", "z", "-z", "x", "-x")
 
-_UP_VECTORS = {"y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0)}
+_UP_VECTORS = {
+    **{"y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0)},
+    **{"x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0)},
+}
 # Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
 _MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
 

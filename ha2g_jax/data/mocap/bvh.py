@@ -210,7 +210,9 @@ class _Reader:
 
 def _frame_rate(text: str, frame_time: float) -> float:
     """Return the frames per second: a usual rate if the frame time equals that of the rate in all its digits."""
-    digits = len(text.partition(".")[2])
+    mantissa, _, exponent = text.lower().lstrip("+").partition("e")
+    digits = len(mantissa.partition(".")[2]) - int(exponent or 0)  # decimals
     rate = min(_RATES, key=lambda rate: abs(1 / rate - frame_time))
-    is_cut = text.replace(".", "").isdigit() and digits >= _MIN_DIGITS and abs(1 / rate - frame_time) < 10.0**-digits
+    is_plain = mantissa.replace(".", "").isdigit()
+    is_cut = is_plain and digits >= _MIN_DIGITS and abs(1 / rate - frame_time) < 10.0**-digits
     return rate if is_cut else 1 / frame_time

@@ -138,6 +138,28 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
     return SmplxMotion(positions, len(frames) / rate, rate, kind, up, lower, face, is_good)
 
 
+def at_rate(arrays: SmplxArrays, fps: float, num_frames: int) -> SmplxArrays:
+    """Return poses at another frame rate: rotations on the sphere, all else linearly; frame k shows the time k / fps.
+
+    Args:
+        arrays: poses of a file; those that have the rate keep their values.
+        fps: frames per second of the result.
+        num_frames: number of frames of the result; after the last frame the last pose is held.
+
+    Returns:
+        The poses with `num_frames` frames at `fps` frames per second.
+    """
+    last = len(arrays.frames) - 1
+    if fps == arrays.fps:
+        frames = np.minimum(np.arange(num_frames), last)
+        face = {name: values[frames] for name, values in arrays.face.items()}
+        return arrays._replace(frames=arrays.frames[frames], trans=arrays.trans[frames], face=face)
+    moments = np.minimum(np.arange(num_frames) * (arrays.fps / fps), last)
+    local = [_local(arrays.frames[:, joint], moments).as_rotvec() for joint in range(arrays.frames.shape[1])]
+    face = {name: _between(values, moments).astype(np.float32) for name, values in arrays.face.items()}
+    return arrays._replace(frames=np.stack(local, axis=1), trans=_between(arrays.trans, moments), fps=fps, face=face)
+
+
 def joints_at_origin(arrays: SmplxArrays, rest: np.ndarray, fps: float) -> np.ndarray:
     """Return the positions of all joints without the translation, the pelvis where it is in the T-pose.
 
@@ -178,19 +200,24 @@ def _between(values: np.ndarray, moments: np.ndarray) -> np.ndarray:
     return values[before] + weight * (values[after] - values[before])
 
 
+def _local(axis_angles: np.ndarray, moments: np.ndarray) -> Rotation:
+    """Return the T rotations of one joint at the moments, on the sphere between its axis-angles (frames, 3)."""
+    before, after, weight = _neighbours(moments, len(axis_angles))
+    first, second = (Rotation.from_rotvec(axis_angles[frames]) for frames in (before, after))
+    return first * Rotation.from_rotvec(weight[:, None] * (first.inv() * second).as_rotvec())
+
+
 def _pose(axis_angles: np.ndarray, rest: np.ndarray, moments: np.ndarray) -> tuple[np.ndarray, list[Rotation]]:
     """Apply local axis-angles (frames, 55, 3) to a body (61, 3) at the moments.
 
     Returns:
         Its points (T, 61, 3), and the T rotations of each of the 55 joints.
     """
-    before, after, weight = _neighbours(moments, len(axis_angles))
     positions = np.empty((len(moments), len(rest), 3))
     positions[:, 0] = rest[0]
     rotations: list[Rotation] = []
     for joint, parent in enumerate(PARENTS):
-        first, second = (Rotation.from_rotvec(axis_angles[frames, joint]) for frames in (before, after))
-        rotation = first * Rotation.from_rotvec(weight[:, None] * (first.inv() * second).as_rotvec())
+        rotation = _local(axis_angles[:, joint], moments)
         rotations.append(rotation if parent < 0 else rotations[parent] * rotation)
     parents = (*PARENTS, *[HEAD] * (len(rest) - len(JOINTS)))
     for point, parent in enumerate(parents[1:], start=1):

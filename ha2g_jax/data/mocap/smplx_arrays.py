@@ -26,6 +26,9 @@ from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_SMPLX_FRAMES, M
 POSES = "poses"
 POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")
 
+NUM_SMPLH = 52
+"""Joints of SMPL-H."""
+
 NUM_ARKIT = 52
 """Blend shapes of ARKit."""
 
@@ -51,7 +54,6 @@ _PARTS = {
     ("right_hand_pose",): (40, 15),
 }
 _NEEDED = 2  # parts without which there is no motion: the root and the body
-_NUM_SMPLH = 52
 _SMPLH = (*range(22), *range(25, 55))  # joints of SMPL-H among those of SMPL-X
 
 NAMES = (
@@ -121,7 +123,7 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
         frames=frames,
         are_poses=has_poses(arrays),
         trans=_trans(arrays, count, name),
-        betas=_shape(arrays),
+        betas=read_shape(arrays),
         fps=source_fps or _rate(arrays),
         face=_face(arrays, count, name),
         is_good=_good(arrays, count, name),
@@ -132,12 +134,12 @@ def _poses(arrays: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
     """Return the name and the values (T, 55, 3) of the poses of a file."""
     if POSES in arrays:
         array = arrays[POSES]
-        widths = {len(JOINTS): range(len(JOINTS)), _NUM_SMPLH: _SMPLH}
+        widths = {len(JOINTS): range(len(JOINTS)), NUM_SMPLH: _SMPLH}
         flat = array.reshape(len(array), -1) if array.ndim in (2, 3) and len(array) else np.zeros((0, 0))
         if (array.ndim == 3 and array.shape[2] != 3) or flat.shape[1] not in (3 * width for width in widths):
             raise UserError(
                 f"{POSES} has shape {array.shape}; expected (frames, {3 * len(JOINTS)}), three values for each of "
-                f"{len(JOINTS)} joints, or (frames, {3 * _NUM_SMPLH}) of SMPL-H"
+                f"{len(JOINTS)} joints, or (frames, {3 * NUM_SMPLH}) of SMPL-H"
             )
         values = _checked(flat, POSES).reshape(len(flat), -1, 3)
         poses = np.zeros((len(values), len(JOINTS), 3))
@@ -185,13 +187,16 @@ def _rate(arrays: Mapping[str, np.ndarray]) -> float:
     if name is None:
         raise UserError(f"no frame rate in it ({_RATES[0]}); give the frames per second (--source-fps)")
     value = arrays[name]
-    rate = float(value.reshape(-1)[0]) if value.size == 1 and value.dtype.kind in "fiu" else 0.0
+    try:  # some files have it as text
+        rate = float(value.item()) if value.size == 1 and value.dtype.kind in "fiuSU" else 0.0
+    except ValueError:
+        rate = 0.0
     if not MIN_MOTION_FPS <= rate <= MAX_MOTION_FPS:
         raise UserError(f"{name} is {str(value)[:40]!r}; expected frames per second (--source-fps)")
     return rate
 
 
-def _shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+def read_shape(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the shape coefficients (n,), those of the first frame if a file has them for each frame."""
     betas = arrays.get(_BETAS, np.zeros(0))
     betas = betas[0] if betas.ndim == 2 and len(betas) else betas

@@ -37,20 +37,34 @@ def write(
     Raises:
         UserError: the file cannot be written.
     """
-    vectors = rotations.to_vector(animation.rotations)
-    frames, face = animation.num_frames, dict(face or {})
-    if "jaw" in face:
-        vectors[:, animation.armature.joint("jaw")] = face.pop("jaw")
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        arrays: dict[str, Any] = face
         np.savez(
             file,
-            poses=vectors.reshape(frames, -1).astype(np.float32),
-            trans=animation.translation.astype(np.float32) if moves else np.zeros((frames, 3), np.float32),
+            **arrays_of(animation, moves=moves, face=face or {}),
             betas=np.zeros(_NUM_BETAS, np.float32),
             mocap_frame_rate=np.float64(animation.fps),
             gender=np.array("neutral"),
             surface_model_type=np.array("smplx"),
             joint_names=np.array(animation.armature.joints),
-            **arrays,
         )
+
+
+def arrays_of(animation: Animation, *, moves: bool, face: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return the arrays of a file that change over time.
+
+    Args:
+        animation: animation of the rig smplx.
+        moves: whether the root of the animation moves, so that its place is `trans`.
+        face: passengers of the motion, see `Motion.face`.
+
+    Returns:
+        `poses` (T, 165) and `trans` (T, 3) float32, and those of `face` but the jaw, which is in the poses.
+    """
+    vectors, frames = rotations.to_vector(animation.rotations), animation.num_frames
+    if "jaw" in face:
+        vectors[:, animation.armature.joint("jaw")] = face["jaw"]
+    return {
+        "poses": vectors.reshape(frames, -1).astype(np.float32),
+        "trans": animation.translation.astype(np.float32) if moves else np.zeros((frames, 3), np.float32),
+        **{name: values for name, values in face.items() if name != "jaw"},
+    }

@@ -3,6 +3,8 @@
 import collections
 import os
 import pathlib
+import re
+from collections.abc import Container
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +23,12 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton
 from ha2g_jax.study.evaluation.clip_result import ClipResult
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
+
+SAMPLE = re.compile(r"^sample_[0-9]+/")
+"""Beginning of the names of motion in a pack of `ha2g genea`, which has a folder for each sample."""
+
+MANIFEST = "manifest.json"
+"""Name of the file of a pack that holds no motion."""
 
 _GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
 _PAIRS_PER_PROCESS = 32  # a process takes seconds to start
@@ -108,7 +116,7 @@ def from_folders(
     """
     found = {pathlib.Path(folder): find_motions(pathlib.Path(folder)) for folder in (motion, reference)}
     motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
-    clips = {name: clip for name in sorted(motions) if (clip := _clip_of(name, references)) is not None}
+    clips = {name: clip for name in sorted(motions) if (clip := clip_of(name, references)) is not None}
     if not clips:
         raise UserError(
             f"no file in {shown(motion)} has the name of one in {shown(reference)}: found "
@@ -159,11 +167,19 @@ def read_directions(
     return FileMotion(resample(motion.directions, motion.fps, FPS, count), fps, places)
 
 
-def _clip_of(name: str, references: dict[str, pathlib.Path]) -> str | None:
-    """Return the clip of the reference that a file of motion belongs to, such as talk for talk or talk.2."""
+def clip_of(name: str, clips: Container[str]) -> str | None:
+    """Return the clip that a file of motion belongs to, such as talk for talk, talk.2 and sample_2/talk.
+
+    Args:
+        name: name of the file, as `find_motions` returns it.
+        clips: names of all clips.
+
+    Returns:
+        Name of the clip, None if there is none.
+    """
     clip, _, number = name.rpartition(".")
-    clip = name if name in references or not number.isdecimal() else clip.removesuffix(_GENERATED)
-    return clip if clip in references else None
+    found = (name, clip.removesuffix(_GENERATED) if number.isdecimal() else "", SAMPLE.sub("", name))
+    return next((clip for clip in found if clip in clips), None)
 
 
 def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
@@ -186,7 +202,7 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     paths = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
     for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
-        if not path.name.startswith("."):
+        if not path.name.startswith(".") and path.name != MANIFEST:
             name = path.relative_to(folder).with_suffix("").as_posix()
             found.setdefault(name.removesuffix(_GENERATED), path)
     if not found:

@@ -9,7 +9,14 @@ from ha2g_jax.data.mocap.face import add_face, face_joints
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
-TO_UP = {"y": (0, 0, 0), "-y": (0, 0, 180), "z": (90, 0, 0), "-z": (-90, 0, 0)}  # degrees about x, y, z
+TO_UP = {
+    "y": (0, 0, 0),
+    "-y": (0, 0, 180),
+    "z": (90, 0, 0),
+    "-z": (-90, 0, 0),
+    "x": (0, 0, -90),
+    "-x": (0, 0, 90),
+}  # degrees about x, y, z
 
 
 @pytest.fixture(params=SKELETONS)

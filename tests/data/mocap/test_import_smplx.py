@@ -118,7 +118,7 @@ def test_nothing_is_written_where_no_file_is_good(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"up": "x"}, "expected auto or one of y, -y, z, -z"),
+        ({"up": "w"}, "expected auto or one of y, -y, z, -z, x, -x"),
         ({"source_fps": 0.0}, "expected 0.1 to 1000"),
         ({"source_fps": float("nan")}, "expected 0.1 to 1000"),
         ({"model": "SMPLX_NEUTRAL.pkl"}, "is a pickle"),

@@ -112,7 +112,7 @@ FAULTS = {
     "unit in words": ("unit: metres", "has `unit: metres"),
     "unit below zero": ("unit: -1", "has `unit: -1"),
     "unit that is a list": ("unit: [1]", "has `unit"),
-    "up to the left": ("up: x", "has `up: x"),
+    "up to nowhere": ("up: w", "has `up: w"),
     "up that is a list": ("up: [y]", "has `up"),
     "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
     "nested too deep": ("spine: " + "[" * 20000, "is not YAML"),

@@ -134,7 +134,7 @@ def test_half_way_between_two_frames_an_elbow_has_turned_by_half(tmp_path):
     np.testing.assert_allclose(cosines, np.cos([0, np.pi / 4, np.pi / 2]), atol=1e-6)
 
 
-TURNS = {"y": (0, 0, 0), "z": (np.pi / 2, 0, 0), "-y": (0, 0, np.pi), "-z": (-np.pi / 2, 0, 0)}
+TURNS = {"y": (0, 0, 0), "z": (np.pi / 2, 0, 0), "-y": (0, 0, np.pi), "-z": (-np.pi / 2, 0, 0), "x": (0, 0, -np.pi / 2)}
 
 
 @pytest.mark.parametrize("up", TURNS)

@@ -46,16 +46,16 @@ def animate() -> Callable[..., Animation]:
 
 
 @pytest.fixture(scope="session")
-def blender() -> Callable[[pathlib.Path, Sequence[int]], dict[str, np.ndarray]]:
+def blender() -> Callable[..., dict[str, np.ndarray]]:
     """Reads joints' positions (frames, 3), metres, y up, of a `.bvh` or `.glb` in Blender, in a process of its own."""
     python = os.environ.get("HA2G_BLENDER_PYTHON") or (importlib.util.find_spec("bpy") and sys.executable)
     if not python:
         pytest.skip("no Blender here (set HA2G_BLENDER_PYTHON to a Python that has bpy)")
     script = pathlib.Path(__file__).parent / "blender_positions.py"
 
-    def read(path: pathlib.Path, frames: Sequence[int]) -> dict[str, np.ndarray]:
+    def read(path: pathlib.Path, frames: Sequence[int], fps: float = FPS) -> dict[str, np.ndarray]:
         out = path.with_suffix(".positions.json")
-        command = [python, str(script), str(path), str(out), str(FPS), *map(str, frames)]
+        command = [python, str(script), str(path), str(out), str(fps), *map(str, frames)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert out.is_file(), done.stdout + done.stderr
         return {name: np.array(values) for name, values in json.loads(out.read_text()).items()}

@@ -1,0 +1,1 @@
+"""Submission files of the GENEA leaderboard: written from a model or from motion of any system, and checked."""
