@@ -53,8 +53,7 @@ lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
 notebooks: $(VENV)/notebook
-	$(VENV)/bin/jupytext --sync notebooks/*.py
-	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
+	$(VENV)/bin/python notebooks/run.py
 
 # One stamp file for each extra: it is installed once, and again when pyproject.toml changes.
 $(VENV)/bin/python:
