@@ -92,7 +92,7 @@ plt.show()
 
 # %%
 speakers = list(model.assets.speakers)[:4]
-_, axes = plt.subplots(2, len(speakers), figsize=(12, 6), sharex=True, sharey=True)
+_, axes = plt.subplots(2, len(speakers), figsize=(12, 5), sharex=True, sharey=True)
 for take, row in enumerate(axes):
     for axis, speaker in zip(row, speakers, strict=True):
         positions = model.generate(speech, style=Style(speaker=speaker), seed=take).positions
@@ -130,9 +130,9 @@ plt.show()
 # %% [markdown]
 # ## A video with sound
 #
-# `ha2g generate` writes such a video beside the `.npz`; this one is small and shows the first four seconds.
+# `ha2g generate` writes such a video beside the `.npz`; this one is small and shows the first three seconds.
 
 # %%
-start = model.generate(samples[: 4 * audio.SAMPLE_RATE], seed=0)
-video.write_video(folder / "hello.mp4", start, samples[: 4 * audio.SAMPLE_RATE], size=240)
+start = model.generate(samples[: 3 * audio.SAMPLE_RATE], seed=0)
+video.write_video(folder / "hello.mp4", start, samples[: 3 * audio.SAMPLE_RATE], size=200)
 Video(folder / "hello.mp4", embed=True, width=360)

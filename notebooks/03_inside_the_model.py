@@ -55,9 +55,9 @@ print(f"{len(samples) / audio.SAMPLE_RATE:.1f} s:", " ".join(word.text for word 
 # what a single value means cannot be seen, so the next section asks what a level knows.
 
 # %%
-seconds = 7.0
+seconds = 5.0
 features = encode_features(model, samples)
-_, axes = plt.subplots(4, sharex=True, figsize=(12, 8), height_ratios=(1.4, 1, 1, 1))
+_, axes = plt.subplots(4, sharex=True, figsize=(10, 6.5), height_ratios=(1.4, 1, 1, 1))
 mel = audio.log_mel(samples)
 axes[0].imshow(
     mel, aspect="auto", origin="lower", extent=(0, mel.shape[1] * audio.HOP_LENGTH / audio.SAMPLE_RATE, 0, 128)
