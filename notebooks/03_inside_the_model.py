@@ -86,7 +86,7 @@ plt.show()
 # %%
 similar = inspection.word_similarities(model, samples, words)
 _, axes = plt.subplots(1, 3, figsize=(13, 4.4))
-for axis, (name, values) in zip(axes, similar._asdict().items(), strict=True):
+for axis, (name, values) in zip(axes, similar.items(), strict=True):
     shown = axis.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
     found = np.mean(values.argmax(axis=1) == np.arange(len(words)))
     axis.set_title(f"f_{name}: own sound first for {found:.0%}", fontsize=10)

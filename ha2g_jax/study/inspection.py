@@ -11,7 +11,6 @@ import numpy as np
 from ha2g_jax.data.speech import prepare
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word, words_to_frames
-from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.methods.ha2g.model import HA2G
 from ha2g_jax.methods.method import Spec, Variables, restore, subtract_mean
 from ha2g_jax.synthesis import Model, encode_features
@@ -53,7 +52,7 @@ def text_features(model: Model, words: Sequence[Word], num_frames: int) -> np.nd
     return np.asarray(_encode_text(model.spec, model.variables, frames))
 
 
-def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) -> Features:
+def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) -> dict[str, np.ndarray]:
     """Return sim(f_t, f_l) of Eq. 2 between every word of a clip and the sound of every word, for each audio level l.
 
     The features of a word and of its sound are those of the frame in which the word starts. The contrastive loss makes
@@ -65,7 +64,7 @@ def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) ->
         words: n words of the clip in order of time.
 
     Returns:
-        Three matrices (n, n) of cosines: rows are words, columns are sounds.
+        A matrix (n, n) of cosines for "low", "mid" and "high": rows are words, columns are sounds.
 
     Raises:
         UserError: a model of another method, or a word that starts after the end of the sound.
@@ -77,7 +76,7 @@ def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) ->
     if max(onsets, default=0) >= num_frames:
         raise UserError(f"a word starts in frame {max(onsets)} of {num_frames}; give the words of this sound")
     text = _unit(text_features(model, words, num_frames)[onsets])
-    return Features(*(text @ _unit(np.asarray(level)[onsets]).T for level in levels))
+    return {name: text @ _unit(np.asarray(level)[onsets]).T for name, level in levels._asdict().items()}
 
 
 def stage_poses(

@@ -58,8 +58,8 @@ def test_similarities_are_cosines_of_words_and_their_sounds(debug_model, speech)
     high = synthesis.encode_features(debug_model, speech).high[[4, 18, 39]]
     text = inspection.text_features(debug_model, WORDS, 60)[[4, 18, 39]]
     lengths = np.linalg.norm(text, axis=1)[:, None] * np.linalg.norm(high, axis=1)[None]
-    np.testing.assert_allclose(found.high, text @ high.T / lengths, atol=1e-5)
-    assert all(np.abs(level).max() <= 1 + 1e-5 for level in found)
+    np.testing.assert_allclose(found["high"], text @ high.T / lengths, atol=1e-5)
+    assert all(np.abs(level).max() <= 1 + 1e-5 for level in found.values())
 
 
 def test_words_beyond_the_sound_and_other_methods_are_refused(debug_model, speech):
