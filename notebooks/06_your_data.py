@@ -61,7 +61,7 @@ for clip in talk.clips("train"):
         csv.writer(file).writerows(
             [("start", "end", "word"), *((word.start, word.end, word.text) for word in clip.words)]
         )
-for path in sorted((folder / "recordings").rglob("*")):
+for path in sorted((folder / "recordings").rglob("*.*"))[:6]:
     print(path.relative_to(folder))
 
 # %% [markdown]
@@ -88,8 +88,10 @@ axis.set_ylabel("mean angle to the truth (°)")
 plt.show()
 
 # %% [markdown]
-# Arms and fingers come back as they were. BVH has no face, so nose, eyes and ears are fixed points of the head, which
-# is assumed to look ahead on average; and the motion is rotated once so that the person faces the viewer on average.
+# Arms and fingers come back as they were. The bones from the wrist to the knuckles are those of the hand of Mixamo,
+# whose thumb begins at another place (12°). BVH has no face, so nose, eyes and ears are fixed points of the head,
+# which is assumed to look ahead on average; and the motion is rotated once so that the person faces the viewer on
+# average.
 #
 # ## Import
 #
@@ -113,8 +115,9 @@ for row in [*statistics.split_rows(summary), [], *statistics.joint_rows(summary[
     print("".join(f"{cell:<24}" if column == 0 else f"{cell:>12}" for column, cell in enumerate(row)))
 
 # %% [markdown]
-# The wrist speeds say at a glance whether units and frame rate are right: people who gesture move their wrists at a
-# few tenths of a metre per second on average. A wrong unit shows as speeds ten or a hundred times as large.
+# The speeds of the wrists say at a glance whether units and frame rate are right: people who gesture move their
+# wrists at a few tenths of a metre per second on average. A wrong unit shows as speeds ten or a hundred times as
+# large.
 
 # %%
 speed = summary["training"]["wrist_speed"]
