@@ -128,9 +128,9 @@ axis.legend()
 plt.show()
 
 # %% [markdown]
-# The new model already rises and falls with the true motion; it shakes, and does not reach as far. The demo has the
-# strokes. Below, the true hand shows the shape of a word at 1.3 s and at 6.7 s. The new model keeps the fingers near
-# the mean pose: shapes of the hand come from words, which take it much longer to tell apart.
+# The new model already rises and falls with the true motion; it shakes, and does not reach as far. The demo meets
+# most of the strokes. Below, the true hand shows the shape of a word at 1.3 s and at 6.7 s. The new model keeps the
+# fingers near the mean pose: shapes of the hand follow from words, and it has learnt none of them.
 
 # %%
 frames = np.array([20, 60, 100, 120])
