@@ -104,7 +104,7 @@ for look_ahead in (3, 8):
 # would be shown at its own moment, is the latency. On the right, what the latency buys: the height of a wrist in the
 # streams beside that in the file, which has heard all of the speech. A beat begins before its syllable, so a stream
 # that hears only 3 frames ahead misses many of them and moves less; with 8 frames the strokes are as large as those
-# of the file, and most are at the same moments. `docs/live.md` has the scores.
+# of the file, and many are at the same moments. `docs/live.md` has the scores.
 
 # %%
 file = model.generate(speech, style=style)

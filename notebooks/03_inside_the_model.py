@@ -51,8 +51,8 @@ print(f"{len(samples) / audio.SAMPLE_RATE:.1f} s:", " ".join(word.text for word 
 #
 # The encoder E_a is one ResNet with three heads (Tables 6 and 7 of the paper): f_low comes from an early block,
 # f_high from the last one. Each level has 32 values at each frame of the motion. Below the spectrogram, each level is
-# shown as an image, one row for each value, scaled to its own mean and spread. The pauses stand out on all levels;
-# what a single value means cannot be seen, so the next section asks what a level knows.
+# shown as an image, one row for each value, scaled to its own mean and spread. The pauses stand out, most on the
+# middle level; what a single value means cannot be seen, so the next section asks what a level knows.
 
 # %%
 seconds = 5.0
