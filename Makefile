@@ -57,8 +57,7 @@ docs: $(VENV)/docs
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict
 
 notebooks: $(VENV)/notebook
-	$(VENV)/bin/jupytext --sync notebooks/*.py
-	$(VENV)/bin/jupytext --execute notebooks/*.ipynb
+	$(VENV)/bin/python notebooks/run.py
 
 # One stamp file for each extra: it is installed once, and again when pyproject.toml changes.
 $(VENV)/bin/python:

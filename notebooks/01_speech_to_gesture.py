@@ -14,14 +14,18 @@
 # %% [markdown]
 # # Speech to gesture
 #
-# This notebook generates the motion of an upper body with fingers from a speech file. It loads the demo model of
-# the package, animates a sentence, shows the motion as images, curves and video, and shows the effect of the
-# speaking style.
+# This notebook generates the motion of an upper body with fingers from a speech file. It loads the demo model of the
+# package, animates a sentence, shows the motion as images, curves and video, and shows the effect of the speaking
+# style.
 #
 # The demo model was trained on the *Talk corpus*, which is synthetic (see `docs/talk.md`). It is a testbed, not a
 # model of people.
 
 # %%
+from ha2g_jax.files.compile_cache import keep_programs
+
+keep_programs()  # compiled programs are kept for the next run, as the command ha2g does
+
 import pathlib
 import tempfile
 
@@ -32,7 +36,8 @@ from IPython.display import Video
 import ha2g_jax
 from ha2g_jax import figure
 from ha2g_jax.features import audio
-from ha2g_jax.motion import video
+from ha2g_jax.motion import formats, video
+from ha2g_jax.motion_files import read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style
 
@@ -42,8 +47,8 @@ motion = model.generate(speech, seed=0)
 motion.positions.shape, motion.fps
 
 # %% [markdown]
-# `motion.directions` are unit vectors along the 42 bones, and `motion.positions` are the positions of the 43
-# joints in metres, with y pointing down. There are exactly `round(duration x fps)` frames.
+# `motion.directions` are unit vectors along the 42 bones, and `motion.positions` are the positions of the 43 joints
+# in metres, with y pointing down. There are exactly `round(duration x fps)` frames.
 
 # %%
 skeleton = load_skeleton("ted_expressive")
@@ -77,28 +82,57 @@ bottom.legend()
 plt.show()
 
 # %% [markdown]
-# ## Style
+# ## Styles and takes
 #
-# The same speech in the styles of several speakers. A style can also be that of a person in images
-# (`Style(images=[...])`), or be drawn from the prior (`Style(seed=7)`).
+# The same speech in the styles of four speakers, two takes of each: the lines are the paths of the wrists, seen from
+# the front. Another speaker gestures in another space; another seed is another take of the same speaker, whose style
+# is varied a little, as people do not speak twice in the same manner (`Style(speaker=..., variation=0)` is the exact
+# style). A style can also be that of a person in images (`Style(images=[...])`), a mixture of speakers, or be drawn
+# from the prior (`Style(seed=7)`).
 
 # %%
 speakers = list(model.assets.speakers)[:4]
-_, axes = plt.subplots(1, len(speakers), figsize=(12, 3))
-for axis, speaker in zip(axes, speakers, strict=True):
-    positions = model.generate(speech, style=Style(speaker=speaker), seed=0).positions
-    wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
-    axis.plot(wrists[:, :, 0], -wrists[:, :, 1])
-    axis.set_title(speaker)
-    axis.set_aspect("equal")
+_, axes = plt.subplots(2, len(speakers), figsize=(12, 5), sharex=True, sharey=True)
+for take, row in enumerate(axes):
+    for axis, speaker in zip(row, speakers, strict=True):
+        positions = model.generate(speech, style=Style(speaker=speaker), seed=take).positions
+        wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
+        axis.plot(wrists[:, :, 0], -wrists[:, :, 1], linewidth=0.9)
+        axis.set_title(f"{speaker}, take {take}")
+        axis.set_aspect("equal")
+plt.show()
+
+# %% [markdown]
+# ## To other programs
+#
+# The suffix is the format: glTF for any viewer, BVH for animation programs, VRMA for VRM avatars, JSON and CSV for
+# your own. `rig` names the bones of the file. The solver finds joint rotations from the direction vectors; read back,
+# the BVH has the same directions (`docs/export.md`).
+
+# %%
+folder = pathlib.Path(tempfile.mkdtemp())
+for name, rig in {"hello.glb": "ha2g", "hello.bvh": "mixamo", "hello.vrma": "vrm", "hello.json": "ha2g"}.items():
+    formats.export(motion, folder / name, rig=rig)
+    print(f"{name:12} {rig:8} {(folder / name).stat().st_size / 1e3:6.0f} kB")
+
+read = read_motion(folder / "hello.bvh", skeleton="ted_expressive")
+wrist = skeleton.joint("right_wrist")
+_, axis = plt.subplots(figsize=(12, 2.5))
+axis.plot(
+    np.arange(motion.num_frames) / motion.fps, -motion.positions[:, wrist, 1], linewidth=4, alpha=0.4, label="motion"
+)
+axis.plot(np.arange(read.num_frames) / read.fps, -read.positions[:, wrist, 1], label="read back from hello.bvh")
+axis.set_xlabel("time (s)")
+axis.set_ylabel("right wrist (m)")
+axis.legend()
 plt.show()
 
 # %% [markdown]
 # ## A video with sound
 #
-# `ha2g generate` writes the same video beside the `.npz`.
+# `ha2g generate` writes such a video beside the `.npz`; this one is small and shows the first three seconds.
 
 # %%
-path = pathlib.Path(tempfile.mkdtemp()) / "hello.mp4"
-video.write_video(path, motion, samples)
-Video(path, embed=True, width=480)
+start = model.generate(samples[: 3 * audio.SAMPLE_RATE], seed=0)
+video.write_video(folder / "hello.mp4", start, samples[: 3 * audio.SAMPLE_RATE], size=200)
+Video(folder / "hello.mp4", embed=True, width=360)

@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import importlib
+import warnings
 from typing import Any
 
 import filelock
@@ -22,4 +23,7 @@ def librosa(part: str) -> Any:
         with contextlib.suppress(OSError):  # the cache folder is not writable, such as a read-only home
             cache_folder().mkdir(parents=True, exist_ok=True)
             stack.enter_context(filelock.FileLock(cache_folder() / "librosa.lock"))
-        return importlib.import_module(f"librosa.{part}")
+        with warnings.catch_warnings():
+            # Its downloader, which nothing here calls, would ask for the progress bars of notebooks.
+            warnings.filterwarnings("ignore", "IProgress not found")
+            return importlib.import_module(f"librosa.{part}")

@@ -31,7 +31,7 @@ class Page:
         height: height of the frame in a notebook in pixels.
     """
 
-    text: str
+    text: str = dataclasses.field(repr=False)
     height: int = 620
 
     def _repr_html_(self) -> str:

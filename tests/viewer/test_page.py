@@ -78,6 +78,7 @@ def test_a_notebook_shows_the_page_in_a_frame(make_motion):
     assert tag == "iframe"
     assert attributes["srcdoc"] == page.text
     assert "height: 400px" in attributes["style"]
+    assert len(repr(page)) < 100  # which is stored with the output, too
 
 
 def test_what_cannot_be_shown_is_refused_in_one_line(make_motion, tmp_path):
