@@ -41,4 +41,5 @@ def test_the_voice_is_left_out(corpus, library):
     rng = np.random.default_rng(0)
     mel = rng.uniform(-80, 0, (128, 70))
     coloured = mel + rng.uniform(-10, 10, (128, 1))
-    np.testing.assert_allclose(*(retrieval._sound(each, 0, 34, 15.0) for each in (mel, coloured)), atol=1e-6)
+    plain, other = (retrieval._sound(each, 0, 34, 15.0) for each in (mel, coloured))
+    np.testing.assert_allclose(plain, other, atol=1e-6)
