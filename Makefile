@@ -92,7 +92,7 @@ $(VENV)-torch/torch: pyproject.toml
 	$(PYTHON) -m venv $(VENV)-torch
 	$(VENV)-torch/bin/python -m pip install --quiet --upgrade pip
 	$(VENV)-torch/bin/python -m pip install --quiet --editable '.[test,torch]'
-	$(VENV)-torch/bin/python -m pip install --quiet --no-deps smplx
+	$(VENV)-torch/bin/python -m pip install --quiet --no-deps smplx  # for non-commercial research; tests alone compare with it
 	touch $@
 
 $(VENV)-blender/bpy:

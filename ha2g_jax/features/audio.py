@@ -1,4 +1,4 @@
-"""Speech: reader of audio files as mono 16 kHz samples, and the log-mel spectrogram of the models (SPEC: inputs).
+"""Speech: reader of audio files as mono 16 kHz samples, and the log-mel spectrogram of the models.
 
 The spectrogram is librosa's: FFT 1024, hop 512, Hann window, centred frames with reflected borders, 128 mel bands of
 Slaney's scale and area normalisation over 0-8 kHz, power to dB. D11: 0 dB is the maximum of the clip, the floor lies

@@ -1,4 +1,4 @@
-"""Frame-aligned words, and the vocabulary of a training split (SPEC: inputs, text)."""
+"""Frame-aligned words, and the vocabulary of a training split."""
 
 import collections
 import dataclasses
