@@ -103,6 +103,8 @@ def has_poses(arrays: Mapping[str, object]) -> bool:
 def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None) -> SmplxArrays:
     """Check the arrays of a file and bring them to one form.
 
+    Frames that are marked as bad hold the nearest good one, so that neither the axes nor the checks depend on them.
+
     Args:
         arrays: arrays of the file by name, see `NAMES`.
         source_fps: frames per second of the file; None uses the rate stored in it.
@@ -110,7 +112,7 @@ def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None)
     Raises:
         UserError: there are no poses and no positions, or wrong shapes, invalid values or no frame rate.
     """
-    arrays = from_seamless(arrays)
+    arrays = _held(from_seamless(arrays))
     if has_poses(arrays):
         name, frames = _poses(arrays)
     else:
@@ -213,11 +215,27 @@ def _trans(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarr
     return _checked(trans, name)
 
 
+def _held(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Return the arrays with the nearest good frame in place of each bad one, as they are where no frame is good."""
+    marks = arrays.get(IS_GOOD)
+    if marks is None or marks.dtype.kind not in "biuf" or not (good := np.flatnonzero(marks > 0)).size:
+        return arrays
+    after = np.minimum(np.searchsorted(good, np.arange(marks.size)), len(good) - 1)
+    before = np.maximum(after - 1, 0)
+    frames = np.arange(marks.size)
+    is_nearer = np.abs(good[before] - frames) <= np.abs(good[after] - frames)
+    nearest = np.where(is_nearer, good[before], good[after])
+    return {
+        name: array[nearest] if name != IS_GOOD and array.ndim > 1 and len(array) == marks.size else array
+        for name, array in arrays.items()
+    }
+
+
 def _good(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> np.ndarray:
     good = arrays.get(IS_GOOD, np.ones(count, bool))
     if good.size != count or good.dtype.kind not in "biuf":
         raise UserError(f"the marks of good frames have shape {good.shape}; expected {(count,)}, as many as {poses}")
-    return good.reshape(count) != 0
+    return good.reshape(count) > 0
 
 
 def _face(arrays: Mapping[str, np.ndarray], count: int, poses: str) -> dict[str, np.ndarray]:

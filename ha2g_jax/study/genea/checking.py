@@ -6,6 +6,7 @@ import pathlib
 import re
 import tempfile
 import zipfile
+import zlib
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
@@ -85,7 +86,10 @@ def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None)
             if archive.getinfo(name).file_size > MAX_MOTION_BYTES:
                 raise UserError(f"{shown(name)} is too large")
             path = pathlib.Path(folder, "file.npz")
-            path.write_bytes(archive.read(name))
+            try:
+                path.write_bytes(archive.read(name))
+            except (*damage, EOFError, zlib.error) as error:
+                raise UserError(f"it cannot be unpacked ({error or type(error).__name__})") from error
             return path
 
         return _check(names, unpacked, speech)
@@ -191,7 +195,7 @@ def _check_manifest(clips: Mapping[str, Any], files: Mapping[str, Mapping[int, _
     for clip, facts in clips.items():
         listed = facts.get("samples") if isinstance(facts, dict) else None
         for each in listed if isinstance(listed, list) else []:
-            if isinstance(each, dict):
+            if isinstance(each, dict) and isinstance(each.get("file"), str):
                 expected[each.get("file")] = each.get("sha256")
         for number, file in files.get(clip, {}).items():
             if expected.get(f"sample_{number}/{clip}.npz") != file.sha256:

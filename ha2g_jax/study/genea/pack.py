@@ -135,10 +135,7 @@ def _by_name(paths: list[pathlib.Path]) -> dict[str, pathlib.Path]:
 
 
 def _check_place(out: pathlib.Path) -> None:
-    if out.suffix.lower() == ZIP:
-        if out.is_dir():
-            raise UserError(f"{shown(out)} is a folder; give another name of a .zip")
-    elif out.exists():
+    if out.exists():
         raise UserError(f"{shown(out)} exists; choose another name or remove it")
 
 

@@ -33,7 +33,7 @@ def to_series(rows: Iterable[Mapping[str, float]]) -> dict[str, Series]:
     """
     steps: dict[str, list[float]] = {}
     values: dict[str, list[float]] = {}
-    for row in rows:
+    for row in _last_written(list(rows)):
         step = row["step"]
         for name, value in row.items():
             if name not in values:
@@ -43,9 +43,19 @@ def to_series(rows: Iterable[Mapping[str, float]]) -> dict[str, Series]:
     return {name: _clean(np.array(steps[name]), np.array(values[name], float)) for name in values if name not in _APART}
 
 
+def _last_written(rows: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+    """Return the rows without those of a step that a later row goes back behind; a step may have several rows."""
+    kept: list[Mapping[str, float]] = []
+    least = np.inf
+    for row in reversed(rows):
+        if row["step"] <= least:
+            kept.append(row)
+            least = row["step"]
+    return kept[::-1]
+
+
 def _clean(steps: np.ndarray, values: np.ndarray) -> Series:
-    later = np.minimum.accumulate(steps[::-1])[::-1]  # least step from each row on
-    holds = np.append(steps[:-1] < later[1:], True)
+    holds = np.append(steps[:-1] < steps[1:], True)  # of several rows with a metric at one step, the last
     is_finite = np.isfinite(values)
     kept = holds & is_finite
     return Series(steps[kept], values[kept], int((holds & ~is_finite).sum()))

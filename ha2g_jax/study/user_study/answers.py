@@ -2,6 +2,7 @@
 
 import datetime
 import math
+import os
 import pathlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -127,7 +128,7 @@ def _files(paths: Sequence[pathlib.Path]) -> list[pathlib.Path]:
         elif not path.exists():
             raise UserError(f"no file or folder at {shown(path)}; give the answer files of a study")
         for each in inside:
-            found.setdefault(each.resolve(), each)
+            found.setdefault(pathlib.Path(os.path.realpath(each)), each)  # a link to itself is reported when it is read
     if len(found) > MAX_ANSWER_FILES:
         raise UserError(f"{len(found)} answer files, at most {MAX_ANSWER_FILES} can be analysed together")
     return list(found.values())

@@ -35,6 +35,10 @@ class Estimate(NamedTuple):
     p: np.ndarray
 
 
+# A variance below the square of this, relative to the statistic, is that of rounding.
+_ROUNDING = 1e-6
+
+
 class Spread(NamedTuple):
     """Variance of a statistic over participants or over clips, and the number of these."""
 
@@ -57,6 +61,7 @@ def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
     used = np.where(is_used, parts, 0.0)
     mean = used.sum(-1) / np.maximum(count, 1)
     squares = np.where(is_used, np.square(used - mean[..., None]), 0.0).sum(-1)
+    squares = np.where(squares <= np.square(_ROUNDING * np.maximum(1.0, np.abs(mean))), 0.0, squares)
     return Spread(np.where(count > 1, (count - 1) / np.maximum(count, 1) * squares, np.nan), count)
 
 
@@ -66,7 +71,8 @@ def crossed(
     """Return the t interval of a statistic over participants and clips.
 
     The variance is v_p + v_c, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of freedom, as of min F'
-    (Clark 1973). With one clip the interval is about participants alone; with one participant there is none.
+    (Clark 1973). With one clip the interval is about participants alone; with one participant there is none, nor
+    where all answers agree, as nothing is then known of how much others would differ.
 
     Args:
         value: (...) statistic of all answers.
@@ -78,7 +84,8 @@ def crossed(
     of_clips = np.where(clips.size > 1, clips.variance, 0.0)
     variance = participants.variance + of_clips
     freedom = degrees_of_freedom(participants, clips)
-    error = np.sqrt(np.maximum(variance, least))
+    variance = np.maximum(variance, least)
+    error = np.sqrt(np.where(variance > 0, variance, np.nan))
     with np.errstate(invalid="ignore", divide="ignore"):
         half = stats.t.ppf(0.5 + level / 2, freedom) * error
         ratio = np.abs(value) / error

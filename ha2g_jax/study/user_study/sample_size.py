@@ -129,6 +129,8 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> Pilot:
             "to the same pair of systems; give --sd-participants and --sd-clips"
         )
     means = np.mean(variances, axis=0)
+    if not np.any(means):
+        raise UserError(f"all answers of the pilot study to {measure} agree; give the standard deviations")
     return Pilot(Spreads(*(math.sqrt(value) for value in means)), equal)
 
 

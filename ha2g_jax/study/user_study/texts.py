@@ -7,7 +7,7 @@ ONE_PARTICIPANT = "With one participant there are no intervals and no tests: not
 INTERVALS = """\
 Intervals are of 95 % and about other participants and other clips: their variance is that over participants plus \
 that over clips (jackknife), with the degrees of freedom of min F' (Clark 1973). They are rather too wide than too \
-narrow. With one clip they are about other participants only."""
+narrow. With one clip they are about other participants only; where all answers agree there is none."""
 
 OPINION = "Means of all ratings."
 

@@ -144,6 +144,25 @@ def test_seamless_interaction(seamless, expected, tmp_path):
     assert 0.03 < drift < 0.06  # centimetres became metres
 
 
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_frames_that_were_not_tracked_do_not_count(value, seamless, expected, tmp_path):
+    """Neither the axes, which are means over time, nor the checks of values depend on them, however many they are."""
+    (path,) = seamless.rglob("*.npz")
+    arrays = dict(np.load(path))
+    bad = np.arange(FRAMES) >= 0.4 * FRAMES
+    for name, array in arrays.items():
+        if name.startswith("smplh:") and name != "smplh:is_valid":
+            array[bad] = value
+    arrays["smplh:is_valid"] = ~bad
+    np.savez(path, **arrays)
+    import_smplx(seamless, tmp_path / "out")
+    corpus = Corpus.open(tmp_path / "out")
+    (clip,) = corpus.clips("train")
+    assert corpus.metadata["motion"] == {"poses, -y up": 1}
+    moved, part = clip.positions - clip.positions[:, :1], expected[: len(clip.positions)]
+    np.testing.assert_allclose(moved, part - part[:, :1], atol=0.02)  # the heading is the mean over other frames
+
+
 def test_embody_3d(embody, expected, tmp_path, caplog):
     report = import_smplx(embody, tmp_path / "out", ImportOptions(with_words=False))["train"]
     corpus = Corpus.open(tmp_path / "out")

@@ -75,6 +75,14 @@ def test_a_changed_file_differs_from_the_manifest(pack):
     assert check_pack(pack).findings == [f"{FILE} is not the file of manifest.json"]
 
 
+def test_a_manifest_with_other_values_names_no_file(pack):
+    content = json.loads((pack / "manifest.json").read_text())
+    for facts in content["clips"].values():
+        facts["samples"] = [{"file": [1], "sha256": None}]
+    (pack / "manifest.json").write_text(json.dumps(content))
+    assert f"{FILE} is not the file of manifest.json" in check_pack(pack).findings
+
+
 def test_missing_and_superfluous_files_are_found(pack):
     (pack / "manifest.json").unlink()
     (pack / FILE).unlink()
@@ -119,6 +127,10 @@ def test_a_damaged_zip_and_a_folder_of_something_else_are_refused(pack, tmp_path
     (tmp_path / "cut.zip").write_bytes(data[: len(data) // 2])
     with zipfile.ZipFile(tmp_path / "empty.zip", "w"):
         pass
+    flipped = bytearray(data)
+    flipped[data.index(b"PK\x01\x02") // 3] ^= 0xFF  # within a member
+    (tmp_path / "flipped.zip").write_bytes(flipped)
+    assert check_pack(tmp_path / "flipped.zip").findings  # of one file; the others are checked
     for name in ("cut.zip", "empty.zip", "none.zip", "."):
         with pytest.raises(UserError) as caught:
             check_pack(tmp_path / name if name != "." else tmp_path / "pack" / "sample_1")

@@ -84,6 +84,15 @@ def test_a_system_that_never_wins_has_no_lower_bound():
     assert (found.differences.high[1:] == np.inf).all() and (found.differences.low[1:] > 0).all()
 
 
+def test_the_order_of_the_systems_does_not_matter():
+    """Where nothing varies, the width comes from the least variance, and not from that of rounding."""
+    always = [(p, c, 0, 1, -1) for p in range(6) for c in range(3)]
+    found, turned = (estimate(choices(rows), 2).differences for rows in (always, [(*row[:4], 1) for row in always]))
+    np.testing.assert_allclose(found.value, -turned.value)
+    np.testing.assert_allclose(found.low, -turned.high)
+    np.testing.assert_allclose(found.p, turned.p)
+
+
 def test_systems_that_were_not_compared_have_no_common_scale():
     found = estimate(choices([(p, 0, 2 * (p % 2), 2 * (p % 2) + 1, (-1) ** (p // 2)) for p in range(8)]), 4)
     assert not found.is_connected and np.isnan(found.differences.value).all()

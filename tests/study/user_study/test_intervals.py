@@ -57,7 +57,7 @@ def test_difference_in_an_incomplete_design_is_free_of_participants_and_clips():
     table = np.array([1.0, 0.25])[:, None] + random.normal(size=(9, 1, 1)) + random.normal(size=(1, 1, 6))
     table[random.random(table.shape) < 0.5] = np.nan
     found = system_differences(*answers_of(table), 2)
-    assert found.value == pytest.approx([0.75]) and found.error == pytest.approx([0], abs=1e-6)
+    assert found.value == pytest.approx([0.75]) and np.isnan(found.error)  # nothing varies
 
 
 def test_difference_that_the_answers_do_not_determine():
@@ -72,6 +72,13 @@ def test_one_participant_and_one_clip():
     assert one.value == 4 and np.isnan([one.low, one.high, one.p]).all()
     of_participants = mean(values, np.arange(3), np.zeros(3, int))  # one clip: the t interval over participants
     assert of_participants.high == pytest.approx(stats.t.interval(0.95, 2, 4, stats.sem(values))[1])
+
+
+def test_answers_that_all_agree_say_nothing_of_others():
+    """No interval of width 0 is shown, nor one whose width is that of rounding."""
+    participant, clip = (axis.ravel() for axis in np.indices((4, 5)))
+    found = mean(np.full(20, 3.1), participant, clip)
+    assert found.value == pytest.approx(3.1) and np.isnan([found.low, found.high, found.error, found.p]).all()
 
 
 def test_p_is_small_where_the_interval_excludes_zero():
