@@ -73,7 +73,7 @@ def _add_power(commands: Any) -> None:
     spread.add_argument("--sd-rest", type=float, metavar="SD", help="of one rating around all else (mos only)")
     spread.add_argument("--equal", type=float, metavar="P", help="share of choices for neither (default: 0)")
     spread.add_argument(
-        "--pilot", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="take what is not given from these answers"
+        "--pilot", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="estimate the other options from these answers"
     )
     spread.add_argument("--study", type=pathlib.Path, metavar="DIR", help="folder of the study of --pilot")
     search = command.add_argument_group("search")
