@@ -40,6 +40,7 @@ def paper(skeleton: str) -> Config:
     config.data.image_size = 224
     config.data.jitter = 0  # largest number of frames by which a training window starts late, at random
     config.data.mirror = 0.0  # fraction of training windows that are mirrored left to right, with another identity
+    config.data.vocal_tract = 0.0  # largest fraction by which a vocal tract is made longer or shorter, at random
     config.data.equalizer_db = 0.0  # largest number of dB by which a band is made louder or quieter, at random
     config.data.reverb = 0.0  # fraction of training windows with the reverberation of a room
     config.data.gain_db = 0.0  # largest number of dB by which a training window is made quieter, at random
@@ -111,6 +112,9 @@ def paper(skeleton: str) -> Config:
     config.train.ema = 0.0  # decay of the running average of the generator; 0 for no average
     config.train.dtype = "float32"  # of activations, or "bfloat16"; parameters, statistics and losses stay float32
     config.train.accumulate = 1  # number of parts of a batch; the same update in less memory
+    config.train.init_from = (
+        ""  # model whose weights training starts from: "demo", a folder, or hf://OWNER/NAME@REVISION
+    )
     config.train.warmup_epochs = 10  # D9: epochs before the GAN term is used
     config.train.log_every = 50
     config.train.validate_every = 1000

@@ -1,4 +1,4 @@
-"""Data augmentation of a training window: mirrored motion, frequency response, reverberation, noise, a hidden end.
+"""Data augmentation of a training window: mirrored motion, other voices, rooms, microphones and noise, a hidden end.
 
 Pure functions of one example (see `Windows`). All randomness comes from the generator that is passed in.
 """
@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, SAMPLE_RATE, log_mel, sound_power
+from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, log_mel, sound_power
+from ha2g_jax.features.spectrum import mel_frequencies
 from ha2g_jax.features.text import PADDING
 from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16
+_HIGHEST_FORMANT = 4800.0  # Hz
 _EQUALIZER_POINTS = 6  # of a random frequency response, evenly spaced in mel
 _REVERBERATION_SECONDS = (0.2, 0.9)  # time in which the sound of a room falls by 60 dB
 _DIRECT_DB = (0.0, 15.0)  # power of the direct sound over that of its reverberation
@@ -25,6 +27,7 @@ class Augmentation(NamedTuple):
     Attributes:
         jitter: maximum number of frames by which the window starts late.
         mirror: probability that the window is mirrored.
+        vocal_tract: maximum by which the speaker's vocal tract is made longer or shorter, as a fraction.
         equalizer_db: maximum by which a band of the spectrum is made louder or quieter than flat, in dB.
         reverb: probability that the speech is heard in a room.
         gain_db: maximum by which the speech is made quieter, in dB.
@@ -36,6 +39,7 @@ class Augmentation(NamedTuple):
 
     jitter: int = 0
     mirror: float = 0.0
+    vocal_tract: float = 0.0
     equalizer_db: float = 0.0
     reverb: float = 0.0
     gain_db: float = 0.0
@@ -79,6 +83,8 @@ def augment(
     if "mel" not in example:
         return example
     mel = example["mel"]
+    if augmentation.vocal_tract:
+        mel = warp_formants(mel, float((1 + augmentation.vocal_tract) ** rng.uniform(-1, 1)))
     if augmentation.equalizer_db:
         mel = equalize(mel, augmentation.equalizer_db, rng)
     if augmentation.reverb and rng.random() < augmentation.reverb:
@@ -117,6 +123,28 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
     if "images" in example:
         mirrored["images"] = example["images"][:, :, ::-1]
     return example | mirrored
+
+
+def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
+    """Move the formants of a spectrogram, as a vocal tract of another length does (VTLP, Jaitly and Hinton 2013).
+
+    Frequencies f become `factor` f up to about 4.8 kHz; those above are moved linearly, so that the highest one stays.
+    Harmonics of the voice move with the formants. Values in dB are interpolated between bands.
+
+    Args:
+        mel: (128, columns) dB.
+        factor: above 1 for a shorter vocal tract.
+
+    Returns:
+        (128, columns) float32 dB.
+    """
+    bands = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)[1:-1]
+    highest, border = SAMPLE_RATE / 2, _HIGHEST_FORMANT * min(factor, 1.0)
+    source = np.interp(bands, [0, border, highest], [0, border / factor, highest])
+    position = np.interp(source, bands, np.arange(len(bands)))
+    lower = np.minimum(position.astype(int), len(bands) - 2)
+    share = (position - lower)[:, None].astype(np.float32)
+    return (1 - share) * mel[lower] + share * mel[lower + 1]
 
 
 def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.ndarray:

@@ -89,7 +89,7 @@ def check_augmentation(config: Config, spec: Spec) -> None:
         UserError: the sound is to be changed, but the model takes no mel spectrogram; or ends of windows are
             hidden, but the model takes an input whose end cannot be hidden.
     """
-    changes = [name for name in ("equalizer_db", "reverb", "noise", "gain_db") if config.data[name]]
+    changes = [name for name in ("vocal_tract", "equalizer_db", "reverb", "noise", "gain_db") if config.data[name]]
     if changes and "mel" not in spec.training_inputs:
         raise UserError(
             f"{config.method} takes no mel spectrogram, which {', '.join(changes)} would change: set "
@@ -108,6 +108,7 @@ def _check_data(data: Config) -> None:
     expected = {
         "jitter": ("0 or more", data.jitter >= 0),
         "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
+        "vocal_tract": ("from 0 to below 1", 0 <= data.vocal_tract < 1),
         "equalizer_db": ("0 or more", data.equalizer_db >= 0),
         "reverb": ("from 0 to 1", 0 <= data.reverb <= 1),
         "gain_db": ("0 or more", data.gain_db >= 0),

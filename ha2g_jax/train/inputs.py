@@ -16,6 +16,7 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
 from ha2g_jax.methods import whisper_weights
 from ha2g_jax.methods.method import Spec
+from ha2g_jax.train.initial_model import initial_variables
 
 VALIDATION = "val"
 
@@ -108,6 +109,7 @@ def training_batches(
         augmentation=Augmentation(
             jitter=data.jitter,
             mirror=data.mirror,
+            vocal_tract=data.vocal_tract,
             equalizer_db=data.equalizer_db,
             reverb=data.reverb,
             gain_db=data.gain_db,
@@ -124,7 +126,7 @@ def training_batches(
 
 
 def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
-    """Read the pretrained parameters of the files that the config names.
+    """Read the weights that the config names, of a model or of parts of one, which take the place of random ones.
 
     Args:
         config: settings of the run.
@@ -132,12 +134,19 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
         vocabulary: words of the training split.
 
     Returns:
-        A part of the parameter tree of the generator; {} if the config names no file.
+        A part of the tree {"params", "batch_stats"} of the generator.
 
     Raises:
-        UserError: a file cannot be used, or does not fit the model.
+        UserError: a model or a file cannot be used, or does not fit the config.
     """
     text, audio = config.model.text, config.model.audio
+    if source := config.train.init_from:
+        if text.vectors:
+            raise UserError(
+                f"the words of {source} have vectors already: leave out --config.model.text.vectors or "
+                "--config.train.init_from"
+            )
+        return initial_variables(source, spec, vocabulary)
     parts = {}
     if text.vectors:
         if not {"words", "plain_words"} & set(spec.training_inputs):
@@ -146,7 +155,7 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
         parts |= word_table(config, len(vocabulary), vectors)
     if audio.kind == "whisper":
         parts |= {"audio": {"whisper": _whisper(audio)}}
-    return parts
+    return {"params": parts}
 
 
 def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:

@@ -112,6 +112,8 @@ def _train(
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
     with _stage("initialising the networks"):
         state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
+    if config.train.init_from and not found and hosts.is_first():
+        tqdm.tqdm.write(f"training starts from the weights of {config.train.init_from}", file=sys.stderr)
     step, best_score = int(state.step), record.get("best_score", math.inf)
     batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
     if hosts.is_first():

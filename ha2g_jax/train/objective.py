@@ -128,7 +128,7 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
     Args:
         objective: static.
         key: key of the random parameters.
-        pretrained: part of the parameter tree of the generator whose values replace the random ones.
+        pretrained: part of the tree {"params", "batch_stats"} of the generator whose values replace the initial ones.
 
     Returns:
         The state before the first step.
@@ -153,13 +153,13 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
 
 
 def set_pretrained(variables: Mapping[str, Any], pretrained: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the variables of a generator with pretrained parameters in place of random ones.
+    """Return the variables of a generator with pretrained values in place of initial ones.
 
     Args:
         variables: {"params", "batch_stats"} of the generator.
-        pretrained: part of the tree of parameters; a table may have fewer rows than the generator's.
+        pretrained: part of this tree; a table may have fewer rows than the generator's.
     """
-    return {**variables, "params": _merge(variables["params"], pretrained)}
+    return _merge(variables, pretrained)
 
 
 def _merge(tree: Any, part: Any) -> Any:

@@ -14,6 +14,7 @@ from ha2g_jax.data.augment import (
     make_quieter,
     mirror_example,
     reverberate,
+    warp_formants,
 )
 from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window, sound_power
 from ha2g_jax.features.text import PADDING
@@ -121,6 +122,23 @@ def test_noise_is_that_of_a_waveform():
     difference = 10 * np.log10(np.power(10, noisy / 10).mean(axis=1) / np.power(10, real / 10).mean(axis=1))
     assert abs(difference.mean()) < 0.5
     assert np.abs(difference).max() < 3
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.0, 1.2])
+def test_formants_move_by_the_factor_of_the_vocal_tract(factor):
+    """The spectrogram of a tone becomes that of a tone of `factor` times its frequency, to a band."""
+
+    def tone(frequency: float) -> np.ndarray:
+        return log_mel(np.sin(2 * np.pi * frequency * np.arange(20 * 512) / SAMPLE_RATE).astype(np.float32))
+
+    for frequency in (300.0, 1200.0, 3000.0):
+        warped = warp_formants(tone(frequency), factor)
+        assert np.all(np.abs(warped.argmax(axis=0)[2:-2] - tone(factor * frequency).argmax(axis=0)[2:-2]) <= 1)
+    assert warped.dtype == np.float32
+    slope = np.repeat(np.linspace(-60, 0, 128, dtype=np.float32)[:, None], 3, axis=1)
+    np.testing.assert_allclose(warp_formants(slope, factor)[[0, -1]], slope[[0, -1]], atol=0.5)  # the ends stay
+    if factor == 1:
+        np.testing.assert_allclose(warp_formants(slope, factor), slope, atol=1e-4)
 
 
 def test_an_equalizer_changes_all_columns_alike():

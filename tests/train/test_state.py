@@ -27,7 +27,7 @@ def test_an_average_has_the_variables_of_the_generator_and_is_the_model(objectiv
 
 def test_pretrained_parameters_take_the_place_of_fresh_ones_and_of_no_others(objective, state):
     vectors = np.random.default_rng(0).normal(size=(11, 8)).astype(np.float32)
-    part = {"text": {"embedding": {"embedding": vectors}}}
+    part = {"params": {"text": {"embedding": {"embedding": vectors}}}}
     variables = set_pretrained(state.generator.variables, part)
     np.testing.assert_array_equal(variables["params"]["text"]["embedding"]["embedding"], vectors)
     variables["params"]["text"]["embedding"]["embedding"] = state.generator.params["text"]["embedding"]["embedding"]

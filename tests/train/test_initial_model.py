@@ -1,0 +1,66 @@
+"""A run may start from the weights of a model that knows other words and speakers."""
+
+import jax
+import numpy as np
+import pytest
+
+from ha2g_jax import cli, presets
+from ha2g_jax.checkpoint import model_folder, weights
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import UNKNOWN, Vocabulary
+from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.train.initial_model import initial_variables
+
+WORDS = "params/text/embedding/embedding"
+
+
+def spec_for(*words: str, data="talk", method="ha2g", kind="images", hidden_dim=64):
+    """Return the vocabulary of some words and networks for it, by default of the demo's size."""
+    changes = {"model.identity.kind": kind, "model.inferer.hidden_dim": hidden_dim}
+    config = presets.make(data, "small", method, changes)
+    vocabulary = Vocabulary(words)
+    return vocabulary, build(config, load_skeleton(config.skeleton), len(vocabulary), 3)
+
+
+def start(vocabulary, spec):
+    return weights.flatten(initial_variables("demo", spec, vocabulary))
+
+
+def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
+    demo = model_folder.load("demo")
+    known = demo.assets.vocabulary.words[5]
+    found, before = start(*spec_for("qwyx", known)), weights.flatten(demo.variables)
+    assert found.keys() == before.keys()
+    assert all(np.array_equal(found[name], before[name]) for name in found if name != WORDS)
+    np.testing.assert_array_equal(found[WORDS], before[WORDS][[0, 1, UNKNOWN, demo.assets.vocabulary.encode(known)]])
+
+
+def test_a_table_of_speakers_starts_anew():
+    """The demo has styles from images; motion capture has none."""
+    vocabulary, spec = spec_for("you", data="bvh", kind="speakers")
+    missing = weights.flatten(variable_shapes(spec)).keys() - start(vocabulary, spec).keys()
+    assert missing
+    assert all("/identity/" in name for name in missing)
+
+
+def test_models_that_do_not_fit_are_refused():
+    with pytest.raises(UserError, match="model of ha2g, the config one of trimodal"):
+        start(*spec_for(method="trimodal", kind="speakers"))
+    with pytest.raises(UserError, match="moves ted_expressive, the config ted_gesture"):
+        start(*spec_for(data="ted_gesture", kind="speakers"))
+    with pytest.raises(UserError, match="has shape"):
+        start(*spec_for(hidden_dim=32))
+
+
+def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
+    """With a learning rate of 0 all weights are those of the model at the end, except for vectors of other words."""
+    source = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
+    flags = ["--config=talk:debug", f"--workdir={tmp_path / 'run'}", f"--config.data.path={tiny_talk}"]
+    rates = ("learning_rate", "discriminator_learning_rate")
+    flags += [f"--config.train.init_from={source}", *(f"--config.train.{rate}=0.0" for rate in rates)]
+    assert cli.main(["train", *flags]) == 0
+    assert f"training starts from the weights of {source}" in capsys.readouterr().err
+    before, after = (model_folder.load(path).variables["params"] for path in (source, tmp_path / "run"))
+    del before["text"]["embedding"], after["text"]["embedding"]
+    assert jax.tree.all(jax.tree.map(np.array_equal, before, after))
