@@ -36,7 +36,10 @@ def _add_pack(parts: Any) -> None:
         "--checkpoint", help="'demo', a workdir, a model folder, hf://OWNER/NAME or an .onnx (default: demo)"
     )
     pack.add_argument(
-        "--samples", type=positive, metavar="N", help="samples of each clip (default: 5, or all in --motion)"
+        "--samples",
+        type=positive,
+        metavar="N",
+        help="samples of each clip; the leaderboard takes 5, or 1 (default: 5, or all in --motion)",
     )
     pack.add_argument("--seed", type=read_seed, help="seed of sample 1, the next has the next (default: 0)")
     add_style(pack)

@@ -22,6 +22,7 @@ class CauseRow(NamedTuple):
         seconds: (n,) length of what is scored.
         clips: (n,) id of each clip.
         shapes: (words, 2) class of the hand shape that is shown and class of the word, of each gesture-bearing word.
+        flexions: (words, 2, 5) flexion of the fingers that is shown and that of the word's class, mean over the hands.
         word_clips: (words,) id of the clip of each word.
         seen: (n, 2) amplitude and handedness that are seen.
         asked: (n, 2) amplitude and handedness that were asked for.
@@ -33,6 +34,7 @@ class CauseRow(NamedTuple):
     seconds: np.ndarray = np.zeros(0)
     clips: np.ndarray = np.zeros(0, str)
     shapes: np.ndarray = np.zeros((0, 2), int)
+    flexions: np.ndarray = np.zeros((0, 2, 5))
     word_clips: np.ndarray = np.zeros(0, str)
     seen: np.ndarray = np.zeros((0, 2))
     asked: np.ndarray = np.zeros((0, 2))
@@ -46,33 +48,60 @@ class Predictions(NamedTuple):
     clips: np.ndarray
 
 
-def hand_shape(
-    flexions: np.ndarray, shapes: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
-) -> int:
-    """Return the shape that a hand takes at a word: the nearest template to the mean flexion over a short window.
+def shown_flexions(
+    flexions: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
+) -> np.ndarray:
+    """Return the mean flexion of the fingers over a short window around a word.
 
     Args:
         flexions: (T, hands, 5) flexion of the fingers, 0 straight and 1 closed, of the hands that should gesture.
-        shapes: (classes, 5) flexions of each template.
         time: time in seconds at which the gesture of the word should be seen.
         fps: frames per second of `flexions`.
-        window: seconds before and after `time`.
+        window: seconds before and after `time`; the nearest frame counts where none lies in it.
 
     Returns:
-        Index of the template with the least Euclidean distance, summed over hands.
+        (hands, 5) flexions.
     """
     frames = np.arange(len(flexions)) / fps - time
     seen = (frames >= window[0]) & (frames <= window[1])
     if not seen.any():
         seen = np.abs(frames) == np.abs(frames).min()
-    mean = flexions[seen].mean(axis=0)
-    return int(np.argmin(np.linalg.norm(mean[None] - shapes[:, None], axis=-1).sum(axis=-1)))
+    return flexions[seen].mean(axis=0)
+
+
+def hand_shape(shown: np.ndarray, shapes: np.ndarray) -> int:
+    """Return the shape that the hands take: the template with the least Euclidean distance, summed over hands.
+
+    Args:
+        shown: (hands, 5) flexions, see `shown_flexions`.
+        shapes: (classes, 5) flexions of each template.
+
+    Returns:
+        Index of the template.
+    """
+    return int(np.argmin(np.linalg.norm(shown[None] - shapes[:, None], axis=-1).sum(axis=-1)))
 
 
 def expected_match(predicted: np.ndarray, true: np.ndarray) -> float:
     """Return the ratio of words that match when the predictions are shuffled: sum over classes of p(c) q(c)."""
     names = np.unique(np.concatenate([predicted, true]))
     return float(sum(np.mean(predicted == name) * np.mean(true == name) for name in names))
+
+
+def finger_correlation(flexions: np.ndarray) -> float:
+    """Return the correlation over words and fingers of the flexion that is shown with that of the word's class.
+
+    The mean of each finger is subtracted first, so that a pose that is the same at all words has no correlation. It
+    sees hands that move a part of the way to a shape, where the nearest shape is still that of a resting hand.
+
+    Args:
+        flexions: (words, 2, 5) flexion that is shown and that of the word's class.
+
+    Returns:
+        The Pearson correlation; NaN where either side is constant.
+    """
+    centred = flexions - flexions.mean(axis=0, keepdims=True)
+    return correlation(centred.swapaxes(1, 2).reshape(-1, 2))
 
 
 def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
@@ -135,6 +164,10 @@ def _recall(row: CauseRow) -> Estimate | None:
     return jackknife(row.shapes, lambda pairs: float(np.mean(pairs[:, 0] == pairs[:, 1])), row.word_clips)
 
 
+def _finger_correlation(row: CauseRow) -> Estimate | None:
+    return jackknife(row.flexions, finger_correlation, row.word_clips) if len(row.flexions) else None
+
+
 def _style(column: int) -> Callable[[CauseRow], Estimate | None]:
     """Return a measure: correlation over clips of what is asked for with what is seen, the error by speaker."""
 
@@ -162,6 +195,7 @@ CAUSE_METRICS = (
     _metric("stroke_precision", "precision", _of_counts(beats.precision)),
     Metric("strokes_per_second", "strokes", "/s", "none", KNOWN_CAUSES, 2, _rate, "known_causes"),
     _metric("semantic_recall", "hand shape", _recall),
+    _metric("finger_correlation", "fingers r", _finger_correlation),
     _metric("style_amplitude", "amplitude r", _style(0)),
     _metric("style_handedness", "handedness r", _style(1)),
 )

@@ -11,6 +11,11 @@ NAMES = list(lexicon.HAND_SHAPES)
 SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
 
 
+def shape_at(flexions: np.ndarray, time: float) -> str:
+    """Return the name of the shape that hands (T, hands, 5) at 15 frames per second show at a time."""
+    return NAMES[known_causes.hand_shape(known_causes.shown_flexions(flexions, time, 15), SHAPES)]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_pose_of_a_template_is_read_back_as_its_class(name):
     skeleton = load_skeleton("ted_expressive")
@@ -19,20 +24,33 @@ def test_the_pose_of_a_template_is_read_back_as_its_class(name):
     flexions = anatomy.finger_flexions(skeleton, anatomy.body_directions(skeleton, body))
     np.testing.assert_allclose(flexions, fingers, atol=1e-5)
     for hands in ([0], [1], [0, 1]):
-        assert NAMES[known_causes.hand_shape(flexions[:, hands], SHAPES, 0.5, 15)] == name
+        assert shape_at(flexions[:, hands], 0.5) == name
 
 
 def test_a_shape_counts_only_at_its_moment():
     flexions = np.tile(SHAPES[NAMES.index("open")], (60, 1, 1))
     flexions[30:36] = SHAPES[NAMES.index("fist")]
-    shown = [NAMES[known_causes.hand_shape(flexions, SHAPES, time, 15)] for time in (1.0, 2.1, 3.0)]
-    assert shown == ["open", "fist", "open"]
+    assert [shape_at(flexions, time) for time in (1.0, 2.1, 3.0)] == ["open", "fist", "open"]
 
 
 def test_a_moment_past_the_end_sees_the_last_pose():
     flexions = np.tile(SHAPES[NAMES.index("open")], (15, 1, 1))
     flexions[-1] = SHAPES[NAMES.index("fist")]
-    assert NAMES[known_causes.hand_shape(flexions, SHAPES, 5.0, 15)] == "fist"
+    assert shape_at(flexions, 5.0) == "fist"
+
+
+def test_fingers_that_go_a_part_of_the_way_are_seen():
+    """Their nearest shape is that of a resting hand; their correlation is that of fingers that go all the way."""
+    rest, true = np.full(5, 0.44), SHAPES[np.arange(40) % len(SHAPES)]
+    for share in (0.1, 1.0):
+        shown = rest + share * (true - rest)
+        assert known_causes.finger_correlation(np.stack([shown, true], axis=1)) == pytest.approx(1)
+    weak = rest + 0.1 * (true - rest)
+    assert len({known_causes.hand_shape(each[None], SHAPES) for each in weak}) == 1
+    random = np.random.default_rng(0).permutation(weak)
+    assert abs(known_causes.finger_correlation(np.stack([random, true], axis=1))) < 0.3
+    still = np.stack([np.broadcast_to(rest, true.shape), true], axis=1)
+    assert np.isnan(known_causes.finger_correlation(still))
 
 
 def test_expected_match_is_the_mean_over_shuffles():

@@ -76,7 +76,7 @@ def find_embody(root: pathlib.Path, options: ImportOptions) -> list[MotionRecord
     found = []
     for folder in sorted(root.rglob(_EMBODY_BODY)):
         person = folder.parent
-        for path in sorted(folder.glob("*.npy")):
+        for path in sorted(folder.glob("[!.]*.npy")):
             audio = person / _EMBODY_AUDIO / f"{path.stem}.wav"
             words = transcripts.find(audio)
             name = shown(f"{path.stem}--{person.name}")

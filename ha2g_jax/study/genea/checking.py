@@ -125,12 +125,15 @@ def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speec
 
 
 def _check_file(name: str, path_of: Callable[[str], pathlib.Path], findings: list[str]) -> _File:
+    path = None
     try:
         path = path_of(name)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES)
     except UserError as error:
-        findings.append(f"{shown(name)}: {error}")
+        # A file of a .zip is read from a temporary place, which means nothing to the user.
+        reason = str(error).replace(shown(path), "the file") if path else str(error)
+        findings.append(f"{shown(name)}: {reason}")
         return _File(0, name, "")
     wrong = _wrong_arrays(arrays)
     if not wrong:
@@ -163,7 +166,7 @@ def _wrong_arrays(arrays: Mapping[str, np.ndarray]) -> list[str]:
             wrong.append(f"{name} has values of {array.dtype} that are no finite floats")
     rate = arrays["mocap_frame_rate"]
     if rate.size != 1 or rate.dtype.kind not in "iuf" or float(rate.reshape(())) != FPS:
-        wrong.append(f"mocap_frame_rate is {str(rate)[:40]}, expected {FPS:g}")
+        wrong.append(f"mocap_frame_rate is {str(rate)[:40]} of type {rate.dtype}, expected the number {FPS:g}")
     for name, allowed in {"model": (TEXTS["model"],), "gender": _GENDERS}.items():
         if str(arrays[name])[:40] not in allowed:
             wrong.append(f"{name} is {str(arrays[name])[:40]!r}, expected {' or '.join(allowed)}")

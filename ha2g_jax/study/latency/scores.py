@@ -128,8 +128,7 @@ def known_scores(row: CauseRow) -> dict[str, float | None]:
     shuffled words.
     """
     found = {name: _value(metrics.lookup(name).measure(row)) for name in (F1, GAIN, RECALL)}
-    words = [(clip, *pair) for clip, pair in zip(row.word_clips.tolist(), row.shapes.tolist(), strict=True)]
-    floors = [_value(floor[RECALL]) for floor in semantic_floors(words)] if words else []
+    floors = [_value(floor[RECALL]) for floor in semantic_floors(row)] if len(row.shapes) else []
     floor = max((value for value in floors if value is not None), default=None)
     recall = found[RECALL]
     above = None if floor is None or recall is None else recall - floor

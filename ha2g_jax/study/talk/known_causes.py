@@ -119,21 +119,20 @@ def _score_split(
         progress.update()
     made = {name: scores.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
     made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
-    words = scores.word_shapes(trials[MODEL], fps, first_frame)
     rows = {name: scores.measure_causes(row) for name, row in made.items()}
-    rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(words), strict=True))
+    own = made.get(MODEL, CauseRow())
+    rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(own), strict=True))
     return {
         "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
         "without_speakers": {
-            metric: {speaker: _number(value) for speaker, value in scores.without_speakers(made[MODEL], metric).items()}
+            metric: {speaker: _number(value) for speaker, value in scores.without_speakers(own, metric).items()}
             for metric in CLAIMED
-            if MODEL in made
         },
         "counts": {
             "clips": len(clips),
             "speakers": len({clip.speaker for clip in clips}),
-            "strokes": int(made[MODEL].counts[:, 0].sum()) if MODEL in made else 0,
-            "words": len(words),
+            "strokes": int(own.counts[:, 0].sum()),
+            "words": len(own.shapes),
         },
         "notes": [_NOTE],
     }

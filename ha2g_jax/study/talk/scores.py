@@ -11,7 +11,7 @@ from ha2g_jax.data.talk import anatomy, lexicon
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.metrics import beats, known_causes
 from ha2g_jax.metrics.jackknife import Estimate, jackknife
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow, expected_match
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 
 CLASSES = tuple(lexicon.HAND_SHAPES)
@@ -19,7 +19,21 @@ _SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
 _HANDS = {"left": [0], "right": [1], "both": [0, 1]}
 _STYLE = [Style._fields.index(name) for name in ("amplitude", "handedness")]
 
-Word = tuple[str, int, int]  # clip, class of the hand shape that is shown, class of the word
+
+class Word(NamedTuple):
+    """A gesture-bearing word of a clip.
+
+    Attributes:
+        clip: id of the clip.
+        shown: class of the hand shape that is shown.
+        true: class of the word.
+        flexions: (5,) flexion of the fingers that is shown, mean over the hands that should gesture.
+    """
+
+    clip: str
+    shown: int
+    true: int
+    flexions: np.ndarray
 
 
 class Observed(NamedTuple):
@@ -89,8 +103,9 @@ def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow
         counts=beat_counts(trials, fps, first_frame),
         seconds=np.array(spans),
         clips=np.array([trial.truth.clip.id for trial in trials]),
-        shapes=_pairs(words),
-        word_clips=np.array([word[0] for word in words]),
+        shapes=np.array([(word.shown, word.true) for word in words], int).reshape(-1, 2),
+        flexions=np.array([(word.flexions, _SHAPES[word.true]) for word in words]).reshape(-1, 2, _SHAPES.shape[1]),
+        word_clips=np.array([word.clip for word in words]),
         seen=np.array([known_causes.movement(trial.observed.wrists, fps) for trial in trials]),
         asked=np.array([trial.truth.clip.style for trial in trials])[:, _STYLE],
         speakers=np.array([trial.truth.clip.speaker for trial in trials]),
@@ -124,6 +139,7 @@ def _without(row: CauseRow, speaker: str) -> CauseRow:
         seconds=row.seconds[kept],
         clips=row.clips[kept],
         shapes=row.shapes[words],
+        flexions=row.flexions[words],
         word_clips=row.word_clips[words],
         seen=row.seen[kept],
         asked=row.asked[kept],
@@ -153,31 +169,28 @@ def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.nda
 
 
 def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> list[Word]:
-    """Return clip, class that the hand shows, and class of the word, of each gesture-bearing word."""
+    """Return the gesture-bearing words of all clips, and what the hands show at each."""
     words = []
     for trial in trials:
         start, end = _shared_time(trial, fps, first_frame)
         for stroke in trial.truth.clip.strokes:
             if stroke.kind == "semantic" and start <= stroke.time < end:
                 hands = trial.observed.flexions[:, _HANDS[stroke.hand]]
-                shown = known_causes.hand_shape(hands, _SHAPES, stroke.time, fps)
-                words.append((trial.truth.clip.id, shown, CLASSES.index(stroke.word_class)))
+                flexions = known_causes.shown_flexions(hands, stroke.time, fps)
+                shown = known_causes.hand_shape(flexions, _SHAPES)
+                true = CLASSES.index(stroke.word_class)
+                words.append(Word(trial.truth.clip.id, shown, true, flexions.mean(axis=0)))
     return words
 
 
-def semantic_floors(words: Sequence[Word]) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+def semantic_floors(row: CauseRow) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
     """Return the scores of always showing the most frequent class, and of the same shapes at shuffled words."""
-    true = [word[2] for word in words]
+    true = row.shapes[:, 1].tolist()
     most = max(set(true), key=true.count) if true else 0
-    clips, pairs = np.array([word[0] for word in words]), _pairs(words)
     return (
-        {"semantic_recall": jackknife(pairs, lambda part: float(np.mean(part[:, 1] == most)), clips)},
-        {"semantic_recall": jackknife(pairs, lambda part: known_causes.expected_match(*part.T), clips)},
+        {"semantic_recall": jackknife(row.shapes, lambda part: float(np.mean(part[:, 1] == most)), row.word_clips)},
+        {"semantic_recall": jackknife(row.shapes, lambda part: expected_match(*part.T), row.word_clips)},
     )
-
-
-def _pairs(words: Sequence[Word]) -> np.ndarray:
-    return np.array([word[1:] for word in words], int).reshape(-1, 2)
 
 
 def _shared_time(trial: Trial, fps: float, first_frame: int) -> tuple[float, float]:
