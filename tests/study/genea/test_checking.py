@@ -37,7 +37,7 @@ WRONG = {
     "not finite": ({"trans": np.full((69, 3), np.nan, np.float32)}, "trans has values of float32 that are no finite"),
     "objects": ({"poses": np.zeros((69, 165), object)}, "sample_2"),
     "rate": ({"mocap_frame_rate": np.array(15)}, "mocap_frame_rate is 15 of type int64, expected the number 30"),
-    "rate as text": ({"mocap_frame_rate": np.array("30")}, "mocap_frame_rate is 30 of type <U2, expected the number 30"),
+    "rate as text": ({"mocap_frame_rate": np.array("30")}, "mocap_frame_rate is 30 of type <U2"),
     "gender": ({"gender": np.array(b"neutral")}, "gender is"),
     "other body": ({"model": np.array("smplh")}, "model is 'smplh', expected smplx2020"),
     "no frames": (
