@@ -88,10 +88,11 @@ against chance) and stands beside it for its order, not for its size. Rows in *i
 a measure does with motion that is known to be good or bad."""
 _TALK_HOW_TO_READ = """\
 Talk knows which syllable or word causes which movement. Beat F1 and its gain are about the strokes that sound causes. \
-Semantic recall is the share of gesture-bearing words at which the hand has the shape of the word's class; its floor \
-is the better of always showing the most frequent class and of showing the same shapes at shuffled words. Amplitude \
-and handedness are correlations of what is seen with the style asked for. Intervals in parentheses are 1.96 standard \
-errors over clips, of the styles over speakers. In the claims, the errors of beat F1 gain and semantic recall hold \
+Fingers r is the correlation, at gesture-bearing words, of the fingers with the hand shape of the word's class, 0 for \
+motion that does not know the word. Semantic recall is the share of these words at which that shape is the nearest; \
+its floor is the better of always showing the most frequent class and of showing the same shapes at shuffled words. \
+Amplitude and handedness are correlations of what is seen with the style asked for. Intervals in parentheses are 1.96 \
+standard errors over clips, of the styles over speakers. In the claims, the errors of beat F1 gain and fingers r hold \
 for other speakers too (the jackknife over speakers)."""
 _CLAIMS = """\
 Difference: first row less second, seed by seed; its error holds for other trainings. The lines of one table are \

@@ -26,12 +26,13 @@ RowScores = Mapping[str, Mapping[int, Scores]]  # name of a row -> seed -> score
 CLAIMED = {"fgd": ("FGD", False), "beat_gain": ("beat gain", True)}
 CLAIMED_ON_TALK = {
     "talk.beat_f1_gain": ("beat F1 gain (known beats)", True),
-    "talk.semantic_recall": ("semantic recall", True),
+    "talk.finger_correlation": ("fingers r", True),
 }
 _TALK_COLUMNS = {
     "talk.beat_f1": "beat F1",
     "talk.beat_f1_gain": "beat F1 gain",
     "talk.strokes_per_second": "strokes/s",
+    "talk.finger_correlation": "fingers r",
     "talk.semantic_recall": "semantic recall",
     "talk.floor": "its floor",
     "talk.above_floor": "above the floor",
@@ -111,8 +112,8 @@ def talk_table(table: Table, scores: RowScores, split: str) -> str:
     performed = scores.get(table.reference) or _any_row(scores)
     for key, name in _TALK_FLOORS.items():
         mine = performed if key == "mismatched speech" else _any_row(scores)
-        cells = [_text(cell(mine, split, metric, key)) for metric in _TALK_COLUMNS if "floor" not in metric]
-        lines.append((f"*{name}*", *cells[:4], "", "", *cells[4:]))
+        cells = ("" if "floor" in metric else _text(cell(mine, split, metric, key)) for metric in _TALK_COLUMNS)
+        lines.append((f"*{name}*", *cells))
     return markdown(lines)
 
 

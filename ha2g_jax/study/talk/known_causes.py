@@ -24,7 +24,7 @@ from ha2g_jax.synthesis import Model
 
 MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
 MAJORITY, SHUFFLED = "majority", "shuffled"
-CLAIMED = ("beat_f1_gain", "semantic_recall")  # metrics that claims are tested with, also without each speaker in turn
+CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
 MISMATCHES = 5  # motions for other clips that make the floor of a clip
 
 _MAX_PROBE_CLIPS = 400
