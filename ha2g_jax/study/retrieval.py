@@ -3,6 +3,7 @@
 A floor for models: real motion, whose rhythm follows the speech only as far as similar sound had similar gestures.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,30 +54,50 @@ def make_library(corpus: Corpus) -> Library:
     return Library(np.array(sounds, np.float32), np.array(owners), np.array(starts))
 
 
-def retrieve(library: Library, corpus: Corpus, split: str) -> list[ClipResult]:
-    """Return the retrieved motion of the clips of a split; its windows are joined as those of a model.
+def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, list[tuple[int, int]]]:
+    """Find the training window that sounds most like each window of the clips of a split.
 
     Args:
         library: library of the same corpus.
         corpus: corpus of the clips.
         split: name of the split.
+
+    Returns:
+        Id of each clip -> index of the training clip and its first frame, for each window of the clip.
+    """
+    clips = corpus.clips(split)
+    length, _ = _window(corpus)
+    found = {}
+    for index in tqdm(range(len(clips)), NAME, unit="clip", disable=None, leave=False):
+        mel, frames = _mel(clips, index)
+        starts = (length - SEED_FRAMES) * np.arange(num_windows(frames, length, SEED_FRAMES))
+        sounds = np.array([_sound(mel, start, length, corpus.fps) for start in starts.tolist()])
+        rows = np.argmax(sounds @ library.sounds.T, axis=1)
+        windows = zip(library.clips[rows].tolist(), library.starts[rows].tolist(), strict=True)
+        found[clips.fields(index)["id"]] = list(windows)
+    return found
+
+
+def join_motion(corpus: Corpus, split: str, nearest: Mapping[str, Sequence[Sequence[int]]]) -> list[ClipResult]:
+    """Return the motion of training windows as that of the clips of a split, joined as the windows of a model are.
+
+    Args:
+        corpus: corpus of the clips.
+        split: name of the split.
+        nearest: return value of `nearest_windows`.
     """
     clips, training = corpus.clips(split), corpus.clips(TRAIN)
     length, _ = _window(corpus)
+    hop = length - SEED_FRAMES
     found = []
-    for index in tqdm(range(len(clips)), NAME, unit="clip", disable=None, leave=False):
-        mel, frames = _mel(clips, index)
-        hop = length - SEED_FRAMES
-        starts = hop * np.arange(num_windows(frames, length, SEED_FRAMES))
-        sounds = np.array([_sound(mel, start, length, corpus.fps) for start in starts.tolist()])
-        nearest = np.argmax(sounds @ library.sounds.T, axis=1)
-        windows = np.array([_motion(training, corpus, library, row, length) for row in nearest.tolist()])
+    for index in range(len(clips)):
         fields = clips.fields(index)
-        borders = tuple(range(hop, frames - SEED_FRAMES, hop))
+        name, frames = fields["id"], len(fields["positions"])
+        positions = [training.fields(clip)["positions"][start : start + length] for clip, start in nearest[name]]
+        windows = np.asarray(positions_to_directions(corpus.skeleton, np.array(positions)), np.float32)
         directions = join_windows(windows, SEED_FRAMES)[:frames]
-        found.append(
-            ClipResult(fields["id"], fields["recording"] or fields["id"], directions, corpus.fps, borders=borders)
-        )
+        borders = tuple(range(hop, frames - SEED_FRAMES, hop))
+        found.append(ClipResult(name, fields["recording"] or name, directions, corpus.fps, borders=borders))
     return found
 
 
@@ -98,9 +119,3 @@ def _sound(mel: np.ndarray, start: int, length: int, fps: float) -> np.ndarray:
     course = np.array([part.mean(axis=1) for part in np.array_split(bands, _COLUMNS, axis=1)])
     course -= course.mean(axis=0)
     return (course / max(np.linalg.norm(course), 1e-6)).ravel()
-
-
-def _motion(training: Clips, corpus: Corpus, library: Library, row: int, length: int) -> np.ndarray:
-    start = int(library.starts[row])
-    positions = training.fields(int(library.clips[row]))["positions"][start : start + length]
-    return np.asarray(positions_to_directions(corpus.skeleton, positions), np.float32)

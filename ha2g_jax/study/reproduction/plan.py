@@ -210,6 +210,12 @@ def hashed_path(run: Run, kind: str, causes: Sequence[Any], files: Sequence[path
     return run.workdir / f"{kind}-{_digest([*causes, *hashes])}.json"
 
 
+def retrieval_path(plan: Plan) -> pathlib.Path:
+    """Return the path of the training windows that sound most like the clips of the splits, the same for all runs."""
+    causes = [EVALUATION_VERSION, list(plan.splits), _file_hash(plan.corpus / "dataset.json")]
+    return plan.autoencoder.workdir.with_name(f"retrieval-{_digest(causes)}.json")
+
+
 def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
     """Read the scores in a file.
 

@@ -13,10 +13,10 @@ from ha2g_jax.metrics import beats, diversity
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.study import retrieval
 from ha2g_jax.study.evaluation import evaluate
-from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
+from ha2g_jax.study.evaluation.clip_result import ClipResult, from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
-from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, scores_path
+from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, retrieval_path, scores_path
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.known_causes import score_known_causes, score_motion
 
@@ -42,8 +42,7 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
     corpus = Corpus.open(plan.corpus)
     model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
-    library = retrieval.make_library(corpus)
-    retrieved = {split: retrieval.retrieve(library, corpus, split) for split in plan.splits}
+    retrieved = _retrieve(plan, corpus)
     scores: dict[str, Any] = {"model": model.assets.hash, "autoencoder": features.id, "splits": {}}
     for split in plan.splits:
         motions, truth = from_corpus(model, corpus, split, seed=_SEED, with_audio=request.has_legacy)
@@ -70,6 +69,18 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
             known[split]["rows"][retrieval.NAME] = score_motion(corpus, split, motion, _SEED)
             scores["splits"][split]["talk"] = known[split]
     return scores
+
+
+def _retrieve(plan: Plan, corpus: Corpus) -> dict[str, list[ClipResult]]:
+    """Return the motion that is retrieved for the clips of each split; what was found is stored for the other runs."""
+    path = retrieval_path(plan)
+    nearest = read_scores(path)
+    if nearest is None:
+        library = retrieval.make_library(corpus)
+        nearest = {split: retrieval.nearest_windows(library, corpus, split) for split in plan.splits}
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(nearest) + "\n")
+    return {split: retrieval.join_motion(corpus, split, nearest[split]) for split in plan.splits}
 
 
 def _draws(rows: Rows) -> dict[str, list[float | None]]:
