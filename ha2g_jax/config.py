@@ -204,6 +204,7 @@ def study(config: Config) -> Config:
     config = small(config)
     config.model.inferer.layers = 1
     config.train.steps = 1000
+    config.train.warmup_epochs = 1  # ten epochs are longer than a run
     config.train.batch_size = 32
     config.train.learning_rate = 3e-3
     config.train.schedule = "cosine"

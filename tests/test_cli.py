@@ -10,7 +10,7 @@ import pytest
 import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
-from ha2g_jax.data.talk import build
+from ha2g_jax.data.talk.speakers import default_styles
 
 
 def parsers(parser, name="ha2g"):
@@ -61,7 +61,7 @@ def test_version(capsys):
 def test_speakers_of_the_demo_are_those_of_talk(capsys):
     assert cli.main(["speakers", "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
-    styles = build.default_styles()
+    styles = default_styles()
     assert list(rows) == list(styles)[:40]
     assert rows["speaker-00"]["hand"] == ("right" if styles["speaker-00"].handedness > 0 else "left")
     assert rows["speaker-03"]["amplitude"] == pytest.approx(styles["speaker-03"].amplitude, abs=0.006)

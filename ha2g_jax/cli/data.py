@@ -34,6 +34,12 @@ def _add_make_talk(data: Any) -> None:
     command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random draws (default: 0)")
     command.add_argument("--workers", type=positive, metavar="N", help="number of processes (default: one per core)")
     command.add_argument("--fps", type=positive, default=15, metavar="N", help="frames per second (default: 15)")
+    command.add_argument(
+        "--synthesiser",
+        choices=("espeak-ng", "flite"),
+        default="espeak-ng",
+        help="program that speaks; flite is a library of the system, see docs/talk.md (default: espeak-ng)",
+    )
     command.set_defaults(run=_make_talk)
 
 
@@ -47,6 +53,7 @@ def _make_talk(arguments: argparse.Namespace) -> None:
         seed=arguments.seed,
         workers=arguments.workers,
         fps=arguments.fps,
+        synthesiser=arguments.synthesiser,
     )
     print(arguments.out)
 

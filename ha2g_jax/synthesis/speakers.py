@@ -5,6 +5,7 @@ from typing import Any
 
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.talk import build
+from ha2g_jax.data.talk.speakers import default_styles
 
 _NUMBERS = ("handedness", "amplitude", "mixing", "elbow")  # those of the style of Talk that are seen first
 _LEGEND = """\
@@ -31,7 +32,7 @@ def describe_speakers(checkpoint: str | pathlib.Path) -> list[dict[str, Any]]:
         UserError: there is no model, or it is damaged.
     """
     model = model_folder.load(checkpoint)
-    known = build.default_styles() if model.config.data.path == build.DEFAULT else {}
+    known = default_styles() if model.config.data.path == build.DEFAULT else {}
     rows: list[dict[str, Any]] = []
     for name in model.assets.speakers:
         row: dict[str, Any] = {"name": name}

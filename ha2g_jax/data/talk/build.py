@@ -4,8 +4,8 @@ import functools
 import os
 import pathlib
 import sys
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import tqdm
@@ -14,8 +14,15 @@ from ha2g_jax.data import records, schema
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar, portrait, speech
-from ha2g_jax.data.talk.style import Style, sample_style
-from ha2g_jax.data.talk.voices import Voice, sample_voice
+from ha2g_jax.data.talk.speakers import (
+    DEFAULT_SEED,
+    DEFAULT_SPEAKERS,
+    DEFAULT_SYNTHESISER,
+    SYNTHESISERS,
+    Speaker,
+    draw_speakers,
+    num_unseen,
+)
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
@@ -30,36 +37,21 @@ SPLITS = ("train", "val", "test", "test_unseen_speakers")
 DEFAULT = "talk"  # name of the default corpus in configs and commands
 _VERSION = "talk-v3"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
-_DEFAULT_SPEAKERS, _DEFAULT_MINUTES, _DEFAULT_SEED = 48, 144, 0
+_DEFAULT_MINUTES = 144
 _CLIP_SECONDS = (10.0, 19.0)  # a clip lasts until the end of the sentence at this time, some seconds longer
 _MEAN_CLIP_SECONDS = 17.8
 _LONG_PAUSE, _LONG_PAUSE_SECONDS = 0.15, (2.0, 6.0)  # probability of a long pause between sentences, its duration
 _CLIPS_PER_RECORDING = 2
 # Of a core of a server of 2023, and of the disk, for one minute of speech.
 _SECONDS_PER_MINUTE, _MEGABYTES_PER_MINUTE = 2.1, 1.7
-# Fractions of the speakers, and of the recordings.
-_UNSEEN_SPEAKERS, _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 6, 1 / 11, 1 / 11, 1 / 17
+# Fractions of the recordings.
+_UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
 _PEAK = 0.7
 _NOISE_DB = (-75.0, -50.0)  # background noise, relative to full scale
 
-# First numbers of spawn keys, so that no speaker has the seed of a recording.
-_SPEAKER_SEEDS, _RECORDING_SEEDS = 0, 1
-
-
-class Speaker(NamedTuple):
-    """A synthetic speaker.
-
-    Attributes:
-        name: name of the speaker in the corpus.
-        voice: voice that speaks the sentences.
-        style: style of the gestures.
-    """
-
-    name: str
-    voice: Voice
-    style: Style
+_RECORDING_SEEDS = 1  # first number of spawn keys; those of `speakers` have 0
 
 
 class _RecordingPlan(NamedTuple):
@@ -67,6 +59,7 @@ class _RecordingPlan(NamedTuple):
 
     name: str
     split: str
+    synthesiser: str
     speaker: Speaker
     num_clips: int
     seed: np.random.SeedSequence
@@ -75,11 +68,12 @@ class _RecordingPlan(NamedTuple):
 def make_talk(
     out: str | os.PathLike,
     *,
-    speakers: int = _DEFAULT_SPEAKERS,
+    speakers: int = DEFAULT_SPEAKERS,
     minutes: float = _DEFAULT_MINUTES,
-    seed: int = _DEFAULT_SEED,
+    seed: int = DEFAULT_SEED,
     workers: int | None = None,
     fps: int = FPS,
+    synthesiser: str = DEFAULT_SYNTHESISER,
 ) -> None:
     """Make a Talk corpus in the folder `out`.
 
@@ -93,19 +87,22 @@ def make_talk(
         seed: seed of all random draws.
         workers: number of processes; one per core by default.
         fps: frames per second of the motion; the speech does not depend on it.
+        synthesiser: one of `SYNTHESISERS`, whose voices speak.
 
     Raises:
-        UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, or a number
-            is beyond its limits.
+        UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number
+            is beyond its limits, or the synthesiser is not installed.
     """
     from ha2g_jax.data.talk import teacher  # its import takes a second, which training on a corpus need not wait for
 
-    _check(speakers, minutes, seed, fps)
-    plans = _plan(speakers, minutes, seed)
-    rate = f" --fps {fps}" if fps != FPS else ""
+    _check(speakers, minutes, seed, fps, synthesiser)
+    plans = _plan(speakers, minutes, seed, synthesiser)
+    options = f" --fps {fps}" if fps != FPS else ""
+    if synthesiser != DEFAULT_SYNTHESISER:
+        options += f" --synthesiser {synthesiser}"
     metadata = {
         "name": _VERSION,
-        "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{rate}",
+        "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{options}",
         "licence": "Synthetic speech and motion; free of third-party rights",
     }
     workers = min(workers or os.cpu_count() or 1, len(plans))
@@ -156,7 +153,7 @@ def talk_folder(spec: str) -> pathlib.Path:
     return cache_folder() / _VERSION
 
 
-def _check(num_speakers: int, minutes: float, seed: int, fps: int) -> None:
+def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: str) -> None:
     limits = {
         "speakers": (num_speakers, 0, MAX_TALK_SPEAKERS),
         "minutes": (minutes, 0, MAX_TALK_MINUTES),
@@ -166,6 +163,8 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int) -> None:
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:  # NaN is not
             raise UserError(f"--{name} is {shown(str(value))}, expected {least} to {most:,}")
+    voice = SYNTHESISERS[synthesiser].sample_voice(np.random.default_rng(0))
+    SYNTHESISERS[synthesiser].say("ready.", voice)  # fails here if it is not installed, and not in the workers
 
 
 def _say_how_long(minutes: float, workers: int) -> None:
@@ -179,10 +178,10 @@ def _say_how_long(minutes: float, workers: int) -> None:
         )
 
 
-def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:
+def _plan(num_speakers: int, minutes: float, seed: int, synthesiser: str) -> list[_RecordingPlan]:
     """Assign recordings to speakers and splits, in the order of writing."""
     num_clips = round(minutes * 60 / _MEAN_CLIP_SECONDS)
-    unseen = _num_unseen(num_speakers)
+    unseen = num_unseen(num_speakers)
     seen = num_speakers - unseen
     clips_each = _CLIPS_PER_RECORDING if num_clips >= 4 * _CLIPS_PER_RECORDING * num_speakers else 1
     num_recordings = num_clips // clips_each
@@ -197,39 +196,16 @@ def _plan(num_speakers: int, minutes: float, seed: int) -> list[_RecordingPlan]:
     if counts["train"] < seen:
         raise UserError(f"{minutes:g} minutes are too few for {num_speakers} speakers; give at least {num_speakers}")
 
-    cast = _cast(seen, unseen, seed)
+    speakers = draw_speakers(seen, unseen, seed, synthesiser)
     plans: list[_RecordingPlan] = []
     for key, split in enumerate(SPLITS):
-        pool = cast[seen:] if split == "test_unseen_speakers" else cast[:seen]
+        pool = speakers[seen:] if split == "test_unseen_speakers" else speakers[:seen]
         for number in range(counts[split]):
             # Val and test hold at most one recording of each speaker; a stride makes them choose different speakers.
             speaker = pool[(number * 7 if split == "val" else number) % len(pool)]
             own_seed = np.random.SeedSequence(seed, spawn_key=(_RECORDING_SEEDS, key, number))
-            plans.append(_RecordingPlan(f"{split}-{number:04d}", split, speaker, clips_each, own_seed))
+            plans.append(_RecordingPlan(f"{split}-{number:04d}", split, synthesiser, speaker, clips_each, own_seed))
     return plans
-
-
-def default_styles() -> dict[str, Style]:
-    """Return the style of each speaker of the default Talk corpus by name, those of training first."""
-    unseen = _num_unseen(_DEFAULT_SPEAKERS)
-    return {speaker.name: speaker.style for speaker in _cast(_DEFAULT_SPEAKERS - unseen, unseen, _DEFAULT_SEED)}
-
-
-def _num_unseen(num_speakers: int) -> int:
-    return max(1, round(num_speakers * _UNSEEN_SPEAKERS))
-
-
-def _cast(seen: int, unseen: int, seed: int) -> list[Speaker]:
-    """Draw the speakers of training, then the unseen ones, each from its own seed."""
-    cast: list[Speaker] = []
-    for number in range(seen + unseen):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SPEAKER_SEEDS, number)))
-        voice, style = sample_voice(rng), sample_style(rng)
-        if number >= seen:
-            first, second = (np.array(cast[index].style) for index in rng.choice(seen, 2, replace=seen < 2))
-            style = Style(*(first + rng.uniform(0.3, 0.7) * (second - first)).tolist())
-        cast.append(Speaker(f"speaker-{number:02d}", voice, style))
-    return cast
 
 
 def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
@@ -239,11 +215,12 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
     speech_rng, noise_rng, motion_rng = (np.random.default_rng(seed) for seed in plan.seed.spawn(3))
     length, stride = (records.frames_at(frames, fps) for frames in (records.WINDOW_FRAMES, records.WINDOW_STRIDE))
     style, sentences = plan.speaker.style, grammar.sentences(speech_rng)
+    say = SYNTHESISERS[plan.synthesiser].say
     noise_level = 10 ** (noise_rng.uniform(*_NOISE_DB) / 20)
     clips: list[bytes] = []
     time = 0.0
     for index in range(plan.num_clips):
-        audio, words = _speak(sentences, plan.speaker.voice, speech_rng)
+        audio, words = _speak(sentences, say, plan.speaker.voice, speech_rng)
         # Rounded as it will be stored, so that the teacher gets the samples that the model will get.
         audio = np.round((audio + noise_level * _pink_noise(len(audio), noise_rng)) * 2**15) / np.float32(2**15)
         positions, strokes = teacher.perform(audio, words, style, motion_rng, fps)
@@ -265,16 +242,18 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
     return clips
 
 
-def _speak(sentences: Iterator[str], voice: Voice, rng: np.random.Generator) -> tuple[np.ndarray, tuple[Word, ...]]:
+def _speak(
+    sentences: Iterator[str], say: Callable[[str, Any], speech.Utterance], voice: Any, rng: np.random.Generator
+) -> tuple[np.ndarray, tuple[Word, ...]]:
     """Speak sentences with pauses between them, enough for one clip: (samples,) float32 and the words."""
     target = round(rng.uniform(*_CLIP_SECONDS) * SAMPLE_RATE)
     audio = np.zeros(round(rng.uniform(0.2, 0.6) * SAMPLE_RATE), np.float32)
     words: list[Word] = []
     while len(audio) < target:
         start = len(audio) / SAMPLE_RATE
-        utterance = speech.say(next(sentences), voice)
+        utterance = say(next(sentences), voice)
         words += [Word(word.text, start + word.start, start + word.end) for word in utterance.words]
-        # espeak-ng ends every sentence with the same silence; people do not.
+        # A synthesiser ends every sentence with the same silence; people do not.
         spoken = utterance.audio[: round(utterance.words[-1].end * SAMPLE_RATE)]
         is_long, short_pause, long_pause = (
             rng.random() < _LONG_PAUSE,

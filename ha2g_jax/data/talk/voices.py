@@ -48,3 +48,37 @@ def sample_voice(rng: np.random.Generator) -> Voice:
         pitch_range=int(rng.integers(40, 100)),
         rate=int(rng.integers(135, 211)),
     )
+
+
+FLITE_VOICES = ("awb", "rms", "slt")  # a Scottish man, a man and a woman of the United States
+
+
+class FliteVoice(NamedTuple):
+    """A speaker's voice in the terms of Flite.
+
+    Attributes:
+        name: one of `FLITE_VOICES`, whose sounds come from recordings of a person.
+        pitch: ratio of the pitch to that of the person; that of "rms" follows the formants alone.
+        rate: ratio of the rate of speech to that of the person.
+        formants: ratio of the formants to those of the person; a shorter vocal tract has higher ones.
+    """
+
+    name: str
+    pitch: float
+    rate: float
+    formants: float
+
+
+def sample_flite_voice(rng: np.random.Generator) -> FliteVoice:
+    """Draw a random voice of Flite.
+
+    Args:
+        rng: generator of the random draws.
+    """
+    formants = rng.uniform(0.86, 1.16)
+    return FliteVoice(
+        name=str(rng.choice(FLITE_VOICES)),
+        pitch=float(formants * rng.uniform(0.85, 1.2)),  # people with a shorter vocal tract have a higher pitch
+        rate=float(rng.uniform(0.8, 1.2)),
+        formants=float(formants),
+    )
