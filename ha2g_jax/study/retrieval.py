@@ -38,7 +38,7 @@ class Library(NamedTuple):
 
 
 def make_library(corpus: Corpus) -> Library:
-    """Compute the sound of the training windows of a corpus, of at most 20,000 in clips drawn at random."""
+    """Compute the sound of the training windows of a corpus, of about 20,000 at most, in clips drawn at random."""
     clips = corpus.clips(TRAIN)
     length, stride = _window(corpus)
     sounds, owners, starts = [], [], []

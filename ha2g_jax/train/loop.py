@@ -93,7 +93,9 @@ def _train(
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
-    pretrained = inputs.pretrained(config, spec, vocabulary)
+    latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
+    # A checkpoint has these weights already, and their files may be gone.
+    pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
     if hosts.is_first():
         held.enter_context(only_run(workdir))
 
@@ -106,7 +108,6 @@ def _train(
     step_function = sharding.compile_step(objective, mesh)
     assets = _assets(config, workdir, corpus, windows, spec)
 
-    latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
     best = Checkpoints(workdir / model_folder.BEST)
     fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))

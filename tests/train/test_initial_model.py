@@ -1,5 +1,7 @@
 """A run may start from the weights of a model that knows other words and speakers."""
 
+import shutil
+
 import jax
 import numpy as np
 import pytest
@@ -64,3 +66,7 @@ def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
     before, after = (model_folder.load(path).variables["params"] for path in (source, tmp_path / "run"))
     del before["text"]["embedding"], after["text"]["embedding"]
     assert jax.tree.all(jax.tree.map(np.array_equal, before, after))
+
+    shutil.rmtree(source)
+    assert cli.main(["train", *flags]) == 0  # a run that has begun needs the model no more
+    assert "training starts from" not in capsys.readouterr().err

@@ -1,6 +1,8 @@
 """Build the Talk corpus: synthetic speakers, their speech, and gestures with a known ground truth."""
 
 import functools
+import itertools
+import math
 import os
 import pathlib
 import sys
@@ -50,6 +52,8 @@ _UNSEEN_RECORDINGS, _TEST_RECORDINGS, _VAL_RECORDINGS = 1 / 11, 1 / 11, 1 / 17
 _REFERENCE_FRAMES = 7  # the largest M of Table 11
 _PEAK = 0.7
 _NOISE_DB = (-75.0, -50.0)  # background noise, relative to full scale
+
+_VAL_STRIDE = 7
 
 _RECORDING_SEEDS = 1  # first number of spawn keys; those of `speakers` have 0
 
@@ -103,7 +107,7 @@ def make_talk(
     metadata = {
         "name": _VERSION,
         "source": f"ha2g data make-talk --speakers {speakers} --minutes {minutes:g} --seed {seed}{options}",
-        "licence": "Synthetic speech and motion; free of third-party rights",
+        "licence": SYNTHESISERS[synthesiser].licence,
     }
     workers = min(workers or os.cpu_count() or 1, len(plans))
     with (
@@ -200,12 +204,18 @@ def _plan(num_speakers: int, minutes: float, seed: int, synthesiser: str) -> lis
     plans: list[_RecordingPlan] = []
     for key, split in enumerate(SPLITS):
         pool = speakers[seen:] if split == "test_unseen_speakers" else speakers[:seen]
+        # With a stride of its own, val takes other speakers than test, and each once before any twice.
+        stride = _coprime(len(pool), _VAL_STRIDE) if split == "val" else 1
         for number in range(counts[split]):
-            # Val and test hold at most one recording of each speaker; a stride makes them choose different speakers.
-            speaker = pool[(number * 7 if split == "val" else number) % len(pool)]
+            speaker = pool[number * stride % len(pool)]
             own_seed = np.random.SeedSequence(seed, spawn_key=(_RECORDING_SEEDS, key, number))
             plans.append(_RecordingPlan(f"{split}-{number:04d}", split, synthesiser, speaker, clips_each, own_seed))
     return plans
+
+
+def _coprime(number: int, least: int) -> int:
+    """Return the smallest integer from `least` on that has no divisor in common with a number."""
+    return next(candidate for candidate in itertools.count(least) if math.gcd(candidate, number) == 1)
 
 
 def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:

@@ -21,15 +21,21 @@ class Synthesiser(NamedTuple):
     Attributes:
         sample_voice: function that draws a voice from a generator of random draws.
         say: function of (sentence in the markup of `grammar`, voice) that speaks the sentence.
+        licence: licence of a corpus with this speech.
     """
 
     sample_voice: Callable[[np.random.Generator], Any]
     say: Callable[[str, Any], speech.Utterance]
+    licence: str
 
 
 SYNTHESISERS = {
-    "espeak-ng": Synthesiser(sample_voice, speech.say),
-    "flite": Synthesiser(sample_flite_voice, flite.say),
+    "espeak-ng": Synthesiser(sample_voice, speech.say, "Synthetic speech and motion; free of third-party rights"),
+    "flite": Synthesiser(
+        sample_flite_voice,
+        flite.say,
+        "Synthetic motion, and speech of voices of Carnegie Mellon University, free to use",
+    ),
 }
 
 

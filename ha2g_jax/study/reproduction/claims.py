@@ -104,12 +104,12 @@ def combine(runs: Sequence[Measured]) -> Mean:
         runs: score of each seed, of the same groups; at least one.
 
     Returns:
-        The mean; without an error for one seed or one group.
+        The mean; without an error for one seed, for one group, or where a score without one of the groups is unknown.
     """
     values = np.array([run.value for run in runs])
     without = np.mean([run.without for run in runs], axis=0)
     mean, num, count = float(values.mean()), len(values), len(without)
-    if num < 2 or count == 1:
+    if num < 2 or count == 1 or not np.isfinite(without).all():
         return Mean(mean, None, 0.0, num)
     seeds = values.var(ddof=1) / num
     groups = (count - 1) / count * np.sum(np.square(without - without.mean())) if count else 0.0

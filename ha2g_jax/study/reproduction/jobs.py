@@ -81,7 +81,7 @@ def run_all(
                 idle.append(worker)
                 try:
                     future.result()
-                except UserError as error:
+                except (UserError, OSError) as error:
                     failures[run.name] = " ".join(str(error).split())
                 if stop.number is None:
                     watch.finish(run, time.monotonic() - start, failures.get(run.name))

@@ -19,7 +19,7 @@ EVALUATION_VERSION = 5  # of what `run_scores` measures; a higher number makes a
 DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
 SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
 
-_DEBUG_TALK = {"speakers": 6, "minutes": 10}
+_DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
 _HASH_DIGITS = 10
 
 
@@ -150,7 +150,7 @@ def corpus_path(request: Request) -> pathlib.Path:
         return build.talk_path("talk").resolve()
     path = request.workdir.resolve() / "talk-debug-corpus"
     if not path.exists():
-        build.make_talk(path, seed=0, **_DEBUG_TALK)
+        build.make_talk(path, speakers=_DEBUG_SPEAKERS, minutes=_DEBUG_MINUTES, seed=0)
     return path
 
 

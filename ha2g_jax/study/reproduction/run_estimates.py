@@ -89,8 +89,7 @@ def by_seed(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, 
 def _without_speakers(scores: Scores, split: str, metric: str) -> np.ndarray:
     talk = scores["splits"][split].get("talk", {})
     values = talk.get("without_speakers", {}).get(metric.removeprefix("talk."), {})
-    speakers = [values[speaker] for speaker in sorted(values)]
-    return np.array([] if None in speakers else speakers, float)
+    return np.array([values[speaker] for speaker in sorted(values)], float)  # NaN for None
 
 
 def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:

@@ -75,6 +75,13 @@ def test_default_plan():
     assert len({plan.speaker.voice for plan in plans}) == 48
 
 
+@pytest.mark.parametrize(("speakers", "minutes"), [(8, 60), (42, 144), (84, 400)])
+def test_validation_takes_each_speaker_before_any_twice(speakers, minutes):
+    plans = [plan for plan in build._plan(speakers, minutes, 0, "espeak-ng") if plan.split == "val"]
+    seen = speakers - build.num_unseen(speakers)
+    assert len({plan.speaker.name for plan in plans}) == min(len(plans), seen)
+
+
 def test_refusals(tiny_talk, tmp_path):
     with pytest.raises(UserError, match="exists already"):
         build.make_talk(tiny_talk, speakers=4, minutes=2, workers=1)

@@ -19,6 +19,7 @@ from ha2g_jax.study.reproduction.claims import (
     over_seeds,
     paired,
 )
+from ha2g_jax.study.reproduction.run_estimates import _without_speakers
 
 
 def _difference(reference, row):
@@ -109,3 +110,13 @@ def test_all_true_null_hypotheses_are_kept_in_nineteen_of_twenty_tables():
             claims.append(Claim(combine(runs), is_higher_better=True))
         wrong += any(verdict.verdict != UNDECIDED for verdict in judge(claims))
     assert wrong <= 400 * 0.05 + 2 * (400 * 0.05 * 0.95) ** 0.5
+
+
+@pytest.mark.parametrize("without", [[None], [0.5, None]])
+def test_without_other_speakers_nothing_is_decided(without):
+    """Leaving out the only speaker leaves nothing to measure."""
+    scores = {"splits": {"test": {"talk": {"without_speakers": {"x": dict(enumerate(without))}}}}}
+    unknown = _without_speakers(scores, "test", "talk.x")
+    rows = [{seed: Measured(value + seed, unknown) for seed in range(3)} for value in (1.0, 0.0)]
+    (verdict,) = judge([Claim(paired(*rows), is_higher_better=True)])
+    assert verdict.verdict == UNDECIDED and verdict.p_value is None
