@@ -17,8 +17,8 @@ the new frames are the last ones before the look-ahead; what is before them was 
 
 QUESTIONS = f"""\
 The questions and rules of this section are part of the program, and were fixed before any score of these runs was \
-seen. What was known are the scores in [live.md](../live.md) of the demo model of that time, which was trained on whole \
-windows. There are two primary measures, both against the known causes of Talk:
+seen. What was known are the scores in [live.md](../live.md) of the demo model of that time, which was trained on \
+whole windows. There are two primary measures, both against the known causes of Talk:
 
 - *beat F1 gain*: F1 of the strokes that loud syllables cause, less F1 with other clips' speech;
 - *semantic recall above its floor*: fraction of the words with a gesture at which the hand has the shape of the \
