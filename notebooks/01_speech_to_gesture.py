@@ -87,8 +87,8 @@ plt.show()
 # The same speech in the styles of four speakers, two takes of each: the lines are the paths of the wrists, seen from
 # the front. Another speaker gestures in another space; another seed is another take of the same speaker, whose style
 # is varied a little, as people do not speak twice in the same manner (`Style(speaker=..., variation=0)` is the exact
-# style). A style can also be that of a person in images (`Style(images=[...])`), a mixture of speakers, or be drawn
-# from the prior (`Style(seed=7)`).
+# style). A style can also be that of a person in images (`Style(images=[...])`), a mixture of speakers, or random
+# (`Style(seed=7)`, and by default).
 
 # %%
 speakers = list(model.assets.speakers)[:4]

@@ -28,9 +28,9 @@ def test_choices_are_those_of_generate(path, monkeypatch):
         type(model), "sample_windows", lambda self, *inputs: starts.append(inputs[3]) or sample(self, *inputs)
     )
     for seed, take in enumerate(takes):
-        prior, _ = model.choose_style(Style(), seed)
+        style, _ = model.choose_style(Style(), seed)
         varied, _ = model.choose_style(Style(speaker="ada", variation=0.5), seed)
-        np.testing.assert_array_equal(prior, np.float32(take["prior"]))
+        np.testing.assert_array_equal(style, np.float32(take["style"]))
         exact = np.float32(model.assets.speakers["ada"])
         np.testing.assert_array_equal(varied, exact + np.float32(0.5) * np.float32(take["variation"]))
         model.generate(np.zeros(4800, np.float32), seed=seed)

@@ -56,13 +56,13 @@ def _add_pack(parts: Any) -> None:
 
 def _pack(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study.genea.pack import write_pack
-    from ha2g_jax.synthesis.style import FROM_PRIOR
+    from ha2g_jax.synthesis.style import RANDOM
 
     options: dict[str, Any] = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
     style = read_style(arguments)
     if arguments.motion is None:
         options |= {"checkpoint": arguments.checkpoint or "demo", "seed": arguments.seed or 0, "style": style}
-    elif (arguments.checkpoint, arguments.seed, style) != (None, None, FROM_PRIOR):
+    elif (arguments.checkpoint, arguments.seed, style) != (None, None, RANDOM):
         raise UserError("--motion packs what is there; leave out the checkpoint, the seed and the style")
     path = write_pack(
         arguments.speech,

@@ -69,7 +69,7 @@ def add_style(command: argparse.ArgumentParser) -> None:
     style.add_argument("--speaker", help="name of a speaker of the training data")
     style.add_argument("--style", metavar="A:0.3,B:0.7", help="mixture of speakers, with weights")
     style.add_argument("--reference-image", type=pathlib.Path, nargs="+", metavar="PNG", help="images of a person")
-    style.add_argument("--style-seed", type=read_seed, help="draw a style from the prior with this seed")
+    style.add_argument("--style-seed", type=read_seed, help="draw a random style with this seed")
     group.add_argument(
         "--variation",
         type=float,

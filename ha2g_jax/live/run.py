@@ -23,7 +23,7 @@ from ha2g_jax.live.sources import Source
 from ha2g_jax.motion import control
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis import Model, Stream, Style, choose_style
-from ha2g_jax.synthesis.style import FROM_PRIOR
+from ha2g_jax.synthesis.style import RANDOM
 
 _LONGEST_DELAY = 10.0  # seconds
 _METER_SECONDS = 1.0  # between two values of the meter
@@ -37,7 +37,7 @@ def run(
     *,
     look_ahead: int = 3,
     hop: int = 1,
-    style: Style = FROM_PRIOR,
+    style: Style = RANDOM,
     seed: int = 0,
     controls: control.Controls = control.NEUTRAL,
     delay: float | None = None,

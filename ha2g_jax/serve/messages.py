@@ -61,7 +61,7 @@ class _Message(BaseModel):
 
 
 class StyleMessage(_Message):
-    """A style: at most one of a speaker, a mixture and a seed; without any, it is drawn from the prior; see `Style`."""
+    """A style: at most one of a speaker, a mixture and a seed; without any, it is random; see `Style`."""
 
     speaker: str | None = None
     mixture: dict[str, float] | None = None

@@ -20,7 +20,7 @@ from ha2g_jax.motion.smoothing import check_width, smooth
 from ha2g_jax.motion.windows import ease_borders, join_windows
 from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
 from ha2g_jax.synthesis.speech import Speech, read_speech
-from ha2g_jax.synthesis.style import FROM_PRIOR, Style
+from ha2g_jax.synthesis.style import RANDOM, Style
 
 if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec
@@ -90,7 +90,7 @@ class Generator(abc.ABC, Generic[S]):
         self,
         speech: Speech,
         *,
-        style: Style = FROM_PRIOR,
+        style: Style = RANDOM,
         seed: int = 0,
         seed_pose: SeedPose | None = None,
         fps: float | None = None,
@@ -102,7 +102,7 @@ class Generator(abc.ABC, Generic[S]):
 
         Args:
             speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or the result of `read_speech`.
-            style: requested style; by default it is drawn from the prior with `seed`.
+            style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             seed_pose: motion, or the path of its `.npz`, that this motion continues: frame 0 is the first of the last M
                 frames of that motion; or a pose (bones, 3) to start from. By default `seed` selects one of the calm
@@ -149,7 +149,7 @@ class Generator(abc.ABC, Generic[S]):
     def check_options(
         self,
         *,
-        style: Style = FROM_PRIOR,
+        style: Style = RANDOM,
         seed: int = 0,
         seed_pose: SeedPose | None = None,
         fps: float | None = None,

@@ -24,7 +24,7 @@ from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import RunningJoin
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.scan import generate_window
-from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
+from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 _MAX_SKIP_SECONDS = 3600.0
 
@@ -55,7 +55,7 @@ class Stream:
         *,
         look_ahead: int = 3,
         hop: int = 1,
-        style: Style = FROM_PRIOR,
+        style: Style = RANDOM,
         seed: int = 0,
         controls: Controls = NEUTRAL,
         reference: float | None = None,

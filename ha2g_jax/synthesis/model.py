@@ -24,7 +24,7 @@ from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.scan import encode_windows, sample_windows
-from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
+from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Model(Generator[Spec]):
         *,
         look_ahead: int = 3,
         hop: int = 1,
-        style: Style = FROM_PRIOR,
+        style: Style = RANDOM,
         seed: int = 0,
         controls: control.Controls = control.NEUTRAL,
         reference: float | None = None,
@@ -85,7 +85,7 @@ class Model(Generator[Spec]):
             look_ahead: frames of speech that are heard beyond the last new frame, 0 to N. More of them give gestures
                 that fit the speech better, and later.
             hop: frames that are generated in one run, 1 to N - 2 M, or N - M. A greater hop needs less computation.
-            style: requested style; by default it is drawn from the prior with `seed`.
+            style: requested style; by default a random one with `seed`, see `style.choose_style`.
             seed: seed of all random choices.
             controls: energy, extent, handedness and mirror.
             reference: mel power of 0 dB; by default a running level, see `features.running_mel`.

@@ -26,7 +26,7 @@ _MOST_VARIATION = 2.0
 
 
 class Style(NamedTuple):
-    """A requested style, by at most one of the first five fields; without any, it is drawn from the prior N(0, I).
+    """A requested style, by at most one of the first five fields; without any, it is random, see `choose_style`.
 
     People do not speak twice in the same manner: the style of a speaker, a mixture or images is varied with the seed of
     the motion, so that another seed is another take.
@@ -50,17 +50,21 @@ class Style(NamedTuple):
 
     @property
     def has_source(self) -> bool:
-        """Whether anything but the prior and the seed of the motion decides."""
+        """Whether anything but the seed of the motion decides."""
         return any(part is not None for part in self[:5])
 
 
-FROM_PRIOR = Style()
+RANDOM = Style()
 
 
 def choose_style(
-    spec: "Spec | Description", variables: "Variables", assets: Assets, style: Style = FROM_PRIOR, seed: int = 0
+    spec: "Spec | Description", variables: "Variables", assets: Assets, style: Style = RANDOM, seed: int = 0
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the values f_id of a requested style, and a description for the metadata of the motion.
+
+    A random style is drawn from the normal distribution that fits the styles of the model's speakers. The prior N(0, I)
+    of the paper is much wider than these styles after training, and motion in a style far from all of them trembles, so
+    that a density is fitted afterwards (Ghosh et al. 2020). A model without speakers has the prior alone.
 
     Args:
         spec, variables: generator; one that is an ONNX file has no variables here, and reads no images.
@@ -110,8 +114,20 @@ def choose_style(
             raise UserError(f"this model, {spec.method}, has no styles; leave out the style seed")
         return np.zeros(0, np.float32), {"kind": "none"}
     style_seed = seed if style.seed is None else style.seed
-    f_id = np.random.default_rng(style_seed).standard_normal(spec.style_dim, np.float32)
-    return f_id, {"kind": "prior", "seed": style_seed}
+    return _random(assets, spec.style_dim, style_seed), {"kind": "random", "seed": style_seed}
+
+
+def _random(assets: Assets, style_dim: int, seed: int) -> np.ndarray:
+    """Draw a style (style_dim,) with the mean and the covariance of the speakers' styles."""
+    styles = np.array(list(assets.speakers.values()), np.float64)
+    if len(styles) == 1:
+        return _varied(styles[0].astype(np.float32), VARIATION, seed)
+    rng = np.random.default_rng(seed)
+    if not len(styles):
+        return rng.standard_normal(style_dim, np.float32)
+    mean = styles.mean(axis=0)
+    weights = rng.standard_normal(len(styles)) / math.sqrt(len(styles) - 1)
+    return (mean + weights @ (styles - mean)).astype(np.float32)
 
 
 def read_mixture(text: str) -> dict[str, float]:
@@ -151,7 +167,7 @@ def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
 
 
 def _varied(f_id: np.ndarray, variation: float, seed: int) -> np.ndarray:
-    """Add normal noise, whose seed is not that of a style from the prior, to the values of a style."""
+    """Add normal noise, whose seed is not that of a random style, to the values of a style."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     return f_id + np.float32(variation) * rng.standard_normal(f_id.shape, np.float32)
 

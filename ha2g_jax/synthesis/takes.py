@@ -9,7 +9,7 @@ import numpy as np
 
 from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
 from ha2g_jax.checkpoint.onnx.reading import read
-from ha2g_jax.synthesis.style import FROM_PRIOR, Style, choose_style
+from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 NUM_SEEDS = 100
 
@@ -43,7 +43,7 @@ def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, An
         seeds: number of seeds.
 
     Returns:
-        For each seed "prior", the values of the style without a request; "variation", what is added to the style of a
+        For each seed "style", the values of the style without a request; "variation", what is added to the style of a
         speaker or a mixture with a variation of 1; and "seed_pose", the number of the seed pose.
     """
     zero = np.zeros(description.style_dim, np.float32)
@@ -51,10 +51,10 @@ def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, An
     bank = description.assets.seed_poses
     found = []
     for seed in range(seeds):
-        prior, _ = choose_style(description, {}, description.assets, FROM_PRIOR, seed)
+        style, _ = choose_style(description, {}, description.assets, RANDOM, seed)
         variation, _ = choose_style(description, {}, no_style, Style(speaker="", variation=1.0), seed)
         seed_pose = int(np.random.default_rng(seed).integers(len(bank)))  # as in `generator.join`
-        found.append({"prior": _numbers(prior), "variation": _numbers(variation), "seed_pose": seed_pose})
+        found.append({"style": _numbers(style), "variation": _numbers(variation), "seed_pose": seed_pose})
     return found
 
 

@@ -28,8 +28,8 @@ export interface AudioDescription {
 
 /** Random numbers that Python draws for one seed. */
 export interface Take {
-  /** (style_dim,) normal values of a style from the prior. */
-  prior: number[];
+  /** (style_dim,) values of a random style. */
+  style: number[];
   /** (style_dim,) normal values that are added to the style of a speaker, times the variation. */
   variation: number[];
   /** Number of the seed pose. */
@@ -97,7 +97,7 @@ export function checkDescription(value: unknown): Description {
     if (!isArray(style, [style_dim])) throw wrong(`a style of "${name}" with another number of values`);
   }
   const isTake = (take: Take) =>
-    isArray(take?.prior, [style_dim]) &&
+    isArray(take?.style, [style_dim]) &&
     isArray(take.variation, [style_dim]) &&
     found.seed_poses[take.seed_pose] !== undefined;
   if (!Array.isArray(found.takes) || !found.takes.length || !found.takes.every(isTake)) throw wrong("no takes");

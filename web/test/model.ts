@@ -33,7 +33,7 @@ export function makeDescription(changes: Partial<Description> = {}): Description
     },
     speakers: { ada: [1, 2], ben: [3, -2] },
     seed_poses: [[pose, pose, pose, pose]],
-    takes: [{ prior: [0.5, -0.5], variation: [1, -1], seed_pose: 0 }],
+    takes: [{ style: [0.5, -0.5], variation: [1, -1], seed_pose: 0 }],
     ...changes,
   };
 }

@@ -24,7 +24,7 @@ from ha2g_jax.study.genea.sample import FPS
 from ha2g_jax.study.genea.sources import Clip, FromFiles, FromModel, Source, read_shapes
 from ha2g_jax.synthesis.paths import find_speech
 from ha2g_jax.synthesis.speech import read_speech
-from ha2g_jax.synthesis.style import FROM_PRIOR, Style
+from ha2g_jax.synthesis.style import RANDOM, Style
 
 FORMAT = "ha2g-genea 1"
 SAMPLES = 5  # that the rules ask for of a system with randomness
@@ -41,7 +41,7 @@ def write_pack(
     motion: Path | None = None,
     samples: int | None = None,
     seed: int = 0,
-    style: Style = FROM_PRIOR,
+    style: Style = RANDOM,
     shapes: Path | None = None,
     body_model: Path | None = None,
     joint_map: str = joint_maps.AUTO,

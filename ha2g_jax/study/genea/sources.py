@@ -65,7 +65,7 @@ class FromModel:
             count: number of samples of each clip.
             seed: seed of the first sample.
             style: style of all clips; one without a source is that of the speaker of a clip of BEAT2, where the model
-                has this speaker, and else drawn from the prior.
+                has this speaker, and else random.
             body: see `sample.from_motion`.
 
         Raises:

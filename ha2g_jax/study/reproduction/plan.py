@@ -21,6 +21,7 @@ SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
 
 _DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
 _HASH_DIGITS = 10
+_NO_WHISPER = "it needs the weights of Whisper: --changes model.audio.weights=FOLDER"
 
 
 class Request(NamedTuple):
@@ -76,6 +77,7 @@ class Plan(NamedTuple):
         splits: splits to score.
         autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
         rows: name of a row -> its runs in the order of the seeds.
+        left_out: name of a row that lacks an input -> reason.
         draws: number of draws of the bootstrap over clips.
     """
 
@@ -84,6 +86,7 @@ class Plan(NamedTuple):
     splits: tuple[str, ...]
     autoencoder: Run
     rows: dict[str, tuple[Run, ...]]
+    left_out: dict[str, str]
     draws: int
 
     @property
@@ -107,8 +110,11 @@ def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
     """
     table = paper_tables.table(request.table, request.data)
     rows = {row.name: plan_row(request, corpus, row.method, row.changes, row.name) for row in table.rows}
+    left_out = {name: _NO_WHISPER for name, runs in rows.items() if _lacks_whisper(runs[0].config)}
+    rows = {name: runs for name, runs in rows.items() if name not in left_out}
     autoencoder = _run(request._replace(changes={}), corpus, "autoencoder", {}, "", 0)
-    return Plan(table, corpus, SPLITS.get(request.data, ("test",)), autoencoder, rows, DRAWS.get(request.size, 1000))
+    splits, draws = SPLITS.get(request.data, ("test",)), DRAWS.get(request.size, 1000)
+    return Plan(table, corpus, splits, autoencoder, rows, left_out, draws)
 
 
 def plan_row(
@@ -131,6 +137,10 @@ def plan_row(
     if not request.seeds or len(set(request.seeds)) < len(request.seeds):
         raise UserError(f"the seeds are {list(request.seeds)}; give one or more, each once")
     return tuple(_run(request, corpus, method, changes, row, seed) for seed in request.seeds)
+
+
+def _lacks_whisper(config: Config) -> bool:
+    return config.model.audio.kind == "whisper" and not config.model.audio.weights
 
 
 def corpus_path(request: Request) -> pathlib.Path:

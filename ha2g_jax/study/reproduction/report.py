@@ -60,6 +60,7 @@ class Results(NamedTuple):
         splits: splits that were scored.
         scores: name of a row -> seed -> scores of `run_scores`.
         failures: name of a row -> seed -> reason in one line.
+        left_out: name of a row that lacks an input -> reason.
         runs: states of the runs of all rows.
         facts: title -> text, printed in this order.
         autoencoder: description of the pose auto-encoder.
@@ -73,6 +74,7 @@ class Results(NamedTuple):
     splits: tuple[str, ...]
     scores: RowScores
     failures: Mapping[str, Mapping[int, str]]
+    left_out: Mapping[str, str]
     runs: Sequence[RunState]
     facts: Mapping[str, str]
     autoencoder: str
@@ -128,6 +130,7 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
     ]
     lines += [
         *_section("Failed", failed),
+        *_section("Left out", [f"{row}: {reason}" for row, reason in results.left_out.items()]),
         *_section("Remarks", _remarks(results)),
         "## Runs",
         "",

@@ -48,7 +48,8 @@ def reproduce(
         perform: function that trains and scores one run.
 
     Returns:
-        Whether every run has scores.
+        Whether every run has scores. A row that lacks an input of the user, such as HA2G-ASR without the weights of
+        Whisper, has no run.
 
     Raises:
         UserError: the request does not fit the data, the auto-encoder failed, or the report cannot be written.
@@ -89,6 +90,8 @@ def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[st
         failures = {name: _NOT_TRAINED for name, run in runs.items() if checkpoint_step(run) is None}
     missing = [run for name, run in runs.items() if name not in failures]
     there = len({run.name for run in plan.runs}) - len(runs)
+    for row, reason in plan.left_out.items():
+        tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)
     tqdm.tqdm.write(f"{len(missing)} runs to train or score, {there} are there already", file=sys.stderr)
     return failures | run_all(request, plan.corpus, missing, perform, stop, request.table)
 
@@ -119,6 +122,7 @@ def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str
         splits=plan.splits,
         scores=scores,
         failures=failures,
+        left_out=plan.left_out,
         runs=run_states(plan.rows),
         facts={},
         autoencoder=_describe_autoencoder(plan.autoencoder, scores),

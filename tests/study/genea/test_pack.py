@@ -82,7 +82,7 @@ def test_a_clip_of_beat2_moves_as_its_speaker_where_the_model_has_them(
     write_pack(speech, tmp_path / "pack", samples=1)
     manifest = json.loads((tmp_path / "pack" / "manifest.json").read_text())
     kinds = {clip: facts["samples"][0]["style"]["kind"] for clip, facts in manifest["clips"].items()}
-    assert kinds == {"1_wayne_0_1_1": "prior", "2_scott_0_3_3": "speaker"}
+    assert kinds == {"1_wayne_0_1_1": "random", "2_scott_0_3_3": "speaker"}
 
 
 @pytest.mark.parametrize("layout", ["{clip}.{number}.npz", "sample_{number}/{clip}.npz"])

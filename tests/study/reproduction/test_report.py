@@ -63,7 +63,7 @@ def _results(name="table1", data="talk", size="small", seeds=3, steps=None, **ch
         for seed in range(seeds)
     ]
     facts = {"command": "`reproduce`", "commit": "abc"}
-    values = Results(table, name, data, size, ("test",), scores, {}, runs, facts, "id cafe; step 5", False)
+    values = Results(table, name, data, size, ("test",), scores, {}, {}, runs, facts, "id cafe; step 5", False)
     return values._replace(**changes)
 
 

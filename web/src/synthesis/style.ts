@@ -6,7 +6,7 @@ const VARIATION = 0.3; // of the style of a speaker between two takes
 const MOST_VARIATION = 2;
 
 /**
- * A requested style, by at most one of `speaker`, `mixture` and `values`; without any, it is drawn from the prior.
+ * A requested style, by at most one of `speaker`, `mixture` and `values`; without any, it is random.
  */
 export interface StyleOptions {
   /** Name of a speaker of the model. */
@@ -37,7 +37,7 @@ export function chooseTake(description: Description, seed: number): Take {
  *
  * @param description - model.
  * @param style - requested style.
- * @param seed - seed of the variation, and of a style from the prior.
+ * @param seed - seed of the variation, and of a random style.
  * @throws Error if more than one style is requested, or it cannot be used with the model.
  */
 export function chooseStyle(description: Description, style: StyleOptions, seed: number): ChosenStyle {
@@ -65,7 +65,7 @@ export function chooseStyle(description: Description, style: StyleOptions, seed:
   }
   if (values !== undefined) return { values: checked(values, description.style_dim), described: { kind: "values" } };
   if (!description.style_dim) return { values: new Float32Array(0), described: { kind: "none" } };
-  return { values: Float32Array.from(take.prior), described: { kind: "prior", seed } };
+  return { values: Float32Array.from(take.style), described: { kind: "random", seed } };
 }
 
 /** Returns weights whose sum is 1. */

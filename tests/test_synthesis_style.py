@@ -1,0 +1,54 @@
+"""A random style has the distribution of the styles of the model's speakers."""
+
+import types
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.synthesis.style import VARIATION, Style, choose_style
+
+DIM = 3
+SPEC: Any = types.SimpleNamespace(style_dim=DIM, method="ha2g")
+
+
+def draw(speakers, count=1, **fields):
+    skeleton = load_skeleton("ted_expressive")
+    assets = Assets(skeleton, Vocabulary(()), speakers, skeleton.mean_directions[None, None])
+    drawn = [choose_style(SPEC, {}, assets, Style(**fields), seed) for seed in range(count)]
+    assert all(described["kind"] == "random" for _, described in drawn)
+    return np.array([values for values, _ in drawn])
+
+
+def test_mean_and_covariance_are_those_of_the_speakers():
+    rng = np.random.default_rng(0)
+    styles = rng.standard_normal((20, DIM)) * [1, 0.1, 2] + [3, 0, -1]
+    drawn = draw({f"speaker-{number}": style for number, style in enumerate(styles)}, 4000)
+    assert drawn.dtype == np.float32
+    np.testing.assert_allclose(drawn.mean(0), styles.mean(0), atol=0.1)
+    np.testing.assert_allclose(np.cov(drawn.T), np.cov(styles.T), atol=0.3)
+
+
+def test_styles_of_two_speakers_lie_on_their_line():
+    first, second = np.array([0.0, 1, 2]), np.array([1.0, 1, 4])
+    drawn = draw({"a": first, "b": second}, 5) - first
+    np.testing.assert_allclose(np.cross(drawn, second - first), 0, atol=1e-6)
+
+
+def test_one_speaker_is_varied_and_without_any_the_prior_is_drawn():
+    one = draw({"a": np.array([5.0, 6, 7])}, 1000)
+    np.testing.assert_allclose(one.std(0), VARIATION, rtol=0.1)
+    np.testing.assert_allclose(one.mean(0), [5, 6, 7], atol=0.05)
+    prior = draw({}, 1000)
+    np.testing.assert_allclose(prior.std(0), 1, rtol=0.1)
+    np.testing.assert_allclose(prior.mean(0), 0, atol=0.1)
+
+
+@pytest.mark.parametrize("speakers", [{}, {"a": np.zeros(DIM)}, {"a": np.zeros(DIM), "b": np.ones(DIM)}])
+def test_the_seed_of_the_style_decides(speakers):
+    same = draw(speakers, 2, seed=7)
+    np.testing.assert_array_equal(same[0], same[1])
+    assert np.abs(same[0] - draw(speakers, 1, seed=8)[0]).max() > 1e-3
