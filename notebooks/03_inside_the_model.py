@@ -17,7 +17,7 @@
 # HA2G (Liu et al., CVPR 2022) encodes speech on three levels, blends them for each part of the body in a way that
 # depends on the speaker, and infers the pose from coarse to fine. This notebook shows each of these steps in the demo
 # model of the package: the features of the audio, what the words do in training, the style coordinator, and the
-# stages of the pose inferer. `docs/model.md` lists the decisions D1 to D19 that the text names.
+# stages of the pose inferer. `docs/model.md` lists the decisions D1 to D20 that the text names.
 #
 # The speech is made by the grammar and the synthesiser of the Talk corpus, with a voice that the model does not know,
 # because its words and their times are then known exactly.

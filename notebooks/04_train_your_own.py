@@ -108,7 +108,7 @@ plt.show()
 # ## Generate from the checkpoint, and compare with the truth
 #
 # A workdir is a model. Here is the first clip of the validation split: the true motion, that of the new model, and
-# that of the demo model, which was trained on 2,160 minutes of 120 speakers. Both start from the first four true poses
+# that of the demo model, which was trained on 1,620 minutes of 120 speakers. Both start from the first four true poses
 # (M = 4).
 
 # %%
