@@ -19,7 +19,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import stop_signals
 from ha2g_jax.study.latency.study import study_latency
 from ha2g_jax.study.reproduction.jobs import Perform, Stopped
-from ha2g_jax.study.reproduction.plan import Request, parse_seeds
+from ha2g_jax.study.reproduction.request import Request, parse_seeds
 
 WORKDIR = pathlib.Path("runs/reproduce")
 

@@ -22,8 +22,8 @@ from ha2g_jax.files.child_process import stop_signals
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES
 from ha2g_jax.study.reproduction.jobs import Perform, Stopped, perform_in_process
 from ha2g_jax.study.reproduction.paper_tables import TABLES
-from ha2g_jax.study.reproduction.plan import Request, parse_changes, parse_seeds
 from ha2g_jax.study.reproduction.reproduce import reproduce
+from ha2g_jax.study.reproduction.request import Request, parse_changes, parse_seeds
 
 WORKDIR = pathlib.Path("runs/reproduce")
 

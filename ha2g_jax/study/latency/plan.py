@@ -4,7 +4,8 @@ import pathlib
 from collections.abc import Mapping
 from typing import Any
 
-from ha2g_jax.study.reproduction.plan import Request, Run, hashed_path, plan_row
+from ha2g_jax.study.reproduction.plan import Run, hashed_path, plan_row
+from ha2g_jax.study.reproduction.request import Request
 
 # Frames; None hears the whole file, as `Model.generate` does.
 LOOK_AHEADS: tuple[int | None, ...] = (0, 1, 2, 3, 5, 8, 15, None)

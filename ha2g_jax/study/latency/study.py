@@ -17,7 +17,8 @@ from ha2g_jax.study.latency.plan import LOOK_AHEADS, plan_settings, scores_path
 from ha2g_jax.study.latency.report import Results, as_markdown, figure
 from ha2g_jax.study.reproduction.facts import describe_work, run_states
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
-from ha2g_jax.study.reproduction.plan import Request, Run, corpus_path, is_finished, read_scores
+from ha2g_jax.study.reproduction.plan import Run, is_finished, read_scores
+from ha2g_jax.study.reproduction.request import Request, corpus_path
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.latency.worker")
 

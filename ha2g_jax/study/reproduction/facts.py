@@ -11,8 +11,9 @@ from typing import Any
 import ha2g_jax
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.study.reproduction.jobs import duration, last_step
-from ha2g_jax.study.reproduction.plan import Request, Run, checkpoint_step
+from ha2g_jax.study.reproduction.plan import Run, checkpoint_step
 from ha2g_jax.study.reproduction.report import RunState
+from ha2g_jax.study.reproduction.request import Request
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
 

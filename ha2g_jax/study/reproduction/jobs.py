@@ -14,7 +14,8 @@ import tqdm
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop, run_logged
-from ha2g_jax.study.reproduction.plan import Request, Run
+from ha2g_jax.study.reproduction.plan import Run
+from ha2g_jax.study.reproduction.request import Request
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")  # of the tables of the paper
 _LOOK_EVERY = 1.0  # seconds between updates of the progress

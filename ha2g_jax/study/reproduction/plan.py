@@ -1,6 +1,5 @@
 """Plan of a table of the paper: the runs that it needs, their folders, and the scores that exist already."""
 
-import ast
 import hashlib
 import json
 import pathlib
@@ -10,46 +9,17 @@ from typing import Any, NamedTuple
 
 from ha2g_jax import presets
 from ha2g_jax.config import Config
-from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.paper_tables import Table
+from ha2g_jax.study.reproduction.request import Request
 
 EVALUATION_VERSION = 5  # of what `run_scores` measures; a higher number makes all scores anew
 DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
 SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
 
-_DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
 _HASH_DIGITS = 10
 _NO_WHISPER = "it needs the weights of Whisper: --changes model.audio.weights=FOLDER"
-
-
-class Request(NamedTuple):
-    """Request of the user for a table.
-
-    Attributes:
-        table: one of `paper_tables.TABLES`.
-        data: one of `presets.DATA`.
-        size: one of `config.SIZES`.
-        path: folder of the corpus; "" for the Talk corpus, which is made on first use.
-        seeds: seeds of the runs of each row.
-        workdir: folder of the workdirs of all runs.
-        changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
-        jobs: number of runs at once.
-        has_training: whether to train missing runs; False only evaluates existing ones.
-        has_legacy: whether to add the scores of the public release.
-    """
-
-    table: str
-    data: str
-    size: str
-    path: str
-    seeds: tuple[int, ...]
-    workdir: pathlib.Path
-    changes: Mapping[str, Any] = {}
-    jobs: int = 1
-    has_training: bool = True
-    has_legacy: bool = False
 
 
 class Run(NamedTuple):
@@ -141,27 +111,6 @@ def plan_row(
 
 def _lacks_whisper(config: Config) -> bool:
     return config.model.audio.kind == "whisper" and not config.model.audio.weights
-
-
-def corpus_path(request: Request) -> pathlib.Path:
-    """Return the folder of the corpus; make the Talk corpus if it is missing, a small one for the debug size.
-
-    Args:
-        request: request of the user.
-
-    Raises:
-        UserError: the data set needs a path, or the Talk corpus cannot be made.
-    """
-    if request.path:
-        return pathlib.Path(request.path).resolve()
-    if request.data != "talk":
-        raise UserError(f"--data {request.data} needs the folder of a corpus: add --path DIR (docs/data.md)")
-    if request.size != "debug":
-        return build.talk_path("talk").resolve()
-    path = request.workdir.resolve() / "talk-debug-corpus"
-    if not path.exists():
-        build.make_talk(path, speakers=_DEBUG_SPEAKERS, minutes=_DEBUG_MINUTES, seed=0)
-    return path
 
 
 def is_finished(run: Run) -> bool:
@@ -285,46 +234,3 @@ def _file_hash(path: pathlib.Path) -> str:
 
 def _digest(values: Any) -> str:
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:_HASH_DIGITS]
-
-
-def parse_seeds(text: str) -> tuple[int, ...]:
-    """Parse seeds.
-
-    Args:
-        text: number of seeds, such as "3" for 0, 1 and 2, or a list such as "0,5,7".
-
-    Returns:
-        The seeds.
-
-    Raises:
-        UserError: the text has another form.
-    """
-    parts = text.split(",")
-    if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
-        raise UserError(f"--seeds {text} is neither a number of seeds nor a list such as 0,5,7")
-    numbers = tuple(int(part) for part in parts if part.strip())
-    return numbers if "," in text else tuple(range(numbers[0]))
-
-
-def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
-    """Parse changes of settings.
-
-    Args:
-        texts: texts of the form KEY=VALUE; a value that is not a Python literal is text.
-
-    Returns:
-        Dotted name of a setting -> value.
-
-    Raises:
-        UserError: a text has no key or no value.
-    """
-    changes: dict[str, Any] = {}
-    for text in texts:
-        key, _, value = text.partition("=")
-        if not key or not value:
-            raise UserError(f"--changes {text} is no KEY=VALUE, such as train.steps=3000")
-        try:
-            changes[key] = ast.literal_eval(value)
-        except (ValueError, SyntaxError):
-            changes[key] = value
-    return changes

@@ -19,16 +19,15 @@ from ha2g_jax.study.reproduction.facts import describe_work, run_states
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import (
     Plan,
-    Request,
     Run,
     checkpoint_step,
-    corpus_path,
     is_finished,
     make_plan,
     read_scores,
     scores_path,
 )
 from ha2g_jax.study.reproduction.report import Results, as_markdown, figure
+from ha2g_jax.study.reproduction.request import Request, corpus_path
 
 _NOT_TRAINED = "not trained"
 

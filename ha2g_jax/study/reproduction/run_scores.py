@@ -16,7 +16,8 @@ from ha2g_jax.study.evaluation import evaluate
 from ha2g_jax.study.evaluation.clip_result import ClipResult, from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
-from ha2g_jax.study.reproduction.plan import Plan, Request, Run, read_scores, retrieval_path, scores_path
+from ha2g_jax.study.reproduction.plan import Plan, Run, read_scores, retrieval_path, scores_path
+from ha2g_jax.study.reproduction.request import Request
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.known_causes import score_known_causes, score_motion
 

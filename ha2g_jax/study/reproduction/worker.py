@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.study.reproduction.plan import Request, Run, is_finished, make_plan
+from ha2g_jax.study.reproduction.plan import Run, is_finished, make_plan
+from ha2g_jax.study.reproduction.request import Request
 
 
 def main(work: Callable[[dict[str, Any]], None]) -> int:

@@ -17,7 +17,7 @@ from ha2g_jax.study.latency.report import Results, answers, as_markdown, figure
 from ha2g_jax.study.latency.scores import leave_one_out
 from ha2g_jax.study.latency.study import study_latency
 from ha2g_jax.study.reproduction.claims import HELD, NOT_HELD, UNDECIDED, Spread
-from ha2g_jax.study.reproduction.plan import Request
+from ha2g_jax.study.reproduction.request import Request
 
 _SVG = "{http://www.w3.org/2000/svg}"
 NAMES = ("beat_f1", GAIN, "semantic_recall", ABOVE_FLOOR, "jerk_ratio", "beats_per_second")

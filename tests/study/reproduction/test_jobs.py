@@ -13,7 +13,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
 from ha2g_jax.study.reproduction import jobs
 from ha2g_jax.study.reproduction.jobs import duration, last_step, perform_in_process
-from ha2g_jax.study.reproduction.plan import Request, Run
+from ha2g_jax.study.reproduction.plan import Run
+from ha2g_jax.study.reproduction.request import Request
 
 _STUB = """
 import json, os, pathlib, signal, sys, time

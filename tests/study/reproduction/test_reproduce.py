@@ -13,15 +13,13 @@ from ha2g_jax.files.child_process import Stop, stop_signals
 from ha2g_jax.study.reproduction import plan as plan_module
 from ha2g_jax.study.reproduction.jobs import Stopped
 from ha2g_jax.study.reproduction.plan import (
-    Request,
     is_finished,
     make_plan,
-    parse_changes,
-    parse_seeds,
     read_scores,
     scores_path,
 )
 from ha2g_jax.study.reproduction.reproduce import reproduce
+from ha2g_jax.study.reproduction.request import Request, parse_changes, parse_seeds
 
 SPLIT = {"clips": 2, "speakers": ["ada"], "shards": []}
 
