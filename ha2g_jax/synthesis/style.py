@@ -64,8 +64,8 @@ def choose_style(
 
     A random style is drawn from the normal distribution that fits the styles of the model's speakers. The prior N(0, I)
     of the paper is much wider than these styles after training, and motion in a style far from all of them trembles, so
-    that a density is fitted afterwards (Ghosh et al. 2020). The style of a single speaker is varied instead, and a model
-    without speakers has the prior alone.
+    that a density is fitted afterwards (Ghosh et al. 2020). The style of a single speaker is varied instead, and
+    a model without speakers has the prior alone.
 
     Args:
         spec, variables: generator; one that is an ONNX file has no variables here, and reads no images.
