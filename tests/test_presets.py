@@ -49,6 +49,14 @@ def test_the_release_weighs_a_level_as_the_public_code():
         assert config.train.discriminator_learning_rate == pytest.approx(0.2 * config.train.learning_rate)
 
 
+def test_the_study_takes_the_settings_that_its_trials_chose_and_a_change_overrides_them():
+    assert presets.make("talk", "study").loss.ha2g.weights.style == 0.01
+    assert presets.make("talk", "study", "seq2seq").train.learning_rate == 1e-3
+    assert presets.make("talk", "small").loss.ha2g.weights.style == 0.05
+    changed = presets.make("talk", "study", changes={"loss.ha2g.weights.style": 0.2})
+    assert changed.loss.ha2g.weights.style == 0.2
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

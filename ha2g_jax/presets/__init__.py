@@ -15,7 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.presets.ablations import ABLATIONS
 from ha2g_jax.presets.data import DATA
-from ha2g_jax.presets.methods import METHODS
+from ha2g_jax.presets.methods import METHODS, TUNED
 
 __all__ = ["ABLATIONS", "DATA", "METHODS", "make", "parse"]
 
@@ -39,16 +39,8 @@ def make(data: str, size: str = "", method: str = "ha2g", changes: Mapping[str, 
     config = configs.sized(configs.paper(preset.skeleton), size)
     preset.adapt(config, size)
     METHODS[method](config, size)
-    names = {name: config_renames.new_name(name, config.method) for name in changes or {}}
-    config_renames.warn([(old, new) for old, new in names.items() if old != new], "the list of changes")
-    for name, value in (changes or {}).items():
-        *path, last = names[name].split(".")
-        part = config
-        for key in path:
-            part = part[key]
-        if last not in part:
-            raise UserError(f"no setting {name!r}; see ha2g_jax/config.py")
-        part[last] = value
+    _change(config, TUNED.get(size, {}).get(method, {}))
+    _change(config, changes or {})
     return config
 
 
@@ -64,3 +56,16 @@ def parse(spec: str, method: str) -> Config:
     """
     data, _, size = spec.partition(":")
     return make(data, size, method)
+
+
+def _change(config: Config, changes: Mapping[str, Any]) -> None:
+    names = {name: config_renames.new_name(name, config.method) for name in changes}
+    config_renames.warn([(old, new) for old, new in names.items() if old != new], "the list of changes")
+    for name, value in changes.items():
+        *path, last = names[name].split(".")
+        part = config
+        for key in path:
+            part = part[key]
+        if last not in part:
+            raise UserError(f"no setting {name!r}; see ha2g_jax/config.py")
+        part[last] = value

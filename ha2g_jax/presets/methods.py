@@ -117,6 +117,17 @@ METHODS = {
     "autoencoder": autoencoder,
 }
 
+# size -> method -> settings that its trials on the validation split chose, see docs/results/protocol.md
+TUNED: dict[str, dict[str, dict[str, float]]] = {
+    "study": {
+        "ha2g": {"train.learning_rate": 3e-3, "loss.ha2g.weights.style": 0.01},
+        "seq2seq": {"train.learning_rate": 1e-3, "loss.seq2seq.weights.variance": 25.0},
+        "speech2gesture": {"train.learning_rate": 3e-3, "loss.speech2gesture.weights.gan": 1.0},
+        "joint_embedding": {"train.learning_rate": 3e-3, "loss.joint_embedding.weights.l1": 10.0},
+        "trimodal": {"train.learning_rate": 3e-3, "loss.trimodal.weights.style": 0.01},
+    }
+}
+
 
 def _rename(
     config: Config, method: str, best_by: str, weights: dict[str, float], *, audio: str, **settings: Any
