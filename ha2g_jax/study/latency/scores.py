@@ -34,7 +34,7 @@ from ha2g_jax.study.latency.plan import (
     scores_path,
     title,
 )
-from ha2g_jax.study.reproduction.plan import Run, read_scores
+from ha2g_jax.study.reproduction.plan import Run, read_stored
 from ha2g_jax.study.talk.known_causes import MODEL, has_known_causes, rows_with_chance
 from ha2g_jax.study.talk.scores import Trial, known_truth, observe, semantic_floors
 from ha2g_jax.synthesis import Model
@@ -58,7 +58,7 @@ def score_run(run: Run, corpus_path: pathlib.Path, split: str) -> None:
         UserError: the model cannot be read or does not fit the corpus, or the causes of its gestures are not known.
     """
     paths = {look_ahead: scores_path(run, corpus_path, split, look_ahead) for look_ahead in LOOK_AHEADS}
-    missing = {look_ahead: path for look_ahead, path in paths.items() if path and read_scores(path) is None}
+    missing = {look_ahead: path for look_ahead, path in paths.items() if path and read_stored(path) is None}
     if not missing:
         return
     corpus, model = Corpus.open(corpus_path), synthesis.load(run.workdir)

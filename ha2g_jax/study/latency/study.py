@@ -17,7 +17,7 @@ from ha2g_jax.study.latency.plan import LOOK_AHEADS, plan_settings, scores_path
 from ha2g_jax.study.latency.report import Results, as_markdown, figure
 from ha2g_jax.study.reproduction.facts import describe_work, run_states
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
-from ha2g_jax.study.reproduction.plan import Run, is_finished, read_scores
+from ha2g_jax.study.reproduction.plan import Run, is_finished, read_stored
 from ha2g_jax.study.reproduction.request import Request, corpus_path
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.latency.worker")
@@ -68,7 +68,7 @@ def _scores(run: Run, corpus: pathlib.Path, split: str) -> Mapping[int | None, S
     """Return the scores of a finished run by look-ahead, or None where one is missing."""
     if not is_finished(run):
         return None
-    found = {at: read_scores(scores_path(run, corpus, split, at)) for at in LOOK_AHEADS}
+    found = {at: read_stored(scores_path(run, corpus, split, at)) for at in LOOK_AHEADS}
     whole = {at: scores for at, scores in found.items() if scores is not None}
     return whole if len(whole) == len(found) else None
 

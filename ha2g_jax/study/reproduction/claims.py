@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from ha2g_jax.metrics.multiple_tests import holm
+
 HELD, NOT_HELD, UNDECIDED, NOTHING_FOUND = "held", "not held", "undecided", "no difference found"
 LEVEL = 0.95  # confidence level of every interval, and of all differences of a table together
 
@@ -184,24 +186,6 @@ def judge(claims: Sequence[Claim]) -> list[Verdict]:
         spread = interval(difference, (1 - LEVEL) / max(len(tested), 1))
         verdicts.append(Verdict(spread, p_value, _decide(claim, difference.value, p_value)))
     return verdicts
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct p-values for their number by Holm's step-down method (Holm 1979).
-
-    The k-th smallest of m is multiplied by m - k + 1, is at least as large as those before it, and at most 1.
-
-    Args:
-        p_values: m p-values.
-
-    Returns:
-        The m corrected p-values in the same order.
-    """
-    order = np.argsort(p_values, kind="stable")
-    factors = len(p_values) - np.arange(len(p_values))
-    corrected = np.empty(len(p_values))
-    corrected[order] = np.minimum(np.maximum.accumulate(np.asarray(p_values, float)[order] * factors), 1.0)
-    return corrected.tolist()
 
 
 def _decide(claim: Claim, value: float, p_value: float | None) -> str:

@@ -175,14 +175,14 @@ def retrieval_path(plan: Plan) -> pathlib.Path:
     return plan.autoencoder.workdir.with_name(f"retrieval-{_digest(causes)}.json")
 
 
-def read_scores(path: pathlib.Path | None) -> dict[str, Any] | None:
-    """Read the scores in a file.
+def read_stored(path: pathlib.Path | None) -> dict[str, Any] | None:
+    """Read scores, or the windows of retrieval, that an earlier run of the command has stored.
 
     Args:
         path: file to read, or None.
 
     Returns:
-        The scores, or None where the file is missing or damaged.
+        The content, or None where the file is missing or damaged.
     """
     if path is None:
         return None

@@ -23,7 +23,7 @@ from ha2g_jax.study.reproduction.plan import (
     checkpoint_step,
     is_finished,
     make_plan,
-    read_scores,
+    read_stored,
     scores_path,
 )
 from ha2g_jax.study.reproduction.report import Results, as_markdown, figure
@@ -99,7 +99,7 @@ def _scores(request: Request, plan: Plan, run: Run) -> dict[str, Any] | None:
     """Return the scores of a run, or None where the scores or a part of the training are missing."""
     if request.has_training and not is_finished(run):
         return None
-    return read_scores(scores_path(run, plan, request.has_legacy))
+    return read_stored(scores_path(run, plan, request.has_legacy))
 
 
 def _collect(request: Request, plan: Plan, corpus: Corpus, failed: dict[str, str]) -> Results:

@@ -16,7 +16,7 @@ from ha2g_jax.study.evaluation import evaluate
 from ha2g_jax.study.evaluation.clip_result import ClipResult, from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
-from ha2g_jax.study.reproduction.plan import Plan, Run, read_scores, retrieval_path, scores_path
+from ha2g_jax.study.reproduction.plan import Plan, Run, read_stored, retrieval_path, scores_path
 from ha2g_jax.study.reproduction.request import Request
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.known_causes import score_known_causes, score_motion
@@ -32,7 +32,7 @@ def score_run(run: Run, plan: Plan, request: Request) -> None:
         UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
     """
     path = scores_path(run, plan, request.has_legacy)
-    if path is None or read_scores(path) is not None:
+    if path is None or read_stored(path) is not None:
         return
     scores = _score(run, plan, request)
     with whole_file(path) as temporary:
@@ -75,7 +75,7 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
 def _retrieve(plan: Plan, corpus: Corpus) -> dict[str, list[ClipResult]]:
     """Return the motion that is retrieved for the clips of each split; what was found is stored for the other runs."""
     path = retrieval_path(plan)
-    nearest = read_scores(path)
+    nearest = read_stored(path)
     if nearest is None:
         library = retrieval.make_library(corpus)
         nearest = {split: retrieval.nearest_windows(library, corpus, split) for split in plan.splits}

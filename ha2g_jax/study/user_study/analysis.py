@@ -5,12 +5,13 @@ import itertools
 import math
 import pathlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.multiple_tests import holm
 from ha2g_jax.study.evaluation.intervals import number
 from ha2g_jax.study.user_study import bradley_terry
 from ha2g_jax.study.user_study.agreement import agreement
@@ -23,8 +24,6 @@ from ha2g_jax.study.user_study.shares import Share, share
 
 KEY_FILE = "key.json"
 """Name of the key in the folder of a study."""
-
-_PACKAGES = ("statsmodels", "choix")
 
 
 def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any]:
@@ -40,7 +39,7 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
         and a bound that has no end is "inf" or "-inf".
 
     Raises:
-        UserError: there is no key or no answer file, or a package of the extra user-study is missing.
+        UserError: there is no key or no answer file, or the package of the extra user-study is missing.
     """
     check_extra()
     key = read_study(study)
@@ -48,16 +47,15 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
 
 
 def check_extra() -> None:
-    """Check that the packages of the extra user-study are installed.
+    """Check that the package of the extra user-study is installed.
 
     Raises:
-        UserError: one of them is missing.
+        UserError: it is missing.
     """
-    for package in _PACKAGES:
-        try:
-            importlib.import_module(package)
-        except ImportError as error:
-            raise UserError(f"the analysis of a study needs {package}: pip install 'ha2g-jax[user-study]'") from error
+    try:
+        importlib.import_module("choix")
+    except ImportError as error:
+        raise UserError("the analysis of a study needs choix: pip install 'ha2g-jax[user-study]'") from error
 
 
 def read_study(study: pathlib.Path) -> Key:
@@ -191,11 +189,5 @@ def _number(value: Any) -> float | str | None:
 
 def _with_holm(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Add "p_holm" to rows: the p-values after the correction of Holm (1979) for all rows that have one."""
-    from statsmodels.stats.multitest import multipletests
-
-    defined = [row for row in rows if row["p"] is not None]
-    corrected: Mapping[int, float] = {}
-    if defined:
-        values = np.asarray(multipletests([row["p"] for row in defined], alpha=1 - LEVEL, method="holm")[1])
-        corrected = {id(row): float(value) for row, value in zip(defined, values, strict=True)}
-    return [{**row, "p_holm": number(corrected.get(id(row), math.nan))} for row in rows]
+    corrected = iter(holm([row["p"] for row in rows if row["p"] is not None]))
+    return [{**row, "p_holm": number(math.nan if row["p"] is None else next(corrected))} for row in rows]

@@ -13,7 +13,6 @@ from ha2g_jax.study.reproduction.claims import (
     Mean,
     Measured,
     combine,
-    holm,
     interval,
     judge,
     over_seeds,
@@ -82,12 +81,6 @@ def test_a_claim_of_likeness_is_refuted_by_either_side():
         assert _verdict(reference, row, is_comparable=True).verdict == NOT_HELD
     assert _verdict(near, zero, is_comparable=True).verdict == NOTHING_FOUND
     assert LEVEL == 0.95
-
-
-def test_holm_s_method():
-    # By hand: 0.01 x 4; 0.02 x 3; 0.03 x 2 = 0.06; 0.04 x 1 is raised to 0.06.
-    assert holm([0.03, 0.01, 0.04, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
-    assert holm([0.9, 0.8]) == [1.0, 1.0] and holm([]) == []
 
 
 def test_more_claims_need_larger_differences():

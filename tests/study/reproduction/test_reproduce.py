@@ -15,7 +15,7 @@ from ha2g_jax.study.reproduction.jobs import Stopped
 from ha2g_jax.study.reproduction.plan import (
     is_finished,
     make_plan,
-    read_scores,
+    read_stored,
     scores_path,
 )
 from ha2g_jax.study.reproduction.reproduce import reproduce
@@ -72,7 +72,7 @@ class FakeRuns:
             self._train(run)
         plan = make_plan(request, corpus)
         path = scores_path(run, plan, request.has_legacy)
-        if run.name != plan.autoencoder.name and read_scores(path) is None:
+        if run.name != plan.autoencoder.name and read_stored(path) is None:
             assert path
             self.scored.append(run.name)
             path.write_text(json.dumps(self._scores(run)))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from fixtures.simulated_study import make_answers, write_study
 
-pytest.importorskip("statsmodels")
 pytest.importorskip("choix")
 
 from ha2g_jax import cli
