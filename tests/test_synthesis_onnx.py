@@ -9,7 +9,7 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
@@ -81,9 +81,9 @@ def test_the_command_generates_without_jax(folder, onnx_model, tmp_path):
 def test_a_model_folder_is_exported_to_the_cache_once(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     first = backends.exported(folder)
-    assert first.parent == tmp_path / "onnx" and first.name.startswith(model_folder.load(folder).assets.hash)
+    assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(folder).assets.hash)
     written = first.stat().st_mtime_ns
-    assert backends.load(folder, "onnx").assets.hash == model_folder.load(folder).assets.hash
+    assert backends.load(folder, "onnx").assets.hash == loading.load(folder).assets.hash
     assert backends.exported(folder).stat().st_mtime_ns == written
 
 
@@ -95,7 +95,7 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
     with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g export-onnx"):
         backends.load(tmp_path, "onnx")
     with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
-        model_folder.load(file)
+        loading.load(file)
     (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
     (tmp_path / "model.safetensors").write_bytes(b"")
     with pytest.raises(UserError, match="has no hash of the weights"):

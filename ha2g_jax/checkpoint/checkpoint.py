@@ -1,27 +1,14 @@
-"""Checkpoints of a run: the training state and a small record, written completely or not at all in the format of Orbax.
-
-They are written in the background while training continues. Orbax fills a folder with a temporary name and renames it
-when it is complete, so that a run that is killed meanwhile leaves nothing that counts as a checkpoint. The last file
-written contains the SHA-256 sums of the others, so that damage by a disk, a copy or a network is found before a
-checkpoint is used (`sha256sum -c SHA256SUMS` finds it too).
-"""
+"""One checkpoint as Orbax stores it: the training state, the types and shapes of its arrays, and a record."""
 
 import contextlib
-import json
 import pathlib
 import reprlib
-import shutil
-import sys
-import time
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
-import tqdm
-from jax.experimental import multihost_utils
 
 from ha2g_jax.checkpoint import checksums, orbax_errors
 from ha2g_jax.checkpoint.state import TrainState
@@ -29,304 +16,108 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.limits import MAX_RECORD_BYTES
 
-_NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place of a step
-_REMOVALS = 10  # attempts to remove temporary folders
 
-
-class Restored(NamedTuple):
-    """Content of a checkpoint.
-
-    Attributes:
-        step: number of steps taken.
-        state: training state.
-        record: plain values, such as the sums of the log.
-    """
-
-    step: int
-    state: TrainState
-    record: dict[str, Any]
-
-
-class Checkpoints:
-    """Checkpoints in one folder, each in a subfolder named after its step.
-
-    If there are several processes, all of them call `save`, `restore` and `restore_newest` at the same steps. Nothing
-    is created or removed before the first `save`, so that the checkpoints of a run can be read while the run continues.
+def read_state(path: pathlib.Path, like: TrainState) -> TrainState:
+    """Read the training state.
 
     Args:
-        folder: folder of the checkpoints, shared by all processes.
-        keep: number of checkpoints to keep; older ones are removed once a newer one is complete.
+        path: folder of the checkpoint.
+        like: tree of arrays, or of shapes with types and shardings, that the state is to have.
+
+    Raises:
+        UserError: the checkpoint is of another model.
     """
+    _check_arrays(path, _read(path, "arrays"), arrays_of(like))
+    with (
+        _blaming_the_version(path),
+        contextlib.closing(ocp.Checkpointer(ocp.StandardCheckpointHandler())) as checkpointer,
+    ):
+        return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
 
-    def __init__(self, folder: pathlib.Path, keep: int = 1):
-        self._folder = folder.absolute()
-        self._keep = keep
-        self._manager: ocp.CheckpointManager | None = None
-        self._writing: int | None = None  # step that is being written or was written last
-        self._size = 0
-        orbax_errors.hide_echoes()
 
-    def steps(self) -> list[int]:
-        """Return the steps of the complete checkpoints, in ascending order."""
-        if not self._folder.is_dir():
-            return []
-        return sorted(int(path.name) for path in self._folder.iterdir() if path.name.isdecimal() and path.is_dir())
+def read_variables(path: pathlib.Path, shapes: Any) -> dict[str, Any]:
+    """Read the variables of the generator without the rest of the state.
 
-    def save(self, step: int, state: TrainState, record: dict[str, Any]) -> None:
-        """Start to write the checkpoint of a step; do nothing if there is an undamaged one already.
+    Args:
+        path: folder of the checkpoint.
+        shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
 
-        This waits for the previous checkpoint to be written, and returns as soon as `state` may be donated.
+    Returns:
+        The variables as numpy arrays, those of the running average if there is one.
 
-        Args:
-            step: number of steps taken.
-            state: training state.
-            record: plain values to store with it.
+    Raises:
+        UserError: the checkpoint is of another model.
+    """
+    there = _read(path, "arrays")
+    name = "average" if any(key.startswith("average/") for key in there) else "generator"
+    wanted = {name: shapes}
+    stored = {key: value for key, value in there.items() if key.startswith((f"{name}/params/", f"{name}/batch_stats/"))}
+    _check_arrays(path, stored, arrays_of(wanted))
+    like = on_one_device(wanted)
+    args = ocp.args.PyTreeRestore(
+        item=like, restore_args=ocp.checkpoint_utils.construct_restore_args(like), partial_restore=True
+    )
+    with (
+        _blaming_the_version(path),
+        contextlib.closing(ocp.Checkpointer(ocp.PyTreeCheckpointHandler())) as checkpointer,
+    ):
+        found = checkpointer.restore(path / "state", args=args)
+    return jax.tree.map(np.asarray, found[name])
 
-        Raises:
-            UserError: this checkpoint or the previous one cannot be written, for example because the disk is full.
-        """
-        self.wait()
-        if step in self.steps() and self._is_whole_or_set_aside(step):
-            return
-        args = ocp.args.Composite(
-            # Orbax writes from views of the arrays' memory, which the next step overwrites.
-            state=ocp.args.StandardSave(_copy(state)),
-            arrays=ocp.args.JsonSave(_arrays(state)),
-            record=ocp.args.JsonSave(json.loads(json.dumps(record))),
-        )
-        self._size = sum(leaf.nbytes for leaf in jax.tree.leaves(state))
-        self._writing = step
-        with self._blaming_the_disk():
-            self._manager = self._manager or self._open()
-            self._manager.save(step, args=args, force=True)  # without `force` Orbax skips some steps silently
 
-    def wait(self) -> None:
-        """Wait until the last checkpoint is on the disk.
+def read_record(path: pathlib.Path) -> dict[str, Any]:
+    """Read the record, such as the sums of the log.
 
-        Raises:
-            UserError: the checkpoint could not be written.
-        """
-        if self._manager:
-            with self._blaming_the_disk():
-                self._manager.wait_until_finished()
+    Args:
+        path: folder of the checkpoint.
 
-    def check(self) -> None:
-        """Raise the error of the last checkpoint, if there was one, without waiting for it to be written.
+    Raises:
+        UserError: there is no record, or it is damaged.
+    """
+    return _read(path, "record")
 
-        Raises:
-            UserError: the checkpoint could not be written.
-        """
-        if self._manager and not self._manager.is_saving_in_progress():
-            self.wait()
 
-    def close(self) -> None:
-        """Wait until the last checkpoint is on the disk, then release all resources.
+def damage(path: pathlib.Path) -> str:
+    """Describe the damage of a checkpoint in a few words; return "" if there is none.
 
-        Raises:
-            UserError: the last checkpoint could not be written.
-        """
-        self.wait()
-        if self._manager:
-            self._manager.close()
-            self._manager = None
+    Args:
+        path: folder of the checkpoint.
+    """
+    try:
+        return checksums.damage(path)
+    except OSError as error:
+        return orbax_errors.reason(error)
 
-    def restore(self, step: int, like: TrainState) -> tuple[TrainState, dict[str, Any]]:
-        """Read the state and the record of a step.
 
-        Args:
-            step: one of `steps()`.
-            like: tree of arrays, or of shapes with types and shardings, that the restored state is to have. The
-                devices may be other ones than those that the state was saved from.
+def on_one_device(state: Any) -> Any:
+    """Return the shapes of a state on the first device of this process, as `Checkpoints.restore` takes them.
 
-        Returns:
-            The state and the record.
+    Args:
+        state: tree of arrays or shapes.
+    """
+    sharding = jax.sharding.SingleDeviceSharding(jax.local_devices()[0])
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), state)
 
-        Raises:
-            UserError: the checkpoint is damaged or of another model.
-        """
-        self._check(step)
-        return self._read_state(step, like), self._read(step, "record")
 
-    def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
+def arrays_of(state: Any) -> dict[str, str]:
+    """Return the type and shape of each array of a state, by name.
 
-        Args:
-            step: one of `steps()`.
-            shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
+    Args:
+        state: tree of arrays or shapes.
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(state)
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="/"): f"{leaf.dtype}{list(leaf.shape)}"
+        for path, leaf in leaves
+    }
 
-        Returns:
-            The variables as numpy arrays, those of the running average if there is one, and the record.
 
-        Raises:
-            UserError: the checkpoint is damaged or of another model.
-        """
-        self._check(step)
-        there = self._read(step, "arrays")
-        name = "average" if any(key.startswith("average/") for key in there) else "generator"
-        wanted = {name: shapes}
-        here = _arrays(wanted)
-        stored = {
-            key: value for key, value in there.items() if key.startswith((f"{name}/params/", f"{name}/batch_stats/"))
-        }
-        path = self._folder / str(step)
-        _check_arrays(path, stored, here)
-        like = on_one_device(wanted)
-        args = ocp.args.PyTreeRestore(
-            item=like, restore_args=ocp.checkpoint_utils.construct_restore_args(like), partial_restore=True
-        )
-        with (
-            _blaming_the_version(path),
-            contextlib.closing(ocp.Checkpointer(ocp.PyTreeCheckpointHandler())) as checkpointer,
-        ):
-            found = checkpointer.restore(path / "state", args=args)
-        return jax.tree.map(np.asarray, found[name]), self._read(step, "record")
-
-    def restore_newest(self, like: TrainState) -> Restored | None:
-        """Read the newest undamaged checkpoint.
-
-        Newer checkpoints that are damaged are named on stderr and renamed to STEP.damaged, so that the run can write
-        these steps again and the files can still be examined.
-
-        Args:
-            like: see `restore`.
-
-        Returns:
-            The content of the checkpoint, None if there is no checkpoint at all.
-
-        Raises:
-            UserError: all checkpoints are damaged, or the newest undamaged one is of another model.
-        """
-        self.wait()
-        step = self._agree(self._look)
-        if step == _ALL_DAMAGED:
-            reasons = ", ".join(f"{step}: {_damage(self._folder / str(step))}" for step in self.steps())
-            raise UserError(
-                f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose "
-                "another --workdir"
-            )
-        return None if step == _NONE else Restored(step, self._read_state(step, like), self._read(step, "record"))
-
-    def record(self, step: int) -> dict[str, Any]:
-        """Read the record of a step without its state.
-
-        Args:
-            step: one of `steps()`.
-
-        Raises:
-            UserError: the checkpoint is damaged.
-        """
-        self._check(step)
-        return self._read(step, "record")
-
-    def _read_state(self, step: int, like: TrainState) -> TrainState:
-        path = self._folder / str(step)
-        _check_arrays(path, self._read(step, "arrays"), _arrays(like))
-        with (
-            _blaming_the_version(path),
-            contextlib.closing(ocp.Checkpointer(ocp.StandardCheckpointHandler())) as checkpointer,
-        ):
-            return checkpointer.restore(path / "state", args=ocp.args.StandardRestore(like))
-
-    def _read(self, step: int, item: str) -> dict[str, Any]:
-        path = self._folder / str(step) / item / "metadata"  # Orbax stores JSON there
-        values = read_json(path, "part of a checkpoint", MAX_RECORD_BYTES)
-        if not isinstance(values, dict):
-            raise UserError(f"{shown(path)} is not part of a checkpoint (not an object of JSON)")
-        return values
-
-    def _open(self) -> ocp.CheckpointManager:
-        options = ocp.CheckpointManagerOptions(
-            max_to_keep=self._keep,
-            cleanup_tmp_directories=True,
-            lightweight_initialize=True,  # otherwise damaged checkpoints would make it fail
-            async_options=ocp.AsyncOptions(post_finalization_callback=self._write_checksums),
-            multiprocessing_options=ocp.options.MultiprocessingOptions(
-                barrier_sync_key_prefix=self._folder.name  # latest and best may be written at the same time
-            ),
-        )
-        return ocp.CheckpointManager(self._folder, options=options)
-
-    def _write_checksums(self) -> None:
-        (folder,) = self._temporary()
-        checksums.write(folder)
-
-    def _temporary(self) -> list[pathlib.Path]:
-        """Return the folders of the current step that are not complete yet."""
-        return list(self._folder.glob(f"{self._writing}{ocp.utils.TMP_DIR_SUFFIX}*"))
-
-    def _remove_temporary(self) -> None:
-        # Other threads of Orbax may still be running and create the folder again. A folder that is created even later
-        # is removed at the next start.
-        for _ in range(_REMOVALS):
-            for folder in self._temporary():
-                shutil.rmtree(folder, ignore_errors=True)
-            time.sleep(0.1)
-
-    @contextlib.contextmanager
-    def _blaming_the_disk(self) -> Iterator[None]:
-        try:
-            yield
-        except Exception as error:
-            self._manager = None
-            if jax.process_index() == 0:
-                self._remove_temporary()
-            left = (
-                f"{self._folder.name}/{self.steps()[-1]} is complete"
-                if self.steps()
-                else f"{self._folder.name} has no earlier one"
-            )
-            free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
-            raise UserError(
-                f"cannot write checkpoint {shown(self._folder / str(self._writing))} "
-                f"({orbax_errors.reason(error)}; it needs {self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); "
-                f"{left}: free some space, then the same command continues"
-            ) from error
-
-    def _look(self) -> int:
-        """Return the newest undamaged step, after renaming newer ones that are damaged."""
-        damaged: dict[int, str] = {}
-        for step in reversed(self.steps()):
-            if reason := _damage(self._folder / str(step)):
-                damaged[step] = reason
-                continue
-            for number, reason in damaged.items():
-                self._set_aside(number, reason, f"using {shown(self._folder / str(step))}")
-            return step
-        return _ALL_DAMAGED if damaged else _NONE
-
-    def _is_whole_or_set_aside(self, step: int) -> bool:
-        def look() -> int:
-            if reason := _damage(self._folder / str(step)):
-                self._set_aside(step, reason, "writing it again")
-            return not reason
-
-        return bool(self._agree(look))
-
-    def _agree(self, look: Callable[[], int]) -> int:
-        """Return on all processes what `look` returns on the first; others may see an older state of a shared disk."""
-        answer = look() if jax.process_index() == 0 else 0
-        if jax.process_count() > 1:
-            answer = int(multihost_utils.broadcast_one_to_all(np.int32(answer)))
-        if self._manager:
-            self._manager.reload()  # it caches the list of checkpoints
-        return answer
-
-    def _set_aside(self, step: int, reason: str, consequence: str) -> None:
-        path = self._folder / str(step)
-        name, number = f"{step}.damaged", 1
-        while path.with_name(name).exists():
-            number += 1
-            name = f"{step}.damaged-{number}"
-        path.rename(path.with_name(name))
-        line = f"checkpoint {shown(path)} is damaged ({reason}) and was renamed to {name}; {consequence}"
-        tqdm.tqdm.write(line, file=sys.stderr)
-
-    def _check(self, step: int) -> None:
-        path = self._folder / str(step)
-        if reason := _damage(path):
-            others = [path.with_name(str(other)) for other in self.steps() if other != step]
-            advice = f"use {shown(others[-1])}" if others else "put back a good copy"
-            raise UserError(f"checkpoint {shown(path)} is damaged ({reason}); {advice}")
+def _read(path: pathlib.Path, item: str) -> dict[str, Any]:
+    path = path / item / "metadata"  # Orbax stores JSON there
+    values = read_json(path, "part of a checkpoint", MAX_RECORD_BYTES)
+    if not isinstance(values, dict):
+        raise UserError(f"{shown(path)} is not part of a checkpoint (not an object of JSON)")
+    return values
 
 
 @contextlib.contextmanager
@@ -352,35 +143,3 @@ def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str
 def _short(value: Any) -> str:
     text = str(value)
     return text if len(text) <= 200 and text.isprintable() else reprlib.repr(text)
-
-
-def on_one_device(state: Any) -> Any:
-    """Return the shapes of a state on the first device of this process, as `Checkpoints.restore` takes them.
-
-    Args:
-        state: tree of arrays or shapes.
-    """
-    sharding = jax.sharding.SingleDeviceSharding(jax.local_devices()[0])
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), state)
-
-
-@jax.jit
-def _copy(state: TrainState) -> TrainState:
-    return jax.tree.map(jnp.copy, state)
-
-
-def _arrays(state: Any) -> dict[str, str]:
-    """Return the type and shape of each array, by name."""
-    leaves = jax.tree_util.tree_leaves_with_path(state)
-    return {
-        jax.tree_util.keystr(path, simple=True, separator="/"): f"{leaf.dtype}{list(leaf.shape)}"
-        for path, leaf in leaves
-    }
-
-
-def _damage(folder: pathlib.Path) -> str:
-    """Describe the damage of a checkpoint in a few words; return "" if there is none."""
-    try:
-        return checksums.damage(folder)
-    except OSError as error:
-        return orbax_errors.reason(error)

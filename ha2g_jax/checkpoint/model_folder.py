@@ -1,16 +1,12 @@
 """Model folders, the form in which models are shipped: config.json, assets.json and model.safetensors; no pickle.
 
-The config contains what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A model is named
-by "demo", by such a folder, by hf://OWNER/NAME on the Hub, or by the workdir of a training run, which stands for its
-best checkpoint on the validation split. WORKDIR/latest, WORKDIR/best, WORKDIR/failed and a step below them name a
-particular checkpoint.
+The config contains what `ha2g_jax.methods.build` needs, and neither losses nor settings of training. A workdir has the
+same config and assets.
 """
 
 import contextlib
 import dataclasses
-import importlib.resources
 import json
-import os
 import pathlib
 import shutil
 import tempfile
@@ -22,18 +18,16 @@ from flax.errors import FlaxError
 from ha2g_jax import config as configs
 from ha2g_jax import config_renames
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import hub, weights
+from ha2g_jax.checkpoint import weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
+from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.methods.method import Spec
 
-BEST, LATEST, FAILED = "best", "latest", "failed"
-RUN = "run.json"
 CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
 
 
@@ -51,55 +45,6 @@ class LoadedModel(NamedTuple):
     variables: dict[str, Any]
     assets: Assets
     config: Config
-
-
-def load(spec: str | pathlib.Path) -> LoadedModel:
-    """Load a model.
-
-    Args:
-        spec: "demo", a model folder, a workdir, a checkpoint in a workdir, or hf://OWNER/NAME@REVISION, a model on the
-            Hub, see `hub`.
-
-    Raises:
-        UserError: there is no model, or it is damaged.
-    """
-    if hub.is_hub_name(spec):
-        return _load_folder(hub.fetch(str(spec)))
-    if spec == "demo":
-        folder = importlib.resources.files("ha2g_jax") / "assets" / "demo"
-        with importlib.resources.as_file(folder) as path:
-            if not path.is_dir():
-                raise UserError("the demo model is not installed; install ha2g-jax again or name a --checkpoint")
-            return _load_folder(path)
-    return load_path(spec, "'demo', a workdir of ha2g train or an exported folder")
-
-
-def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
-    """Load the model at a path.
-
-    Args:
-        path: a model folder, a workdir, or a checkpoint in a workdir.
-        expected: what may be named, for the message.
-
-    Raises:
-        UserError: there is no model, or it is damaged.
-    """
-    path = pathlib.Path(path)
-    with reading(path, f"a model: {expected}"):
-        is_folder, exists = (path / WEIGHTS).is_file(), path.exists()
-        workdirs = [folder for folder in (path, path.parent, path.parent.parent) if _is_workdir(folder)]
-    if is_folder:
-        return _load_folder(path)
-    if workdirs:
-        return _load_checkpoint(workdirs[0], path)
-    if exists and path.suffix.lower() == ".onnx":
-        raise UserError(f"{shown(path)} is for ha2g generate alone; give the model that it was exported from")
-    found = f"{WEIGHTS} is missing" if exists else "nothing is there"
-    raise UserError(f"no model in {shown(path)}: {found}; expected {expected}")
-
-
-def _is_workdir(folder: pathlib.Path) -> bool:
-    return (folder / CONFIG).is_file() and any((folder / name).exists() for name in (BEST, LATEST, FAILED, RUN))
 
 
 def save(
@@ -146,21 +91,29 @@ def save(
     return folder
 
 
-def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Write the model of a workdir as a model folder.
+def read(folder: pathlib.Path) -> LoadedModel:
+    """Read a model folder; only when all sizes are known to fit, tensors are read.
 
     Args:
-        workdir: workdir of a run, a checkpoint in it, a model folder, or "demo".
-        out: folder to write, which does not exist or is empty.
-
-    Returns:
-        The model folder.
+        folder: model folder.
 
     Raises:
-        UserError: as `load` and `save`.
+        UserError: a file is missing or damaged, or the files do not fit together.
     """
-    model = load(workdir)
-    return save(out, model.config, model.assets, model.variables)
+    config, assets = read_description(folder)
+    shapes = weights.read_shapes(folder / WEIGHTS)
+    spec = build_networks(folder, config, assets, has_styles=True)
+    with blaming(folder / WEIGHTS):
+        found = weights.hash_of_file(folder / WEIGHTS)
+    if found != assets.hash:
+        raise UserError(
+            f"{shown(folder / WEIGHTS)} has hash {found}, {ASSETS} says {assets.hash}: "
+            "the files belong to two models; export or download the model again"
+        )
+    with blaming(folder / WEIGHTS):
+        if difference := weights.compare(shapes, _expected_shapes(folder, spec)):
+            raise ValueError(difference)
+    return LoadedModel(spec, weights.read(folder / WEIGHTS), assets, config)
 
 
 def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> None:
@@ -194,7 +147,7 @@ def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
         UserError: one of the files is missing or damaged.
     """
     config = read_config(folder)
-    with _blame(folder / ASSETS):
+    with blaming(folder / ASSETS):
         return config, assets_module.from_json(_read_json(folder / ASSETS, MAX_ASSETS_BYTES))
 
 
@@ -207,7 +160,7 @@ def read_config(folder: pathlib.Path) -> Config:
     Raises:
         UserError: config.json is missing or damaged.
     """
-    with _blame(folder / CONFIG):
+    with blaming(folder / CONFIG):
         values = _read_json(folder / CONFIG, MAX_CONFIG_BYTES)
         config = configs.from_json(values)
     config_renames.warn(config_renames.with_new_names(values)[1], shown(folder / CONFIG))
@@ -226,61 +179,23 @@ def check_assets(folder: pathlib.Path, assets: Assets, spec: Spec, *, has_styles
     Raises:
         UserError: a size is another one.
     """
-    with _blame(folder / ASSETS):
+    with blaming(folder / ASSETS):
         style_dims = (spec.style_dim,) if has_styles else (spec.style_dim, 0)
         assets_module.check_fit(assets, spec.num_seed_frames, style_dims)
 
 
-def _read_json(path: pathlib.Path, max_bytes: int) -> Any:
-    if not path.is_file():
-        raise UserError(f"{shown(path)} is missing; export or download the model again")
-    return parse_json(read_bytes(path, "part of a model", max_bytes))
+def build_networks(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: bool) -> Spec:
+    """Build the networks of a model folder or a workdir, and check that its assets fit.
 
+    Args:
+        folder: model folder or workdir, for messages.
+        config: config of the folder.
+        assets: assets of the folder.
+        has_styles: see `check_assets`.
 
-def _load_folder(folder: pathlib.Path) -> LoadedModel:
-    """Load a model folder: only when all sizes are known to fit, tensors are read."""
-    config, assets = read_description(folder)
-    shapes = weights.read_shapes(folder / WEIGHTS)
-    spec = _build(folder, config, assets, has_styles=True)
-    with _blame(folder / WEIGHTS):
-        found = weights.hash_of_file(folder / WEIGHTS)
-    if found != assets.hash:
-        raise UserError(
-            f"{shown(folder / WEIGHTS)} has hash {found}, {ASSETS} says {assets.hash}: "
-            "the files belong to two models; export or download the model again"
-        )
-    with _blame(folder / WEIGHTS):
-        if difference := weights.compare(shapes, _expected_shapes(folder, spec)):
-            raise ValueError(difference)
-    return LoadedModel(spec, weights.read(folder / WEIGHTS), assets, config)
-
-
-def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
-    """Load the checkpoint that `path`, a workdir or a folder in it, stands for."""
-    from ha2g_jax.checkpoint import checkpoint  # Orbax takes seconds to import, and the demo does not need it
-
-    config, assets = read_description(workdir)
-    spec = _build(workdir, config, assets, has_styles=False)
-    kind, number = (*path.relative_to(workdir).parts, "", "")[:2]
-    for name in (kind,) if kind else (BEST, LATEST):
-        checkpoints = checkpoint.Checkpoints(workdir / name) if (workdir / name).is_dir() else None
-        steps = [str(number) for number in checkpoints.steps()] if checkpoints else []
-        if checkpoints and steps and number in ("", *steps):
-            break
-    else:
-        raise UserError(f"no checkpoint in {shown(path)} yet; train longer, or use another run")
-    variables, record = checkpoints.restore_model(int(number or steps[-1]), _shapes(workdir, spec))
-    checkpoints.close()
-    with _blame(workdir / name):
-        speakers = {
-            speaker: assets_module.style(record["speakers"][speaker], spec.style_dim) for speaker in assets.speakers
-        }
-    assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(variables))
-    return LoadedModel(spec, variables, assets, config)
-
-
-def _build(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: bool) -> Spec:
-    """Build the networks of a folder and check that its assets fit."""
+    Raises:
+        UserError: the networks cannot be built, or the assets do not fit.
+    """
     try:
         spec = build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
     except UserError as error:
@@ -289,10 +204,40 @@ def _build(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: 
     return spec
 
 
-def _shapes(folder: pathlib.Path, spec: Spec) -> Any:
-    """Return the variables of a model as shapes; sizes that pass all checks but do not fit together are refused."""
-    with _blame(folder / CONFIG):
+def shapes_of(folder: pathlib.Path, spec: Spec) -> Any:
+    """Return the variables of a model as shapes.
+
+    Args:
+        folder: model folder or workdir, for messages.
+        spec: networks and sizes.
+
+    Raises:
+        UserError: sizes pass all checks but do not fit together.
+    """
+    with blaming(folder / CONFIG):
         return variable_shapes(spec)
+
+
+@contextlib.contextmanager
+def blaming(path: pathlib.Path) -> Iterator[None]:
+    """Turn an error during the reading of a file into a `UserError` that names the file.
+
+    Args:
+        path: path of the file.
+    """
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, OSError, FlaxError) as error:
+        cause = f"{reason(error)} is missing" if isinstance(error, KeyError) else reason(error)
+        raise UserError(
+            f"{shown(path)} is damaged or of another version ({cause}); export or download the model again"
+        ) from error
+
+
+def _read_json(path: pathlib.Path, max_bytes: int) -> Any:
+    if not path.is_file():
+        raise UserError(f"{shown(path)} is missing; export or download the model again")
+    return parse_json(read_bytes(path, "part of a model", max_bytes))
 
 
 def _settings_of_model(config: Config) -> Config:
@@ -306,7 +251,7 @@ def _settings_of_model(config: Config) -> Config:
 
 
 def _expected_shapes(folder: pathlib.Path, spec: Spec) -> weights.Shapes:
-    return {name: leaf.shape for name, leaf in weights.flatten(_shapes(folder, spec)).items()}
+    return {name: leaf.shape for name, leaf in weights.flatten(shapes_of(folder, spec)).items()}
 
 
 @contextlib.contextmanager
@@ -316,16 +261,4 @@ def _writing(folder: pathlib.Path) -> Iterator[None]:
     except OSError as error:
         raise UserError(
             f"cannot write {shown(folder)} ({reason(error).lower()}); use another folder or free disk space"
-        ) from error
-
-
-@contextlib.contextmanager
-def _blame(path: pathlib.Path) -> Iterator[None]:
-    """Turn an error during the reading of a file into a `UserError` that names the file."""
-    try:
-        yield
-    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, OSError, FlaxError) as error:
-        cause = f"{reason(error)} is missing" if isinstance(error, KeyError) else reason(error)
-        raise UserError(
-            f"{shown(path)} is damaged or of another version ({cause}); export or download the model again"
         ) from error

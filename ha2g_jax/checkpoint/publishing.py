@@ -5,7 +5,7 @@ import pathlib
 import re
 import tempfile
 
-from ha2g_jax.checkpoint import hub, model_folder, weights
+from ha2g_jax.checkpoint import hub, loading, model_folder, weights
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_bytes, shown
@@ -25,7 +25,7 @@ def publish(
     """Publish a model as one commit on the Hub.
 
     Args:
-        source: model, see `model_folder.load`.
+        source: model, see `loading.load`.
         name: OWNER/NAME.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
         scores: Markdown file of `ha2g evaluate --markdown`, which the card has; None for a card without scores.
@@ -41,7 +41,7 @@ def publish(
     if not _LICENCE.fullmatch(licence):
         raise UserError(f"{shown(licence)} is no name of a licence; expected one such as apache-2.0 or cc-by-4.0")
     table = "" if scores is None else _text(scores)
-    model = model_folder.load(source)
+    model = loading.load(source)
     with tempfile.TemporaryDirectory() as temporary:
         folder = model_folder.save(pathlib.Path(temporary) / "model", model.config, model.assets, model.variables)
         hashes = {file: hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in hub.FILES}

@@ -226,9 +226,9 @@ def _publish(arguments: argparse.Namespace) -> None:
 
 
 def _export_model(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint import model_folder
+    from ha2g_jax.checkpoint import loading
 
-    print(model_folder.export(arguments.workdir, arguments.out))
+    print(loading.export(arguments.workdir, arguments.out))
 
 
 def _import_weights(arguments: argparse.Namespace) -> None:

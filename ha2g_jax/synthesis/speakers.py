@@ -3,7 +3,7 @@
 import pathlib
 from typing import Any
 
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading
 from ha2g_jax.data.talk import build
 from ha2g_jax.data.talk.speakers import default_styles
 
@@ -31,7 +31,7 @@ def describe_speakers(checkpoint: str | pathlib.Path) -> list[dict[str, Any]]:
     Raises:
         UserError: there is no model, or it is damaged.
     """
-    model = model_folder.load(checkpoint)
+    model = loading.load(checkpoint)
     known = default_styles() if model.config.data.path == build.DEFAULT else {}
     rows: list[dict[str, Any]] = []
     for name in model.assets.speakers:

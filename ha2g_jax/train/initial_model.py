@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import model_folder, weights
+from ha2g_jax.checkpoint import loading, weights
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import PADDING, UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import variable_shapes
@@ -24,7 +24,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     from a table, or the other way round.
 
     Args:
-        source: the model, see `ha2g_jax.checkpoint.model_folder.load`.
+        source: the model, see `ha2g_jax.checkpoint.loading.load`.
         spec: networks and sizes of the generator.
         vocabulary: words of the generator.
 
@@ -34,7 +34,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     Raises:
         UserError: there is no such model, or it has another method, skeleton or size than the generator.
     """
-    model = model_folder.load(source)
+    model = loading.load(source)
     if model.spec.method != spec.method:
         raise UserError(f"{source} is a model of {model.spec.method}, the config one of {spec.method}")
     if model.spec.skeleton.bones != spec.skeleton.bones:

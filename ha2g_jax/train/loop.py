@@ -15,9 +15,9 @@ import jax
 import numpy as np
 import tqdm
 
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.checkpoint import Checkpoints
+from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.config import Config
 from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -93,7 +93,7 @@ def _train(
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
-    latest = Checkpoints(workdir / model_folder.LATEST, keep=config.train.keep)
+    latest = Checkpoints(workdir / loading.LATEST, keep=config.train.keep)
     # A checkpoint has these weights already, and their files may be gone.
     pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
     if hosts.is_first():
@@ -108,7 +108,7 @@ def _train(
     step_function = sharding.compile_step(objective, mesh)
     assets = _assets(config, workdir, corpus, windows, spec)
 
-    best = Checkpoints(workdir / model_folder.BEST)
+    best = Checkpoints(workdir / loading.BEST)
     fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
     with _stage("initialising the networks"):
@@ -218,7 +218,7 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
 def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Callable[..., None]) -> UserError:
     """Store the state before the failed step and the names of its windows; return the error for the user."""
     report = {"step": error.step, "not_finite": list(error.names), "windows": names}
-    folder = workdir / model_folder.FAILED
+    folder = workdir / loading.FAILED
     with contextlib.closing(Checkpoints(folder)) as failed:
         save(failed, failure=report)
     if hosts.is_first():

@@ -18,7 +18,8 @@ from typing import Any
 import jax
 import tqdm
 
-from ha2g_jax.checkpoint.model_folder import RUN, config_to_json
+from ha2g_jax.checkpoint.loading import RUN
+from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError

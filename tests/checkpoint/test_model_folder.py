@@ -10,7 +10,7 @@ import pytest
 import safetensors
 
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import model_folder, weights
+from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_HEADER_BYTES
 
@@ -28,7 +28,7 @@ def folder(saved, tmp_path):
 
 
 def test_the_model_comes_back(debug_model, saved):
-    loaded = model_folder.load(saved)
+    loaded = loading.load(saved)
     settings = json.loads(debug_model.config.to_json()) | {"loss": {}}  # a model folder has no losses
     del settings["train"]
     assert json.loads(loaded.config.to_json()) == settings
@@ -58,14 +58,14 @@ def test_models_load_whatever_terms_the_objective_has(folder, monkeypatch, chang
     monkeypatch.setattr(method, "term_names", names.get(change, method.term_names))
     for config in (values, old):
         (folder / "config.json").write_text(json.dumps(config))
-        assert model_folder.load(folder).spec.method == "ha2g"
-    assert model_folder.load("demo").spec.method == "ha2g"
+        assert loading.load(folder).spec.method == "ha2g"
+    assert loading.load("demo").spec.method == "ha2g"
 
 
 def test_a_large_model_is_stored_in_half_precision(debug_model, tmp_path, monkeypatch):
     monkeypatch.setattr(weights, "_HALF_PRECISION_ABOVE", 1000)
     saved = model_folder.save(tmp_path / "half", debug_model.config, debug_model.assets, debug_model.variables)
-    loaded = model_folder.load(saved)
+    loaded = loading.load(saved)
     for found, exact in zip(jax.tree.leaves(loaded.variables), jax.tree.leaves(debug_model.variables), strict=True):
         assert found.dtype == np.float32
         np.testing.assert_allclose(found, exact, rtol=1e-3, atol=1e-6)
@@ -152,11 +152,11 @@ DAMAGE = {
 def test_damage_is_named(folder, damage, message):
     damage(folder)
     with pytest.raises(UserError, match=message) as error:
-        model_folder.load(folder)
+        loading.load(folder)
     assert "\n" not in str(error.value)
 
 
 def test_no_model(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(UserError, match=r"no model in .*expected 'demo', a workdir"):
-            model_folder.load(path)
+            loading.load(path)

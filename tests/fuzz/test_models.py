@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax import presets
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
@@ -58,7 +58,7 @@ def folder(content, tmp_path):
 
 def load(path: pathlib.Path) -> None:
     """Load the folder of a file."""
-    model_folder.load(path.parent)
+    loading.load(path.parent)
 
 
 def load_with_hash(path: pathlib.Path) -> None:
@@ -201,7 +201,7 @@ def test_assets_that_do_not_fit_are_named(folder, content):
         (folder / ASSETS).write_bytes(content[ASSETS])
         change(folder, ASSETS, setting, value)
         with pytest.raises(UserError, match=message):
-            model_folder.load(folder)
+            loading.load(folder)
 
 
 @pytest.mark.parametrize(("name", "most"), [(CONFIG, MAX_CONFIG_BYTES), (ASSETS, MAX_ASSETS_BYTES)])
@@ -215,7 +215,7 @@ def test_large_weights_are_not_read(folder, content):
     with (folder / WEIGHTS).open("r+b") as file:
         file.write(struct.pack("<Q", MAX_HEADER_BYTES + 1))
     with pytest.raises(UserError, match="its header has more than"):
-        model_folder.load(folder)
+        loading.load(folder)
     header, tensors = header_of(content[WEIGHTS])
     end = max(entry["data_offsets"][1] for entry in header.values())
     header["padding"] = {"dtype": "U8", "shape": [2**33], "data_offsets": [end, end + 2**33]}
@@ -223,7 +223,7 @@ def test_large_weights_are_not_read(folder, content):
     with (folder / WEIGHTS).open("r+b") as file:
         file.truncate(file.seek(0, 2) + 2**33)
     with pytest.raises(UserError, match=f"more than {MAX_WEIGHTS_BYTES} bytes"):
-        model_folder.load(folder)
+        loading.load(folder)
 
 
 @pytest.mark.parametrize(("value", "message"), [(np.float32("nan"), "not finite"), (np.int32(1), "as I32, expected")])

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax import launch
-from ha2g_jax.checkpoint import checksums, model_folder
-from ha2g_jax.checkpoint.checkpoint import Checkpoints
+from ha2g_jax.checkpoint import checksums, loading, model_folder
+from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import variable_shapes
@@ -52,7 +52,7 @@ def run(debug_model, tmp_path_factory):
     shapes = variable_shapes(debug_model.spec)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(model_folder, "variable_shapes", lambda _: shapes)
-        assert model_folder.load(workdir).assets.speakers.keys() == {"ada", "ben"}
+        assert loading.load(workdir).assets.speakers.keys() == {"ada", "ben"}
         yield workdir
 
 
@@ -72,7 +72,7 @@ def test_damaged_files_of_a_checkpoint(answered, run, tmp_path, data):
     if data.draw(st.booleans()) and not name.endswith(checksums.CHECKSUMS):
         (workdir / name).write_bytes(content)
         checksums.write(workdir / "best" / "7")
-    answered(lambda _: model_folder.load(workdir), content, f"run/{name}")
+    answered(lambda _: loading.load(workdir), content, f"run/{name}")
 
 
 @FEW
@@ -85,7 +85,7 @@ def test_records_of_a_checkpoint_with_new_checksums(answered, run, tmp_path, ite
     path = workdir / "best" / "7" / item / "metadata"
     path.write_text(json.dumps(data.draw(damaged_tree(json.loads(path.read_text())))))
     checksums.write(workdir / "best" / "7")
-    answered(lambda _: model_folder.load(workdir), b"", "unused")
+    answered(lambda _: loading.load(workdir), b"", "unused")
 
 
 @pytest.mark.parametrize("damage", ["removed", "cut", "emptied"])
@@ -102,7 +102,7 @@ def test_every_file_of_a_checkpoint_is_checked(run, tmp_path, damage):
             path.write_bytes(content[: len(content) // 2] if damage == "cut" else b"")
         if content or damage == "removed":
             with pytest.raises(UserError, match=r"checkpoint .* is damaged \(.*; put back a good copy"):
-                model_folder.load(workdir)
+                loading.load(workdir)
 
 
 @FUZZ
@@ -180,12 +180,12 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
         import pathlib, resource, sys
         sys.path.insert(0, "tests")
         import conftest
-        from ha2g_jax.checkpoint import model_folder
+        from ha2g_jax.checkpoint import loading, model_folder
         from ha2g_jax.errors import UserError
         from ha2g_jax.train import run_record, writers
 
         folder = pathlib.Path(sys.argv[1])
-        model = model_folder.load("demo")
+        model = loading.load("demo")
         metrics = writers.MetricsFile(folder / "metrics.jsonl", 0)
         for step in range(100):
             metrics.write(step, {"loss/huber": 0.5})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli, presets
-from ha2g_jax.checkpoint import model_folder, weights
+from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
@@ -30,7 +30,7 @@ def start(vocabulary, spec):
 
 
 def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
-    demo = model_folder.load("demo")
+    demo = loading.load("demo")
     known = demo.assets.vocabulary.words[5]
     found, before = start(*spec_for("qwyx", known)), weights.flatten(demo.variables)
     assert found.keys() == before.keys()
@@ -63,7 +63,7 @@ def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
     flags += [f"--config.train.init_from={source}", *(f"--config.train.{rate}=0.0" for rate in rates)]
     assert cli.main(["train", *flags]) == 0
     assert f"training starts from the weights of {source}" in capsys.readouterr().err
-    before, after = (model_folder.load(path).variables["params"] for path in (source, tmp_path / "run"))
+    before, after = (loading.load(path).variables["params"] for path in (source, tmp_path / "run"))
     del before["text"]["embedding"], after["text"]["embedding"]
     assert jax.tree.all(jax.tree.map(np.array_equal, before, after))
 

@@ -5,7 +5,7 @@ import pathlib
 
 import onnx
 
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx.audio import add_encoder
 from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
@@ -28,7 +28,7 @@ def export(
     """Write a model as an ONNX file, completely or not at all.
 
     Args:
-        source: model, see `model_folder.load`.
+        source: model, see `loading.load`.
         out: file to write, whose suffix is .onnx.
         weights: form of large weights in the file, one of `graph.WEIGHTS`; the computation is float32.
         license: licence of the model, which is stored in the file; that of the demo is known.
@@ -42,7 +42,7 @@ def export(
     out = pathlib.Path(out)
     if out.suffix.lower() != SUFFIX:
         raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.with_suffix(SUFFIX).name)}")
-    loaded = model_folder.load(source)
+    loaded = loading.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
     content = model.SerializeToString()
     if len(content) > MAX_ONNX_BYTES:

@@ -19,7 +19,7 @@ RUNNING, FINISHED, FAILED, STOPPED, DAMAGED = "running", "finished", "failed", "
 STATES = (RUNNING, FINISHED, FAILED, STOPPED, DAMAGED)
 VALIDATION = "validation/"
 
-# `checkpoint.model_folder` has these names as well, but imports JAX, for which a list of runs should not wait.
+# `checkpoint.loading` has these names as well, but imports JAX, for which a list of runs should not wait.
 _CONFIG, _RECORD, _FAILURE, _LATEST, _BEST = "config.json", "run.json", "failed.json", "latest", "best"
 _MARKS = (_RECORD, METRICS, LOCK)  # files that a workdir has and other folders of models have not
 

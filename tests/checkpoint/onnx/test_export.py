@@ -10,7 +10,7 @@ import pytest
 
 from ha2g_jax import config as configs
 from ha2g_jax import presets
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import description
@@ -179,5 +179,5 @@ def test_a_model_folder_is_exported_as_one_file(debug, tmp_path):
     path = export(folder, tmp_path / "new" / "model.onnx")
     assert [it.name for it in path.parent.iterdir()] == ["model.onnx"]
     found = from_metadata(metadata_of(onnx.load(path)))
-    assert found.assets.hash == model_folder.load(folder).assets.hash and found.license == ""
+    assert found.assets.hash == loading.load(folder).assets.hash and found.license == ""
     assert dataclasses.asdict(found.assets)["vocabulary"] == {"words": ()}

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from jax.sharding import Mesh, NamedSharding, PartitionSpec, SingleDeviceSharding
 
-from ha2g_jax.checkpoint.checkpoint import Checkpoints, on_one_device
+from ha2g_jax.checkpoint.checkpoint import on_one_device
+from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.checksums import CHECKSUMS
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
@@ -218,9 +219,9 @@ def test_a_full_disk_is_named_and_leaves_the_checkpoints_that_are_there(tmp_path
         import resource, signal, sys
         sys.path.insert(0, {str(pathlib.Path(__file__).parent)!r})
         from ha2g_jax.errors import UserError
-        from ha2g_jax.checkpoint.checkpoint import Checkpoints
-        from test_checkpoint import *
-        from test_checkpoint import _state
+        from ha2g_jax.checkpoint.checkpoints import Checkpoints
+        from test_checkpoints import *
+        from test_checkpoints import _state
         import pathlib
 
         checkpoints = Checkpoints(pathlib.Path(sys.argv[1]), keep=1)
