@@ -8,14 +8,16 @@ python benchmarks/train_step.py --config ted_gesture --batch-size 32 --against t
 The data are random; their numbers of words and speakers are about those of TED. Several lists of values give all
 combinations as variants; the speed is relative to the first variant.
 
-With `--against torch` there is one variant, and the step of `torch_peer` takes turns with ours in the same process, on
-the same batch and as many threads as there are cores. The ratio of a row is its seconds over ours: above 1 ours is
-faster.
+With `--against torch` there is one variant, and the step of `torch_peer`, in a process of its own, takes turns with
+ours, on the same batch and as many threads as there are cores; both keep the memory of a step. The ratio of a row is
+its seconds over ours: above 1 ours is faster.
 """
 
 import argparse
+import contextlib
 import copy
 import functools
+import importlib.metadata
 import importlib.util
 import itertools
 import json
@@ -30,6 +32,7 @@ import jax
 from ha2g_jax import launch
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.train.machine import gib
 from ha2g_jax.train.measure import TimedStep
 
@@ -117,25 +120,22 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     config = copy.deepcopy(config)
     config.train.update(variants[0])
 
-    import torch
     import torch_peer
 
     torch_peer.check(config)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    torch.set_num_threads(cores)
     print("compiling", variants[0], file=sys.stderr)
     ours = TimedStep(config)
-    torch.manual_seed(config.seed)
-    choices = [(3, False), (1, False)] + [(1, True)] * arguments.compiled
-    theirs = []
-    for passes, compiled in choices:
-        step = torch_peer.TorchStep(config, ours.objective, passes=passes, compiled=compiled)
-        theirs.append(functools.partial(step.run, step.tensors(ours.batch)))
-    medians = in_turns([ours.run, *theirs], arguments.steps)
+    choices = [torch_peer.Choice(3, False), torch_peer.Choice(1, False)]
+    choices += [torch_peer.Choice(1, True)] * arguments.compiled
+    with contextlib.closing(torch_peer.TorchProcess(config, choices, cores)) as process:
+        theirs = [functools.partial(process.run, number) for number in range(len(choices))]
+        medians = in_turns([ours.run, *theirs], arguments.steps)
+    version = importlib.metadata.version("torch")
     names = ["ha2g_jax, one pass"]
     names += [
-        f"PyTorch {torch.__version__}, {'compiled' if compiled else 'eager'}, {_COUNTS[passes]}"
-        for passes, compiled in choices
+        f"PyTorch {version}, {'compiled' if choice.compiled else 'eager'}, {_COUNTS[choice.passes]}"
+        for choice in choices
     ]
     rows = [
         {
@@ -196,4 +196,5 @@ def as_table(rows: list[dict]) -> str:
 
 
 if __name__ == "__main__":
+    keep_memory()
     sys.exit(main())

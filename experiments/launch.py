@@ -3,6 +3,8 @@
 import sys
 
 from ha2g_jax import cli
+from ha2g_jax.files.memory import keep_memory
 
 if __name__ == "__main__":
+    keep_memory()
     sys.exit(cli.main(["train", *sys.argv[1:]]))

@@ -4,6 +4,7 @@ The networks have the names and shapes of `ha2g_jax/methods/ha2g/model.py` and t
 parameter of one has the same name in the other but for the conventions of the libraries, such as kernel and weight.
 """
 
+from torch_peer.process import Choice, TorchProcess
 from torch_peer.step import TorchStep, check
 
-__all__ = ["TorchStep", "check"]
+__all__ = ["Choice", "TorchProcess", "TorchStep", "check"]

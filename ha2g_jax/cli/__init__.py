@@ -14,7 +14,10 @@ from ha2g_jax.cli import data, evaluate, export, genea, generate, live, serve, s
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.files.reading import reason, shown
+
+_TRAINING = (["train"], ["doctor"], ["benchmark"])  # commands that run training steps
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,6 +31,8 @@ def main(argv: list[str] | None = None) -> int:
         for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C, and 143 if `live` is
         ended by SIGTERM.
     """
+    if argv is None and sys.argv[1:2] in _TRAINING:
+        keep_memory()
     argv = sys.argv[1:] if argv is None else argv
     _print_any_path()
     try:

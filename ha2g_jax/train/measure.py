@@ -15,7 +15,7 @@ from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.operations import count_operations
 
 # Sizes of the tables of words and speakers where no corpus is given: about those of TED.
-_NUM_WORDS, _NUM_SPEAKERS = 20_000, 1_000
+NUM_WORDS, NUM_SPEAKERS = 20_000, 1_000
 
 
 class Memory(NamedTuple):
@@ -61,8 +61,8 @@ class TimedStep:
 
     def __init__(self, config: Config, corpus: Corpus | None = None):
         skeleton = corpus.skeleton if corpus else load_skeleton(config.skeleton)
-        num_words = len(corpus.vocabulary()) if corpus else _NUM_WORDS
-        num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else _NUM_SPEAKERS
+        num_words = len(corpus.vocabulary()) if corpus else NUM_WORDS
+        num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else NUM_SPEAKERS
         self.objective = objective = build_objective(config, skeleton, num_words, num_speakers)
         self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
         self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size

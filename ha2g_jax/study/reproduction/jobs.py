@@ -20,11 +20,6 @@ from ha2g_jax.study.reproduction.request import Request
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.reproduction.worker")  # of the tables of the paper
 _LOOK_EVERY = 1.0  # seconds between updates of the progress
 _TAIL = 4096  # bytes at the end of metrics.jsonl that contain its last line
-# Most of the time of a step on a Linux CPU can go into returning and requesting memory; this keeps the memory.
-_KEEP_MEMORY = (
-    "glibc.malloc.hugetlb=1:glibc.malloc.mmap_max=0:glibc.malloc.trim_threshold=17179869184"
-    ":glibc.malloc.top_pad=268435456"
-)
 
 
 class Stopped(Exception):
@@ -150,8 +145,6 @@ def _environment(request: Request, environment: Mapping[str, str]) -> dict[str, 
     }
     if request.jobs > 1:  # the first process on an accelerator would take most of its memory
         defaults["XLA_PYTHON_CLIENT_MEM_FRACTION"] = f"{0.9 / request.jobs:.2f}"
-    if sys.platform == "linux":
-        defaults["GLIBC_TUNABLES"] = _KEEP_MEMORY
     return defaults | dict(environment)
 
 

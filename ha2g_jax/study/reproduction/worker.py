@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.study.reproduction.plan import Run, is_finished, make_plan
 from ha2g_jax.study.reproduction.request import Request
 
@@ -18,6 +19,7 @@ def main(work: Callable[[dict[str, Any]], None]) -> int:
     Args:
         work: function that trains and scores the run of a task.
     """
+    keep_memory()
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
