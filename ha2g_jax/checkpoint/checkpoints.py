@@ -143,7 +143,7 @@ class Checkpoints:
             UserError: the checkpoint is damaged or of another model.
         """
         self._check(step)
-        path = self._folder / str(step)
+        path = self._path(step)
         return checkpoint.read_state(path, like), checkpoint.read_record(path)
 
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -160,7 +160,7 @@ class Checkpoints:
             UserError: the checkpoint is damaged or of another model.
         """
         self._check(step)
-        path = self._folder / str(step)
+        path = self._path(step)
         return checkpoint.read_variables(path, shapes), checkpoint.read_record(path)
 
     def restore_newest(self, like: TrainState) -> Restored | None:
@@ -181,14 +181,14 @@ class Checkpoints:
         self.wait()
         step = self._agree(self._look)
         if step == _ALL_DAMAGED:
-            reasons = ", ".join(f"{step}: {checkpoint.damage(self._folder / str(step))}" for step in self.steps())
+            reasons = ", ".join(f"{step}: {checkpoint.damage(self._path(step))}" for step in self.steps())
             raise UserError(
                 f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose "
                 "another --workdir"
             )
         if step == _NONE:
             return None
-        path = self._folder / str(step)
+        path = self._path(step)
         return Restored(step, checkpoint.read_state(path, like), checkpoint.read_record(path))
 
     def record(self, step: int) -> dict[str, Any]:
@@ -201,7 +201,10 @@ class Checkpoints:
             UserError: the checkpoint is damaged.
         """
         self._check(step)
-        return checkpoint.read_record(self._folder / str(step))
+        return checkpoint.read_record(self._path(step))
+
+    def _path(self, step: int | None) -> pathlib.Path:
+        return self._folder / str(step)
 
     def _open(self) -> ocp.CheckpointManager:
         options = ocp.CheckpointManagerOptions(
@@ -246,7 +249,7 @@ class Checkpoints:
             )
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
-                f"cannot write checkpoint {shown(self._folder / str(self._writing))} "
+                f"cannot write checkpoint {shown(self._path(self._writing))} "
                 f"({orbax_errors.reason(error)}; it needs {self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); "
                 f"{left}: free some space, then the same command continues"
             ) from error
@@ -255,17 +258,17 @@ class Checkpoints:
         """Return the newest undamaged step, after renaming newer ones that are damaged."""
         damaged: dict[int, str] = {}
         for step in reversed(self.steps()):
-            if reason := checkpoint.damage(self._folder / str(step)):
+            if reason := checkpoint.damage(self._path(step)):
                 damaged[step] = reason
                 continue
             for number, reason in damaged.items():
-                self._set_aside(number, reason, f"using {shown(self._folder / str(step))}")
+                self._set_aside(number, reason, f"using {shown(self._path(step))}")
             return step
         return _ALL_DAMAGED if damaged else _NONE
 
     def _is_whole_or_set_aside(self, step: int) -> bool:
         def look() -> int:
-            if reason := checkpoint.damage(self._folder / str(step)):
+            if reason := checkpoint.damage(self._path(step)):
                 self._set_aside(step, reason, "writing it again")
             return not reason
 
@@ -281,7 +284,7 @@ class Checkpoints:
         return answer
 
     def _set_aside(self, step: int, reason: str, consequence: str) -> None:
-        path = self._folder / str(step)
+        path = self._path(step)
         name, number = f"{step}.damaged", 1
         while path.with_name(name).exists():
             number += 1
@@ -291,7 +294,7 @@ class Checkpoints:
         tqdm.tqdm.write(line, file=sys.stderr)
 
     def _check(self, step: int) -> None:
-        path = self._folder / str(step)
+        path = self._path(step)
         if reason := checkpoint.damage(path):
             others = [path.with_name(str(other)) for other in self.steps() if other != step]
             advice = f"use {shown(others[-1])}" if others else "put back a good copy"

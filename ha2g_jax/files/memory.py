@@ -13,7 +13,7 @@ def keep_memory() -> None:
     """Let this process keep the memory that it frees, so that a training step on a CPU does not wait for new pages.
 
     XLA requests the memory of a step when the step begins and frees it at its end. glibc returns such large blocks to
-    the system, which has to clear each page again for the next step: a fifth to a quarter of the time of a step
+    the system, which has to clear each page again for the next step: a quarter of the processor time of a step
     (docs/performance.md). With one arena for all threads, no mappings for single requests, and no trimming, the same
     memory serves all steps. Threads then wait for each other when they request memory, which makes compilation slower.
 

@@ -145,3 +145,14 @@ def test_refuses_a_config_that_it_has_no_step_for(torch_peer, config):
     config.train.dtype = "bfloat16"
     with pytest.raises(UserError, match=r"config.train.dtype is bfloat16; the PyTorch step has float32 only"):
         torch_peer.check(config)
+
+
+def test_a_process_runs_its_steps_and_says_when_it_has_ended(torch_peer, config):
+    config.train.batch_size = 2
+    process = torch_peer.TorchProcess(config, [torch_peer.Choice(1, False), torch_peer.Choice(3, False)], 1)
+    try:
+        assert process.run(0) > 0 and process.run(1) > 0
+        with pytest.raises(UserError, match=r"the process of PyTorch ended \(exit code 1\)"):
+            process.run(2)  # there are two steps
+    finally:
+        process.close()
