@@ -1,8 +1,9 @@
 """Settings of every test: CPU with 8 virtual devices, strict ranks, warnings as errors, fast compilation.
 
-Nearly all of the time of the tests is compilation, so programs are compiled without optimisation and by the older
-code generator of XLA, which takes a quarter of the time, and what was compiled is kept in `.cache/jax`. These settings
-are variables of the environment, so that processes that tests start, notebooks among them, have them as well.
+Nearly all of the time of the tests is compilation, so programs are compiled without optimisation and, where jaxlib has
+it (before 0.11.1), by the older code generator of XLA, which takes a quarter of the time, and what was compiled is kept
+in `.cache/jax`. These settings are variables of the environment, so that processes that tests start, notebooks among
+them, have them as well.
 """
 
 import functools
@@ -12,10 +13,14 @@ import pathlib
 import signal
 import sys
 
+import jaxlib.version
+
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["XLA_FLAGS"] = (
-    "--xla_force_host_platform_device_count=8 --xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false "
-) + os.environ.get("XLA_FLAGS", "")  # of two equal flags the last holds
+    "--xla_force_host_platform_device_count=8 --xla_backend_optimization_level=0 "
+    + ("--xla_cpu_use_fusion_emitters=false " if jaxlib.version.__version_info__ < (0, 11, 1) else "")
+    + os.environ.get("XLA_FLAGS", "")  # of two equal flags the last holds
+)
 os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ.get(
     "JAX_COMPILATION_CACHE_DIR", str(pathlib.Path(__file__).parent.parent / ".cache" / "jax")
 )

@@ -1,6 +1,7 @@
 """Opening of files of sound and images with FFmpeg."""
 
 import pathlib
+from typing import Any
 
 import av
 from av.container import InputContainer
@@ -27,6 +28,8 @@ _OPTIONS = {
     "max_pixels": str(MAX_VIDEO_PIXELS),
     "max_samples": str(MAX_PACKET_VALUES),
 }
+# Tags may have letters in any encoding. PyAV accepts them since version 19; before, it fails unless it is told.
+_TAGS: Any = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
 
 
 def open_media(path: pathlib.Path) -> InputContainer:
@@ -39,4 +42,4 @@ def open_media(path: pathlib.Path) -> InputContainer:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
     """
     # Without "file:" the part of a name before a colon would be taken for a protocol.
-    return av.open(f"file:{path}", options=_OPTIONS, metadata_errors="replace")
+    return av.open(f"file:{path}", options=_OPTIONS, **_TAGS)

@@ -17,6 +17,9 @@ PINS = (importlib.resources.files("ha2g_jax") / "assets" / "pose_requirements.tx
 
 @pytest.fixture(autouse=True)
 def empty_cache(tmp_path, monkeypatch):
+    """Nothing is made yet, and MediaPipe is taken to have wheels for the Python of the tests."""
+    running = ".".join(map(str, sys.version_info[:2]))
+    monkeypatch.setattr(pose_environment, "_PYTHONS", (*pose_environment._PYTHONS, running))
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("HA2G_POSE_PYTHON", raising=False)
     return tmp_path / "cache"

@@ -1,6 +1,7 @@
 """The paper's three conditions, and the settings that hold their thresholds."""
 
 import dataclasses
+import inspect
 import json
 
 import numpy as np
@@ -95,4 +96,4 @@ def test_a_wrong_file_is_named(tmp_path, text):
 
 def test_every_setting_is_documented():
     for field in dataclasses.fields(VideoSettings):
-        assert f"        {field.name}: " in (VideoSettings.__doc__ or "")
+        assert f"    {field.name}: " in inspect.getdoc(VideoSettings)

@@ -23,8 +23,9 @@ from ha2g_jax.study.user_study.site import read_wording, write_site
 @pytest.fixture(scope="module")
 def seen(study, tmp_path_factory):
     """What the script saw; `folder` is where its pictures are."""
-    if subprocess.run(["node", "-e", "require('axe-core')"], capture_output=True, check=False).returncode:
-        pytest.skip("needs axe-core (set NODE_PATH)")
+    node = shutil.which("node")
+    if not node or subprocess.run([node, "-e", "require('axe-core')"], capture_output=True, check=False).returncode:
+        pytest.skip("needs node and axe-core (set NODE_PATH)")
     folder, key = tmp_path_factory.mktemp("visit"), read_key(study / "key.json")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
