@@ -96,4 +96,4 @@ def test_a_wrong_file_is_named(tmp_path, text):
 
 def test_every_setting_is_documented():
     for field in dataclasses.fields(VideoSettings):
-        assert f"    {field.name}: " in inspect.getdoc(VideoSettings)
+        assert f"    {field.name}: " in (inspect.getdoc(VideoSettings) or "")
