@@ -89,11 +89,22 @@ def test_no_further_length_of_speech_compiles_a_program(debug_model):
         jax.monitoring.unregister_event_duration_listener(record)
 
 
-def test_the_borders_of_calls_leave_no_trace(debug_model, monkeypatch):
+def test_the_borders_of_chunks_leave_no_trace(debug_model, monkeypatch):
     audio, f_id = speech(19), np.zeros(18, np.float32)
     usual = synthesis.generate_directions(debug_model, audio, f_id)
-    monkeypatch.setattr(scan, "_SAMPLED", 11)
-    np.testing.assert_array_equal(synthesis.generate_directions(debug_model, audio, f_id), usual)
+    monkeypatch.setattr(scan, "_CHUNK", 11)
+    np.testing.assert_allclose(synthesis.generate_directions(debug_model, audio, f_id), usual, atol=1e-5)
+
+
+def test_encoding_ends_with_the_sampling(debug_model, monkeypatch):
+    """Protects Ctrl-C in a long recording, which would wait until all of it is encoded."""
+    encoded = []
+    monkeypatch.setattr(scan, "_sample", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    encode = scan._encode_speech
+    monkeypatch.setattr(scan, "_encode_speech", lambda *inputs: encoded.append(1) or encode(*inputs))
+    with pytest.raises(KeyboardInterrupt):
+        debug_model.generate(speech(600))
+    assert 1 <= len(encoded) < 20  # of 75
 
 
 def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_model, monkeypatch):
@@ -107,9 +118,11 @@ def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_mo
         return noise + features["mel"] + jnp.tile(seed_pose, (1, frames // overlap + 1, 1))[:, :frames]
 
     monkeypatch.setitem(METHODS, "echo", types.SimpleNamespace(sample=sample))
-    features = {"mel": np.random.default_rng(0).normal(size=(6, frames, 1)).astype(np.float32)}
+    features = {"mel": np.random.default_rng(0).normal(size=(8, frames, 1)).astype(np.float32)}
     pose = debug_model.assets.seed_poses[0]
-    found = scan.sample_windows(spec, {}, features, np.zeros(18), pose, seed=5)
+    chunks = (jax.tree.map(lambda x, at=at: x[at : at + 4], features) for at in (0, 4))
+    found = scan.sample_windows(spec, {}, chunks, np.zeros(18), pose, seed=5, count=6)
+    assert len(found) == 6
     for index, window in enumerate(found):
         key = jax.random.fold_in(jax.random.key(5), index)
         mel = features["mel"][index]

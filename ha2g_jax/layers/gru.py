@@ -3,14 +3,12 @@
 Rows of the stacked weights are in the order reset r, update z, new n. `gru_scan` has the equations.
 """
 
-import itertools
-
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.gru_scan import Gates, gru_cell, gru_scan
+from ha2g_jax.layers.gru_scan import Gates, gru_cell, gru_scan, sequence_scan
 
 
 def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
@@ -24,15 +22,19 @@ def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tu
     )
 
 
-def _prepare(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, Gates, jax.Array]:
-    """Return the gates, hidden kernels and hidden bias of one GRU on x (N, B, inputs), as `gru_scan` takes them."""
+def _gates(x: jax.Array, weights: tuple[jax.Array, ...]) -> tuple[Gates, jax.Array]:
+    """Return the gates and the hidden bias of one GRU on x (N, B, inputs), as `gru_scan` takes them."""
     input_weight, hidden_weight, input_bias, hidden_bias = weights
     outside, inside = jnp.split(hidden_bias, [2 * hidden_weight.shape[1]])
     bias = input_bias + jnp.concatenate([outside, jnp.zeros_like(inside)])
     # One matrix product for all frames instead of one in each step of the scan.
     gates = jnp.einsum("nbi,gi->nbg", x, input_weight) + bias[None, None]
-    kernels = Gates(*jnp.split(hidden_weight.T, 3, axis=-1))
-    return Gates(*jnp.split(gates, 3, axis=-1)), kernels, inside
+    return Gates(*jnp.split(gates, 3, axis=-1)), inside
+
+
+def _kernels(weights: tuple[jax.Array, ...]) -> Gates:
+    """Return the hidden kernels of one GRU, as `gru_scan` takes them."""
+    return Gates(*jnp.split(weights[1].T, 3, axis=-1))
 
 
 class BiGRU(nn.Module):
@@ -86,13 +88,15 @@ class BiGRU(nn.Module):
         weights, back_weights = (
             _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}{suffix}") for suffix in ("", "_reverse")
         )
-        gates, kernels, biases = zip(_prepare(x, weights), _prepare(x[::-1], back_weights), strict=True)
+        (gates, bias), (back_gates, back_bias) = _gates(x, weights), _gates(x[::-1], back_weights)
         masks = None if is_real is None else (is_real, is_real[::-1])
-        # A single sequence, as in generation, waits for the weights; those of one direction fit the cache of a core.
-        scans = (slice(0, 1), slice(1, 2)) if x.shape[1] == 1 else (slice(0, 2),)
-        forward, backward = itertools.chain.from_iterable(
-            gru_scan(gates[it], kernels[it], biases[it], masks and masks[it]) for it in scans
-        )
+        if x.shape[1] == 1:
+            # Each direction has a scan of its own: its weights fit the cache of a core, those of both do not.
+            forward = sequence_scan(gates, weights[1], bias, masks and masks[0])
+            backward = sequence_scan(back_gates, back_weights[1], back_bias, masks and masks[1])
+        else:
+            kernels = (_kernels(weights), _kernels(back_weights))
+            forward, backward = gru_scan((gates, back_gates), kernels, (bias, back_bias), masks)
         return forward, backward[::-1]
 
 
@@ -112,8 +116,9 @@ class GRU(nn.Module):
         """Map (B, N, inputs) to the states of the last layer, (B, N, hidden_dim)."""
         x = jnp.swapaxes(x, 0, 1)
         for layer in range(self.layers):
-            gates, kernels, bias = _prepare(x, _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}"))
-            (x,) = gru_scan((gates,), (kernels,), (bias,))
+            weights = _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}")
+            gates, bias = _gates(x, weights)
+            (x,) = gru_scan((gates,), (_kernels(weights),), (bias,))
         return jnp.swapaxes(x, 0, 1)
 
 
@@ -144,6 +149,6 @@ class GRUCells(nn.Module):
             if layer:
                 x = nn.Dropout(self.dropout)(after[-1].astype(x.dtype), deterministic=not train)
             weights = _weights(self, x.shape[-1], self.hidden_dim, f"_l{layer}")
-            gates, kernels, bias = _prepare(x[None], weights)
-            after.append(gru_cell(state, jax.tree.map(lambda gate: gate[0], gates), kernels, bias))
+            gates, bias = _gates(x[None], weights)
+            after.append(gru_cell(state, jax.tree.map(lambda gate: gate[0], gates), _kernels(weights), bias))
         return tuple(after)

@@ -92,7 +92,7 @@ class _Slopes(NamedTuple):
 
 def _slopes(before: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array, is_real: jax.Array | None) -> _Slopes:
     """Return the factors of all steps from the states before each step (N, B, h); a step of padding keeps all of d."""
-    reset, update, inner, new = _activations(before, gates, kernels, bias)
+    reset, update, inner, new = _activations(gates, _products(before, gates, kernels), bias)
     slopes = _Slopes(
         new=(1 - update) * (1 - new**2),
         update=(before - new) * update * (1 - update),
@@ -153,6 +153,37 @@ def _kernel_gradients(
 gru_scan.defvjp(_run, _pull_back)
 
 
+def sequence_scan(
+    gates: Gates, hidden_weight: jax.Array, hidden_bias: jax.Array, is_real: jax.Array | None = None
+) -> jax.Array:
+    """Run one GRU on a single sequence, from a zero state, as `gru_scan` does for the sequences of a batch.
+
+    With a single row a product takes as long as reading the weights. One product reads them as they are stored, whereas
+    the kernels of `gru_scan` are copies, which generation would make anew for every window.
+
+    Args:
+        gates: for each gate (N, 1, h), W x_t + b of every frame, with c_r and c_z already added.
+        hidden_weight: (3 h, h), U of the three gates.
+        hidden_bias: (h,), c_n.
+        is_real: (N, 1, 1), False where a step is padding, which does not change the state; None if there is no padding.
+
+    Returns:
+        (N, 1, h), the states h_t.
+    """
+    dtype = gates.reset.dtype
+    weight = hidden_weight.astype(dtype)
+
+    def step(state, frame):
+        frame, is_real = frame
+        products = Gates(*jnp.split(jnp.einsum("bi,gi->bg", state.astype(dtype), weight), 3, axis=-1))
+        after = _next_state(state, *_activations(frame, products, hidden_bias))
+        after = after if is_real is None else jnp.where(is_real, after, state)
+        return after, after
+
+    start = jnp.zeros_like(gates.reset[0], jnp.float32)
+    return jax.lax.scan(step, start, (gates, is_real))[1].astype(dtype)
+
+
 def gru_cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> jax.Array:
     """Compute one step of one GRU.
 
@@ -165,17 +196,27 @@ def gru_cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) ->
     Returns:
         (B, h) float32, h_t.
     """
-    _, update, _, new = _activations(state, gates, kernels, bias)
+    return _next_state(state, *_activations(gates, _products(state, gates, kernels), bias))
+
+
+def _next_state(state: jax.Array, reset: jax.Array, update: jax.Array, inner: jax.Array, new: jax.Array) -> jax.Array:
+    del reset, inner
     return new + update * (state - new)
 
 
-def _activations(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) -> tuple[jax.Array, ...]:
-    """Return r_t, z_t, U_n h_(t-1) + c_n and n_t, each (..., h) float32."""
+def _products(state: jax.Array, gates: Gates, kernels: Gates) -> Gates:
+    """Return U h_(t-1) of each gate, each (..., h) of the type of the gates."""
     dtype = gates.reset.dtype
-    gates, rounded = _float32(gates), state.astype(dtype)
-    reset = jax.nn.sigmoid(gates.reset + rounded @ kernels.reset.astype(dtype))
-    update = jax.nn.sigmoid(gates.update + rounded @ kernels.update.astype(dtype))
-    inner = rounded @ kernels.new.astype(dtype) + bias.reshape((1,) * (state.ndim - 1) + (-1,))
+    rounded = state.astype(dtype)
+    return Gates(*(rounded @ kernel.astype(dtype) for kernel in kernels))
+
+
+def _activations(gates: Gates, products: Gates, bias: jax.Array) -> tuple[jax.Array, ...]:
+    """Return r_t, z_t, U_n h_(t-1) + c_n and n_t, each (..., h) float32."""
+    gates = _float32(gates)
+    reset = jax.nn.sigmoid(gates.reset + products.reset)
+    update = jax.nn.sigmoid(gates.update + products.update)
+    inner = products.new + bias.reshape((1,) * (products.new.ndim - 1) + (-1,))
     return reset, update, inner, jnp.tanh(gates.new + reset * inner)
 
 

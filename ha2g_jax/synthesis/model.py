@@ -11,7 +11,7 @@ import numpy as np
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import Config
-from ha2g_jax.data.speech import prepare
+from ha2g_jax.data.speech import Speech, prepare
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
@@ -23,7 +23,7 @@ from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.synthesis.generator import Generator, join
 from ha2g_jax.synthesis.live import Stream
-from ha2g_jax.synthesis.scan import encode_windows, sample_windows
+from ha2g_jax.synthesis.scan import encode_chunks, encode_windows, sample_windows
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 
@@ -66,8 +66,9 @@ class Model(Generator[Spec]):
         self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
     ) -> np.ndarray:
         """Sample the poses of all windows of speech, see `Generator.sample_windows`."""
-        features = _encode_windows(self, audio, words)
-        return sample_windows(self.spec, self.variables, features, style, start, seed)
+        speech, count = _windows(self, audio, words)
+        chunks = encode_chunks(self.spec, self.variables, speech, self.assets.vocabulary, count)
+        return sample_windows(self.spec, self.variables, chunks, style, start, seed, count)
 
     def stream(
         self,
@@ -170,7 +171,8 @@ def encode_features(model: Model, audio: np.ndarray) -> Features:
         middle = windows[:, keep].reshape(-1, windows.shape[-1])
         return np.concatenate([windows[0, : keep.start], middle, windows[-1, keep.stop :]])[: _num_frames(model, audio)]
 
-    low, mid, high, *_ = _encode_windows(model, audio, ())
+    speech, count = _windows(model, audio, ())
+    low, mid, high, *_ = encode_windows(model.spec, model.variables, speech, model.assets.vocabulary, count)
     return jax.tree.map(join, Features(low, mid, high))
 
 
@@ -178,7 +180,7 @@ def _num_frames(model: Model, audio: np.ndarray) -> int:
     return num_frames(len(audio) / SAMPLE_RATE, model.fps)
 
 
-def _encode_windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> Any:
+def _windows(model: Model, audio: np.ndarray, words: Sequence[Word]) -> tuple[Speech, int]:
+    """Return the prepared speech of a clip and the number of windows that cover it."""
     count = num_windows(_num_frames(model, audio), model.spec.num_frames, model.spec.num_seed_frames)
-    speech = prepare(audio, words, model.spec.inputs)
-    return encode_windows(model.spec, model.variables, speech, model.assets.vocabulary, count)
+    return prepare(audio, words, model.spec.inputs), count

@@ -1,11 +1,16 @@
 """The compiled part of generation: the speech of each window is encoded, and a scan over the windows samples poses.
 
 Time is cut into windows of N frames, each of which starts M frames before the one before ends; the last M frames of a
-window are the seed pose of the next. Both parts take a fixed number of windows at a time, so that two programs serve
-speech of any length.
+window are the seed pose of the next. Both parts take a chunk of a fixed number of windows at a time, so that two
+programs serve speech of any length. A thread of its own encodes the next chunks while one is sampled, because neither
+part keeps all cores at work: XLA computes convolutions with few channels, and products with a single row, on one core.
 """
 
+import concurrent.futures
+import contextlib
 import functools
+import itertools
+from collections.abc import Generator
 from typing import Any
 
 import jax
@@ -18,9 +23,9 @@ from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import generating_method_of
 from ha2g_jax.methods.method import Batch, Spec, Variables, restore, subtract_mean
 
-# Windows that are encoded in one call, and windows that are sampled in one. The last call is padded, so that larger
-# numbers cost time for short speech; for long speech they gain nothing on CPUs.
-_ENCODED, _SAMPLED = 8, 4
+# Windows of a chunk. The last chunk is padded with silence, so that larger numbers cost time for short speech; for long
+# speech they gain nothing on CPUs.
+_CHUNK = 4
 
 
 def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int) -> Any:
@@ -35,48 +40,67 @@ def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary:
     Returns:
         Features of `GeneratingMethod.encode_speech`, such as `Features` of HA2G, with a leading axis (count, ...).
     """
-    stride = spec.num_frames - spec.num_seed_frames
-    chunks = []
-    with tqdm(desc="encoding speech", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
-        for start in range(0, count, _ENCODED):
-            windows = [
-                window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
-                for index in range(start, start + _ENCODED)
-            ]
-            batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
-            chunks.append(jax.device_get(_encode_speech(spec, variables, batch)))
-            bar.update(min(_ENCODED, count - start))
+    chunks = encode_chunks(spec, variables, speech, vocabulary, count)
     return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
 
+def encode_chunks(
+    spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int
+) -> Generator[Any, None, None]:
+    """Encode the speech of windows as `encode_windows` does, a chunk at a time.
+
+    Yields:
+        Features of each chunk in order, with a leading axis of its windows, the last of which may be beyond `count`.
+    """
+    stride = spec.num_frames - spec.num_seed_frames
+
+    def encode(start: int) -> Any:
+        windows = [
+            window(speech, spec.inputs, vocabulary, index * stride, spec.num_frames, spec.fps)
+            for index in range(start, start + _CHUNK)
+        ]
+        batch = {name: np.stack([inputs[name] for inputs in windows]) for name in spec.inputs}
+        return jax.device_get(_encode_speech(spec, variables, batch))
+
+    ahead = concurrent.futures.ThreadPoolExecutor(1)
+    try:
+        with tqdm(desc="generating", total=count, unit="window", disable=None, delay=2, leave=False) as bar:
+            for features in ahead.map(encode, range(0, count, _CHUNK)):
+                yield features
+                bar.update(min(_CHUNK, count - bar.n))
+    finally:
+        ahead.shutdown(cancel_futures=True)
+
+
 def sample_windows(
-    spec: Spec, variables: Variables, features: Any, style: np.ndarray, start: np.ndarray, seed: int
+    spec: Spec,
+    variables: Variables,
+    chunks: Generator[Any, None, None],
+    style: np.ndarray,
+    start: np.ndarray,
+    seed: int,
+    count: int,
 ) -> np.ndarray:
     """Sample the poses of K windows, each from the last poses of the one before.
 
     Args:
         spec, variables: the generator.
-        features: features of the windows, from `encode_windows`.
+        chunks: features of the windows, from `encode_chunks`; closed at the end.
         style: (style_dim,) style of all of them.
         start: (M, bones, 3) unit vectors, the seed pose of the first window.
         seed: seed of the noise; window k has the same noise in a clip of any length.
+        count: number of windows, K.
 
     Returns:
         (K, N, bones, 3) unit vectors.
     """
-    count = len(jax.tree.leaves(features)[0])
     style, pose, key = np.asarray(style, np.float32), np.asarray(start, np.float32), jax.random.key(seed)
     parts = []
-    for first in range(0, count, _SAMPLED):
-        part = jax.tree.map(lambda x, first=first: _padded(x[first : first + _SAMPLED]), features)
-        pose, poses = _sample(spec, variables, part, style, pose, key, np.int32(first))
-        parts.append(poses)
+    with contextlib.closing(chunks):  # Ctrl-C does not wait for the chunks that are left
+        for first, features in zip(itertools.count(step=_CHUNK), chunks):
+            pose, poses = _sample(spec, variables, features, style, pose, key, np.int32(first))
+            parts.append(poses)
     return np.concatenate(jax.device_get(parts))[:count]
-
-
-def _padded(windows: np.ndarray) -> np.ndarray:
-    """Return `_SAMPLED` windows, the missing ones zero."""
-    return np.pad(windows, ((0, _SAMPLED - len(windows)), *((0, 0),) * (windows.ndim - 1)))
 
 
 @functools.partial(jax.jit, static_argnums=0)
