@@ -3,7 +3,8 @@
 python benchmarks/kernel_gradient.py
 python benchmarks/kernel_gradient.py --batch-size 64 --size small --json
 
-A ratio is the median time of XLA's gradient over that of the products; above 1 the products are faster.
+A ratio is the median time of XLA's gradient over that of the products; above 1 the products are faster. The last column
+is what a training step takes, which follows from the shapes.
 """
 
 import argparse
@@ -72,13 +73,17 @@ def measure(batch: int, rounds: int, height, width, inputs, channels, kernel, st
                 seconds[name].append(time.perf_counter() - started)
     xla_ms, products_ms = (1e3 * statistics.median(seconds[name]) for name in programs)
     shape = f"{height} x {width} x {inputs} to {channels}, {kernel[0]} x {kernel[1]}, stride {stride[0]}, {stride[1]}"
-    return {"shape": shape, "xla_ms": xla_ms, "products_ms": products_ms, "ratio": xla_ms / products_ms}
+    used = "products" if conv.is_faster_with_products(x.shape, zeros.shape, cotangent.shape) else "XLA"
+    return {"shape": shape, "xla_ms": xla_ms, "products_ms": products_ms, "ratio": xla_ms / products_ms, "used": used}
 
 
 def as_table(rows: list[dict]) -> str:
     """Format the rows as an aligned table."""
-    lines = [f"{'shape':44} {'XLA ms':>8} {'products ms':>12} {'ratio':>6}"]
-    lines += [f"{row['shape']:44} {row['xla_ms']:8.1f} {row['products_ms']:12.1f} {row['ratio']:6.2f}" for row in rows]
+    lines = [f"{'shape':44} {'XLA ms':>8} {'products ms':>12} {'ratio':>6} {'used':>9}"]
+    lines += [
+        f"{row['shape']:44} {row['xla_ms']:8.1f} {row['products_ms']:12.1f} {row['ratio']:6.2f} {row['used']:>9}"
+        for row in rows
+    ]
     return "\n".join(lines)
 
 

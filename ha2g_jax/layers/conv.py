@@ -1,7 +1,7 @@
 """Two-dimensional convolutions whose kernel gradient is a matrix product on CPUs.
 
-XLA computes the gradient of a kernel with few channels on one core of a CPU. At the size of the paper this takes about
-a third of a training step (docs/performance.md). Accelerators keep XLA's own gradient.
+XLA computes the gradient of a kernel as a convolution whose window is a whole image, which is 1.5 to 10 times slower
+than products at the size of the paper (docs/performance.md). Small kernels, and accelerators, keep XLA's own gradient.
 """
 
 import functools
@@ -14,8 +14,7 @@ from flax import linen as nn
 from ha2g_jax.layers import initializers
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
-_CHUNK = 8  # images in one product: few enough for the caches; a batch that is split over devices stays split
-_MIN_POSITIONS = 1 << 14  # of the output in all images; below this XLA's gradient is fast and compiles sooner
+_ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
 
 
 class Conv(nn.Module):
@@ -76,7 +75,7 @@ def _backward(stride, padding, residuals, cotangent):
     x, kernel = residuals
     (x_gradient,) = jax.linear_transpose(lambda x: _conv(x, kernel, stride, padding), x)(cotangent)
     native = functools.partial(_kernel_gradient, kernel=kernel, stride=stride, padding=padding)
-    if math.prod(cotangent.shape[:-1]) < _MIN_POSITIONS:
+    if not is_faster_with_products(x.shape, kernel.shape, cotangent.shape):
         return x_gradient, native(x, cotangent)
     products = functools.partial(kernel_gradient, size=kernel.shape[:2], stride=stride, padding=padding)
     return x_gradient, jax.lax.platform_dependent(x, cotangent, cpu=products, default=native)
@@ -84,6 +83,18 @@ def _backward(stride, padding, residuals, cotangent):
 
 _conv_with_products = jax.custom_vjp(_conv, nondiff_argnums=(2, 3))
 _conv_with_products.defvjp(_forward, _backward)
+
+
+def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotangent: tuple[int, ...]) -> bool:
+    """Decide by the shapes of `conv` whether `kernel_gradient` is faster on a CPU than the gradient of XLA.
+
+    Products need wide matrices, and XLA small images; `benchmarks/kernel_gradient.py` measures both.
+    """
+    rows, columns, inputs, channels = kernel
+    if math.prod(cotangent[:-1]) * inputs * channels < 1 << 22:
+        return False  # either takes a few milliseconds, and XLA's compiles sooner
+    is_pointwise = rows == columns == 1
+    return is_pointwise or inputs * channels >= 1 << 11 or math.prod(x[1:]) >= 1 << 17
 
 
 def _kernel_gradient(
@@ -97,7 +108,7 @@ def kernel_gradient(
 ) -> jax.Array:
     """Return the gradient of a kernel as matrix products, one for each row of the kernel and chunk of images.
 
-    The columns that a row of the kernel covers are concatenated on the channels, so that each product is that of
+    The columns that a row of the kernel covers lie side by side on the channels, so that each product is that of
     (width inputs, positions) and (positions, channels). Sums are float32.
 
     Args:
@@ -111,7 +122,9 @@ def kernel_gradient(
     """
     (batch, *_, inputs), (_, height, width, channels) = x.shape, cotangent.shape
     rows, columns = size
-    chunk = math.gcd(batch, _CHUNK)
+    # A chunk has an image of each device, so that a batch that is split over devices stays split.
+    images = max(jax.device_count(), math.ceil(_ROWS / (height * width)))
+    chunk = math.gcd(batch, 1 << (images - 1).bit_length())
     padded = jnp.pad(x, ((0, 0), (padding, padding), (padding, padding), (0, 0)))
     # The images of a chunk are those at the same place of each part of the batch.
     parts = padded.reshape(chunk, batch // chunk, *padded.shape[1:])
@@ -120,7 +133,11 @@ def kernel_gradient(
     def add(total: jax.Array, index: jax.Array) -> tuple[jax.Array, None]:
         image = jax.lax.dynamic_index_in_dim(parts, index, axis=1, keepdims=False)
         out = jax.lax.dynamic_index_in_dim(cotangents, index, axis=1, keepdims=False).reshape(-1, channels)
-        covered = jnp.concatenate([_every(image, 2, first, width, stride[1]) for first in range(columns)], axis=-1)
+        # Updates in place copy faster than a concatenation, which XLA computes value by value.
+        covered = jnp.zeros((*image.shape[:2], width, columns * inputs), image.dtype)
+        for first in range(columns):
+            column = _every(image, 2, first, width, stride[1])
+            covered = jax.lax.dynamic_update_slice_in_dim(covered, column, first * inputs, axis=3)
         products = [
             jax.lax.dot_general(
                 out,

@@ -48,8 +48,11 @@ def assert_equal(found, true):
     np.testing.assert_allclose(found, true, rtol=0, atol=1e-5 * np.abs(true).max())
 
 
+@pytest.mark.parametrize("devices", [1, 8])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_gradient_of_each_shape_of_the_networks(shape):
+def test_gradient_of_each_shape_of_the_networks(shape, devices, monkeypatch):
+    """The number of devices decides how many images are in one product."""
+    monkeypatch.setattr(jax, "device_count", lambda: devices)
     x, cotangent = arrays(*shape)
     *_, kernel, stride, padding = shape
     assert_equal(
@@ -77,7 +80,7 @@ def test_gradient_of_any_shape(batch, edges, values, kernel, stride, padding):
 @pytest.fixture
 def by_products(monkeypatch):
     """Let `conv` use the products for small arrays too."""
-    monkeypatch.setattr(convolution, "_MIN_POSITIONS", 0)
+    monkeypatch.setattr(convolution, "is_faster_with_products", lambda *_: True)
 
 
 def loss(function, x, kernel):
