@@ -55,7 +55,7 @@ def test_a_latent_does_not_depend_on_its_batch(folder, windows):
     features = PoseFeatures(folder)
     many = features(np.concatenate([windows] * 30))  # 270, more than one batch
     for start in range(0, 270, 9):
-        np.testing.assert_array_equal(many[start : start + 9], many[:9])
+        np.testing.assert_allclose(many[start : start + 9], many[:9], atol=1e-6)  # not to the bit on all processors
     np.testing.assert_allclose(features(windows[4:5])[0], many[4], atol=1e-6)
     assert features(windows[:0]).shape == (0, features.latent_dim)
 
