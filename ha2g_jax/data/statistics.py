@@ -53,7 +53,10 @@ class MotionStatistics:
         self._steps += int(is_step.sum())
 
     def result(self) -> dict[str, Any]:
-        """Return the means as nested lists by field name of `Skeleton`, for JSON; empty if there was no window."""
+        """Return the means as nested lists by field name of `Skeleton`, for JSON; empty if there was no window.
+
+        They have nine decimals: further ones are rounding errors, which differ between processors.
+        """
         if not self._frames:
             return {}
         means = {
@@ -61,4 +64,4 @@ class MotionStatistics:
             for name, total in self._sums.items()
         }
         means["angle_variance"] = np.maximum(means.pop("angle_square") - means["angle_mean"] ** 2, 0)
-        return {name: mean.astype(np.float32).tolist() for name, mean in means.items()}
+        return {name: mean.round(9).astype(np.float32).tolist() for name, mean in means.items()}

@@ -40,7 +40,7 @@ class Movement(NamedTuple):
 
     Attributes:
         positions: (T, 43, 3) float32 metres, y down, the spine at the origin.
-        strokes: every stroke in order of time.
+        strokes: every stroke in order of time; times and amplitudes have six decimals.
     """
 
     positions: np.ndarray
@@ -69,7 +69,7 @@ def perform(
     body = anatomy.Body(*(_sample(angles, moments) for angles in body))
     directions = anatomy.body_directions(skeleton, anatomy.within_limits(body))
     positions = skeletons.directions_to_positions(skeleton, directions).astype(np.float32)
-    return Movement(positions, tuple(sorted(performed)))
+    return Movement(positions, tuple(sorted(map(_rounded, performed))))
 
 
 def hand_gains(style: Style) -> np.ndarray:
@@ -94,6 +94,12 @@ def beat_hands(beats: Sequence[strokes.Beat], style: Style) -> np.ndarray:
     is_low = np.array([beat.pitch <= _LOW_PITCH for beat in beats], bool)
     by_dominant, by_other = is_loud | ~is_low, is_loud | is_low
     return np.stack([by_other, by_dominant] if style.handedness >= 0 else [by_dominant, by_other], axis=-1)
+
+
+def _rounded(stroke: Stroke) -> Stroke:
+    """Return a stroke without the last bits of its numbers, which differ between processors."""
+    time, start, end = (round(float(moment), 6) for moment in (stroke.time, stroke.start, stroke.end))
+    return stroke._replace(time=time, start=start, end=end, amplitude=round(stroke.amplitude, 6))
 
 
 def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Stroke]]:

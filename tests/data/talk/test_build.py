@@ -2,6 +2,9 @@
 
 import collections
 import contextlib
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -17,6 +20,19 @@ def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
     assert files == sorted(file.name for file in (tmp_path / "again").iterdir())
     for name in files:
         assert (tiny_talk / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+
+
+def test_the_processor_does_not_change_the_bytes(tiny_talk, tmp_path):
+    """Runs of a study are found by the bytes of their corpus, which must be the same with AVX-512 and with AVX2 alone."""
+    features = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # pyright: ignore[reportOptionalSubscript]
+    newer = [name for name in features if name.startswith(("AVX512", "X86_V4"))]
+    if not newer:
+        pytest.skip("the processor has no AVX-512")
+    command = ["-m", "ha2g_jax.cli", "data", "make-talk", str(tmp_path / "avx2")]
+    environment = os.environ | {"NPY_DISABLE_CPU_FEATURES": " ".join(newer), "OPENBLAS_CORETYPE": "Haswell"}
+    size = ["--speakers", "4", "--minutes", "2", "--seed", "0"]
+    subprocess.run([sys.executable, *command, *size], env=environment, check=True, capture_output=True)
+    assert (tmp_path / "avx2" / "dataset.json").read_bytes() == (tiny_talk / "dataset.json").read_bytes()
 
 
 def test_records_agree(tiny_talk):
