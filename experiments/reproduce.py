@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
         out = arguments.out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
         command = shlex.join(["python", "experiments/reproduce.py", *argv])
         with stop_signals() as stop:
-            is_whole = reproduce(request, out, command, stop, perform)
+            is_whole = reproduce(request, out, command, stop, perform, arguments.keep)
     except UserError as error:
         print(f"reproduce: {error}", file=sys.stderr)
         return 2
@@ -91,6 +91,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=pathlib.Path, help="file of the report (default: WORKDIR/DATA-SIZE/TABLE.md)")
     parser.add_argument(
         "--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})"
+    )
+    parser.add_argument(
+        "--keep",
+        type=pathlib.Path,
+        metavar="DIR",
+        help="copy finished runs to DIR without weights, for the reports alone",
     )
     parser.add_argument("--jobs", type=int, default=1, help="number of runs at once, each on a part of the cores")
     parser.add_argument("--no-train", action="store_true", help="evaluate existing runs only")

@@ -124,9 +124,18 @@ def is_finished(run: Run) -> bool:
         return False  # training itself says what is wrong
 
 
+def checkpoint_folder(run: Run) -> pathlib.Path | None:
+    """Return the folder of the checkpoint to score, the best on the validation split or else the latest, or None."""
+    for folder in (run.workdir / "best", run.workdir / "latest"):
+        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / "SHA256SUMS").is_file()]
+        if steps:
+            return max(steps, key=lambda path: int(path.name))
+    return None
+
+
 def checkpoint_step(run: Run) -> int | None:
-    """Return the step of the checkpoint to score, the best on the validation split or else the latest, or None."""
-    folder = _checkpoint(run)
+    """Return the step of the checkpoint to score, or None without one."""
+    folder = checkpoint_folder(run)
     return int(folder.name) if folder else None
 
 
@@ -143,7 +152,7 @@ def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
     Returns:
         The path, or None without a checkpoint.
     """
-    autoencoder = _checkpoint(plan.autoencoder)
+    autoencoder = checkpoint_folder(plan.autoencoder)
     if autoencoder is None:
         return None
     causes = [EVALUATION_VERSION, list(plan.splits), has_legacy, plan.draws]
@@ -162,7 +171,7 @@ def hashed_path(run: Run, kind: str, causes: Sequence[Any], files: Sequence[path
     Returns:
         The path, or None without a checkpoint.
     """
-    checkpoint = _checkpoint(run)
+    checkpoint = checkpoint_folder(run)
     if checkpoint is None:
         return None
     hashes = map(_file_hash, (checkpoint / "SHA256SUMS", *files))
@@ -213,14 +222,6 @@ def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[s
     there = sorted(path.name for path in folder.glob(f"*{end}") if path.is_dir())
     name = there[0] if there else f"{request.data}-{request.size}-{label}{end}"
     return Run(name, seed, config, folder / name)
-
-
-def _checkpoint(run: Run) -> pathlib.Path | None:
-    for folder in (run.workdir / "best", run.workdir / "latest"):
-        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / "SHA256SUMS").is_file()]
-        if steps:
-            return max(steps, key=lambda path: int(path.name))
-    return None
 
 
 def _causes(values: dict[str, Any]) -> dict[str, Any]:

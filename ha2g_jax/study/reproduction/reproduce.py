@@ -17,6 +17,7 @@ from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
 from ha2g_jax.study.reproduction.facts import describe_work, run_states
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
+from ha2g_jax.study.reproduction.kept_runs import keep_runs
 from ha2g_jax.study.reproduction.plan import (
     Plan,
     Run,
@@ -33,7 +34,12 @@ _NOT_TRAINED = "not trained"
 
 
 def reproduce(
-    request: Request, out: pathlib.Path, command: str, stop: Stop, perform: Perform = perform_in_process
+    request: Request,
+    out: pathlib.Path,
+    command: str,
+    stop: Stop,
+    perform: Perform = perform_in_process,
+    keep: pathlib.Path | None = None,
 ) -> bool:
     """Train and score the missing runs of a table and write its report, for Figure 3 with an SVG beside it.
 
@@ -45,6 +51,8 @@ def reproduce(
         command: command of the user, for the report.
         stop: signal that ends the work; the same request then continues it.
         perform: function that trains and scores one run.
+        keep: folder to which finished runs are copied without weights, also when a signal ends the work; see
+            `keep_runs`. None for no copies.
 
     Returns:
         Whether every run has scores. A row that lacks an input of the user, such as HA2G-ASR without the weights of
@@ -68,7 +76,11 @@ def reproduce(
         if not corpus.has_clips(split):
             raise UserError(f"{folder} has no clips in the split {split}, which is scored; `ha2g data split` makes one")
     request.workdir.mkdir(parents=True, exist_ok=True)
-    failures = _fill(request, plan, perform, stop)
+    try:
+        failures = _fill(request, plan, perform, stop)
+    finally:
+        if keep is not None:
+            keep_runs(plan, request.has_legacy, keep)
     results = _collect(request, plan, corpus, failures)
     facts = describe_work(request, plan.runs, corpus, command, time.monotonic() - start)
     _write(results._replace(facts=facts), out)

@@ -87,6 +87,8 @@ class FakeRuns:
             (run.workdir / name / str(steps) / "SHA256SUMS").write_text(f"{run.name} {steps}")
         line = {"step": steps, "validation/loss/reconstruction": 0.125}
         (run.workdir / "metrics.jsonl").write_text(json.dumps(line) + "\n")
+        (run.workdir / "best" / str(steps) / "weights").write_text("1 2 3")
+        (run.workdir / "assets.json").write_text("{}")
         start = {"commit": "abc", "hardware": {"devices": {"abacus": 1}}}
         (run.workdir / "run.json").write_text(json.dumps({"starts": [start]}))
         self.trained.append(run.name)
@@ -107,9 +109,9 @@ class FakeRuns:
         }
 
 
-def _reproduce(request, runs, out=None, stop=None):
+def _reproduce(request, runs, out=None, stop=None, keep=None):
     out = out or request.workdir / "report.md"
-    return reproduce(request, out, "the command", stop or Stop(), runs), out.read_text()
+    return reproduce(request, out, "the command", stop or Stop(), runs, keep), out.read_text()
 
 
 def test_everything_is_trained_once_and_reported(request_):
@@ -270,6 +272,38 @@ def test_a_signal_stops_and_the_same_request_continues(request_):
     second = FakeRuns()
     assert _reproduce(request_, second)[0]
     assert len(second.scored) == 8 and not set(first.scored) & set(second.scored)
+
+
+def test_kept_runs_give_the_same_report_without_weights_and_are_continued(request_, tmp_path):
+    """A study can be published, and continued on another machine, without the weights of its runs."""
+    keep = tmp_path / "kept"
+    runs = FakeRuns(unlucky=("trimodal",))
+    _, report = _reproduce(request_, runs, keep=keep)
+    (autoencoder,) = keep.glob("*autoencoder*")
+    assert {path.parents[2] for path in keep.rglob("weights")} == {autoencoder}
+    assert not [path for path in keep.rglob("*.json*") if str(tmp_path) in path.read_text()]
+    again = FakeRuns()
+    _, from_copies = _reproduce(request_._replace(workdir=keep, has_training=False), again, tmp_path / "copies.md")
+    assert not again.workers
+    assert [line for line in from_copies.splitlines() if "| HA2G |" in line] == [
+        line for line in report.splitlines() if "| HA2G |" in line
+    ]
+    more = FakeRuns()
+    assert _reproduce(request_._replace(workdir=keep), more)[0]
+    assert more.trained and all("-trimodal-" in name for name in more.trained)
+
+
+def test_a_stopped_table_keeps_its_finished_runs(request_, tmp_path):
+    class Stopping(FakeRuns):
+        def __call__(self, request, corpus, run, worker, stop):
+            super().__call__(request, corpus, run, worker, stop)
+            if len(self.scored) == 2:
+                stop.number = signal.SIGINT
+
+    runs = Stopping()
+    with pytest.raises(Stopped):
+        _reproduce(request_, runs, stop=Stop(), keep=tmp_path / "kept")
+    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == sorted(runs.trained)
 
 
 @pytest.mark.parametrize(
