@@ -35,7 +35,8 @@ from ha2g_jax.study.latency.plan import (
 )
 from ha2g_jax.study.latency.texts import LIMITS, MARGIN, NEEDS, QUESTIONS, SETTING, STREAM
 from ha2g_jax.study.reproduction.claims import LEVEL, Spread
-from ha2g_jax.study.reproduction.report import RunState, run_table
+from ha2g_jax.study.reproduction.report import run_table
+from ha2g_jax.study.reproduction.results import RunState
 from ha2g_jax.study.reproduction.tables import markdown, number
 
 _PANELS = {

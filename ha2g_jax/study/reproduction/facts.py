@@ -12,8 +12,8 @@ import ha2g_jax
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.study.reproduction.jobs import duration, last_step
 from ha2g_jax.study.reproduction.plan import Run, checkpoint_step
-from ha2g_jax.study.reproduction.report import RunState
 from ha2g_jax.study.reproduction.request import Request
+from ha2g_jax.study.reproduction.results import RunState
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
 
@@ -65,11 +65,22 @@ def run_states(rows: Mapping[str, Sequence[Run]]) -> list[RunState]:
             steps=run.config.train.steps,
             batch_size=run.config.train.batch_size,
             last_step=last_step(run),
-            scored_step=checkpoint_step(run),
+            scored_step=(step := checkpoint_step(run)),
+            validation=validation_metric(run, f"validation/{run.config.train.best_by}", step),
         )
         for row, runs in rows.items()
         for run in runs
     ]
+
+
+def validation_metric(run: Run, name: str, step: int | None) -> float | None:
+    """Return a metric that a run has logged on the validation split at a step, or None."""
+    try:
+        lines = (run.workdir / "metrics.jsonl").read_text().splitlines()
+        found = [json.loads(line) for line in lines]
+        return next(line[name] for line in reversed(found) if line["step"] == step)
+    except (OSError, ValueError, KeyError, StopIteration):
+        return None
 
 
 def _starts(run: Run) -> list[dict[str, Any]]:

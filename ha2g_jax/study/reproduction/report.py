@@ -1,20 +1,20 @@
 """Report of a reproduction in Markdown: the runs, the paper's numbers beside ours, and the verdicts on claims."""
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
 from ha2g_jax import metrics
 from ha2g_jax.study.reproduction.claims import LEVEL
 from ha2g_jax.study.reproduction.figure import chart, sweep_table
-from ha2g_jax.study.reproduction.paper_tables import TABLE_12, Table
+from ha2g_jax.study.reproduction.gan_term import gan_lines
+from ha2g_jax.study.reproduction.paper_tables import TABLE_12
+from ha2g_jax.study.reproduction.results import Results, RunState
 from ha2g_jax.study.reproduction.run_estimates import MODEL
 from ha2g_jax.study.reproduction.tables import (
     CLAIMED,
     CLAIMED_ON_TALK,
     SHOWN,
-    RowScores,
     claim_table,
     draws_table,
     draws_verdict,
@@ -25,61 +25,6 @@ from ha2g_jax.study.reproduction.tables import (
     talk_table,
     tally,
 )
-
-
-class RunState(NamedTuple):
-    """State of a training.
-
-    Attributes:
-        row: name of the row.
-        seed: seed of the run.
-        name: name of the run and of its folder.
-        steps: number of steps of the complete training.
-        batch_size: number of windows in a step.
-        last_step: last step of the training so far.
-        scored_step: step of the checkpoint that was scored, None without one.
-    """
-
-    row: str
-    seed: int
-    name: str
-    steps: int
-    batch_size: int
-    last_step: int
-    scored_step: int | None
-
-
-class Results(NamedTuple):
-    """Content of the report.
-
-    Attributes:
-        table: table of the paper.
-        name: name of the table, as in `TABLES`.
-        data: data set of the request.
-        size: size of the request.
-        splits: splits that were scored.
-        scores: name of a row -> seed -> scores of `run_scores`.
-        failures: name of a row -> seed -> reason in one line.
-        left_out: name of a row that lacks an input -> reason.
-        runs: states of the runs of all rows.
-        facts: title -> text, printed in this order.
-        autoencoder: description of the pose auto-encoder.
-        has_legacy: whether legacy scores were requested.
-    """
-
-    table: Table
-    name: str
-    data: str
-    size: str
-    splits: tuple[str, ...]
-    scores: RowScores
-    failures: Mapping[str, Mapping[int, str]]
-    left_out: Mapping[str, str]
-    runs: Sequence[RunState]
-    facts: Mapping[str, str]
-    autoencoder: str
-    has_legacy: bool
-
 
 _HOW_TO_READ = f"""\
 A value is the mean over seeds [its t interval over seeds, {LEVEL:.0%}] (the bootstrap interval over clips, by source \
@@ -197,7 +142,17 @@ def _comparison(results: Results, _: str | None) -> list[str]:
             claim_table(results.table, results.scores, split, _claimed(results)),
             "",
         ]
+        if gan := _gan(results, split):
+            lines += ["### The GAN term", "", *gan, ""]
     return lines
+
+
+def _gan(results: Results, split: str) -> list[str]:
+    validation: dict[str, dict[int, float]] = {}
+    for run in results.runs:
+        if run.validation is not None:
+            validation.setdefault(run.row, {})[run.seed] = run.validation
+    return gan_lines(results.scores, validation, split)
 
 
 def _draws(results: Results, _: str | None) -> list[str]:
@@ -252,9 +207,11 @@ def _section(title: str, lines: Sequence[str]) -> list[str]:
 
 def run_table(runs: Sequence[RunState]) -> str:
     """Write the table of runs with their budgets and the checkpoints that were scored."""
-    lines = [("row", "seed", "steps", "batch", "checkpoint scored (best on validation)", "folder")]
+    head = ("row", "seed", "steps", "batch", "checkpoint scored (best on validation)", "its validation term", "folder")
+    lines: list[tuple[str, ...]] = [head]
     for run in runs:
         steps = f"{run.last_step:,}" if run.last_step >= run.steps else f"{run.last_step:,} of {run.steps:,}"
         scored = "-" if run.scored_step is None else f"{run.scored_step:,}"
-        lines.append((run.row, str(run.seed), steps, str(run.batch_size), scored, f"`{run.name}`"))
+        term = "-" if run.validation is None else f"{run.validation:.4g}"
+        lines.append((run.row, str(run.seed), steps, str(run.batch_size), scored, term, f"`{run.name}`"))
     return markdown(lines)

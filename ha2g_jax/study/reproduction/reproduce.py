@@ -1,6 +1,5 @@
 """Reproduction of a table of the paper: training and scoring of missing runs, and the report."""
 
-import json
 import os
 import pathlib
 import sys
@@ -15,7 +14,7 @@ from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
-from ha2g_jax.study.reproduction.facts import describe_work, run_states
+from ha2g_jax.study.reproduction.facts import describe_work, run_states, validation_metric
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
 from ha2g_jax.study.reproduction.kept_runs import keep_runs
 from ha2g_jax.study.reproduction.plan import (
@@ -27,8 +26,9 @@ from ha2g_jax.study.reproduction.plan import (
     read_stored,
     scores_path,
 )
-from ha2g_jax.study.reproduction.report import Results, as_markdown, figure
+from ha2g_jax.study.reproduction.report import as_markdown, figure
 from ha2g_jax.study.reproduction.request import Request, corpus_path
+from ha2g_jax.study.reproduction.results import Results
 
 _NOT_TRAINED = "not trained"
 
@@ -145,20 +145,10 @@ def _describe_autoencoder(run: Run, scores: dict[str, dict[int, dict[str, Any]]]
     ids = {one["autoencoder"] for mine in scores.values() for one in mine.values()}
     step = checkpoint_step(run)
     texts = [f"id {', '.join(sorted(ids)) or 'unknown'}", f"step {step:,} of {run.config.train.steps:,}"]
-    error = _validation_error(run, step)
+    error = validation_metric(run, "validation/loss/reconstruction", step)
     if error is not None:
         texts.append(f"reconstruction error {error:.4g} (mean L1 of direction vectors on the validation split)")
     return "; ".join([*texts, f"folder `{run.name}`"])
-
-
-def _validation_error(run: Run, step: int | None) -> float | None:
-    """Return the reconstruction error on the validation split at a step, or None."""
-    try:
-        lines = (run.workdir / "metrics.jsonl").read_text().splitlines()
-        found = [json.loads(line) for line in lines]
-        return next(line["validation/loss/reconstruction"] for line in reversed(found) if line["step"] == step)
-    except (OSError, ValueError, KeyError, StopIteration):
-        return None
 
 
 def _write(results: Results, out: pathlib.Path) -> None:

@@ -36,7 +36,7 @@ def score_run(run: Run, plan: Plan, request: Request) -> None:
         return
     scores = _score(run, plan, request)
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(scores, indent=1, allow_nan=False) + "\n")
+        temporary.write_text(json.dumps(scores, allow_nan=False) + "\n")
 
 
 def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:

@@ -132,7 +132,9 @@ def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[st
         published, ours = _published_difference(_reference(table), row, metric), verdict.difference
         count = str(ours.num) if ours else "0"
         p_value = "-" if verdict.p_value is None else "<0.001" if verdict.p_value < 1e-3 else f"{verdict.p_value:.3f}"
-        lines.append((claim, metrics[metric][0], published, _spread(ours), p_value, count, f"**{verdict.verdict}**"))
+        lines.append(
+            (claim, metrics[metric][0], published, spread_text(ours), p_value, count, f"**{verdict.verdict}**")
+        )
     return markdown(lines)
 
 
@@ -170,7 +172,7 @@ def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
     lines = []
     for row, one, verdict in zip(table.rows, above, judge(claims), strict=True):
         said = {HELD: "above the floors", NOT_HELD: "below the floors"}.get(verdict.verdict, "undecided")
-        lines.append(f"- {row.name}: {said} ({_spread(verdict.difference)}, {len(one)} seeds)")
+        lines.append(f"- {row.name}: {said} ({spread_text(verdict.difference)}, {len(one)} seeds)")
     return lines
 
 
@@ -232,11 +234,12 @@ def _text(found: Cell | None) -> str:
     """Format a value as: mean [interval over seeds] (interval over clips)."""
     if found is None:
         return "-"
-    text = _spread(found.seeds)
+    text = spread_text(found.seeds)
     return text if found.low is None else f"{text} ({number(found.low)}, {number(found.high)})"
 
 
-def _spread(spread: Spread | None) -> str:
+def spread_text(spread: Spread | None) -> str:
+    """Format a mean over seeds with its interval, such as "0.412 [0.380, 0.444]"; "-" for None."""
     if spread is None:
         return "-"
     if spread.low is None:

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from ha2g_jax.study.reproduction import paper_tables, tables
-from ha2g_jax.study.reproduction.report import Results, RunState, as_markdown, caveats, figure
+from ha2g_jax.study.reproduction.report import as_markdown, caveats, figure
+from ha2g_jax.study.reproduction.results import Results, RunState
 
 
 def _three(value, spread=0.1):
