@@ -176,7 +176,7 @@ def sequence_scan(
     def step(state, frame):
         frame, is_real = frame
         products = Gates(*jnp.split(jnp.einsum("bi,gi->bg", state.astype(dtype), weight), 3, axis=-1))
-        after = _next_state(state, *_activations(frame, products, hidden_bias))
+        after = _next_state(state, _activations(frame, products, hidden_bias))
         after = after if is_real is None else jnp.where(is_real, after, state)
         return after, after
 
@@ -196,11 +196,11 @@ def gru_cell(state: jax.Array, gates: Gates, kernels: Gates, bias: jax.Array) ->
     Returns:
         (B, h) float32, h_t.
     """
-    return _next_state(state, *_activations(gates, _products(state, gates, kernels), bias))
+    return _next_state(state, _activations(gates, _products(state, gates, kernels), bias))
 
 
-def _next_state(state: jax.Array, reset: jax.Array, update: jax.Array, inner: jax.Array, new: jax.Array) -> jax.Array:
-    del reset, inner
+def _next_state(state: jax.Array, activations: tuple[jax.Array, ...]) -> jax.Array:
+    _, update, _, new = activations
     return new + update * (state - new)
 
 
