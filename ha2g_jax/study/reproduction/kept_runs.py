@@ -3,17 +3,18 @@
 import json
 import pathlib
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.partial_folder import partial_folder
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction.plan import Plan, Run, checkpoint_folder, is_finished, scores_path
 
 
 def keep_runs(plan: Plan, has_legacy: bool, folder: pathlib.Path) -> list[str]:
-    """Copy the finished runs that have scores, and the auto-encoder; what is in the folder already stays as it is.
+    """Copy the finished runs that have scores, and the auto-encoder; files that are there already stay as they are.
 
     A copy has the settings, the record of the training, the metrics of the validation split, the scores, and the
     hashes of the checkpoints, but no weights. With the folder as the workdir, `reproduce` takes a copy for the run
@@ -26,7 +27,7 @@ def keep_runs(plan: Plan, has_legacy: bool, folder: pathlib.Path) -> list[str]:
         folder: folder of the copies.
 
     Returns:
-        Names of the runs that were copied.
+        Names of the runs of which something was copied.
 
     Raises:
         UserError: a copy cannot be written.
@@ -36,17 +37,26 @@ def keep_runs(plan: Plan, has_legacy: bool, folder: pathlib.Path) -> list[str]:
     files = {name: [path] for name, path in scores.items() if path is not None and path.is_file()}
     if plan.autoencoder.name in runs:
         files[plan.autoencoder.name] = _weights(plan.autoencoder)
-    new = [name for name in files if not (folder / name).exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name in new:
-            with partial_folder(folder / name) as part:
-                _copy(runs[name], files[name], part)
-                part.chmod(0o755)
-                part.rename(folder / name)
+        return [name for name, found in files.items() if _keep(runs[name], found, folder / name)]
     except OSError as error:
         raise UserError(f"cannot write to {shown(folder)} ({reason(error).lower()}); use another folder") from error
-    return new
+
+
+def _keep(run: Run, files: Sequence[pathlib.Path], copy: pathlib.Path) -> bool:
+    """Make the copy of a run, or add the files that it lacks, such as scores of another kind; return whether it did."""
+    if copy.is_dir():
+        missing = [path for path in files if not (copy / path.relative_to(run.workdir)).exists()]
+        for path in missing:
+            with whole_file(copy / path.relative_to(run.workdir)) as temporary:
+                shutil.copyfile(path, temporary)
+        return bool(missing)
+    with partial_folder(copy) as part:
+        _copy(run, files, part)
+        part.chmod(0o755)
+        part.rename(copy)
+    return True
 
 
 def _weights(run: Run) -> list[pathlib.Path]:
@@ -76,6 +86,6 @@ def _without_folders(values: Any) -> Any:
             return {key: _without_folders(value) for key, value in values.items()}
         case list():
             return [_without_folders(value) for value in values]
-        case str() if values.startswith("/"):
-            return pathlib.PurePath(values).name
+        case str() if (path := pathlib.PurePath(values)).is_absolute():
+            return path.name
     return values

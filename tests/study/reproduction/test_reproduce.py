@@ -293,6 +293,16 @@ def test_kept_runs_give_the_same_report_without_weights_and_are_continued(reques
     assert more.trained and all("-trimodal-" in name for name in more.trained)
 
 
+def test_scores_of_another_kind_are_added_to_what_was_kept(request_, tmp_path):
+    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
+    _reproduce(request, FakeRuns(), keep=keep)
+    before = {path: path.read_bytes() for path in keep.rglob("*") if path.is_file()}
+    _reproduce(request._replace(has_legacy=True), FakeRuns(), keep=keep)
+    after = {path: path.read_bytes() for path in keep.rglob("*") if path.is_file()}
+    (added,) = after.keys() - before.keys()
+    assert added.name.startswith("scores-") and before.items() <= after.items()
+
+
 def test_a_stopped_table_keeps_its_finished_runs(request_, tmp_path):
     class Stopping(FakeRuns):
         def __call__(self, request, corpus, run, worker, stop):
