@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         "--keep",
         type=pathlib.Path,
         metavar="DIR",
-        help="copy finished runs to DIR without weights, for the reports alone",
+        help="copy each finished run to DIR without its weights, to publish or continue the study",
     )
     parser.add_argument("--jobs", type=int, default=1, help="number of runs at once, each on a part of the cores")
     parser.add_argument("--no-train", action="store_true", help="evaluate existing runs only")

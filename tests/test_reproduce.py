@@ -47,8 +47,10 @@ def asked(command, monkeypatch):
 def test_flags_become_a_request(command, asked, tmp_path, capsys):
     argv = ["table3", "--data", "bvh:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path)]
     argv += ["--jobs", "2", "--no-train", "--legacy", "--changes", "train.steps=3", "--changes", "loss.gan=minimax"]
+    argv += ["--keep", "kept"]
     assert command.main(argv) == 0
-    ((request, out, line, _, _),) = asked.calls
+    ((request, out, line, _, _, keep),) = asked.calls
+    assert keep == pathlib.Path("kept")
     assert request._asdict() == {
         "table": "table3",
         "data": "bvh",

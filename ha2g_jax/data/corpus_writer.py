@@ -163,7 +163,7 @@ class CorpusWriter:
         text = json.dumps(dataset, indent=1) + "\n"
         self._check(text)
         with self._writing():
-            (self._folder / FILE).write_text(text)
+            (self._folder / FILE).write_text(text, newline="\n")
             self._folder.chmod(0o755)
             try:
                 self._folder.rename(self._path)

@@ -55,7 +55,7 @@ class MotionStatistics:
     def result(self) -> dict[str, Any]:
         """Return the means as nested lists by field name of `Skeleton`, for JSON; empty if there was no window.
 
-        They have nine decimals: further ones are rounding errors, which differ between processors.
+        They are rounded to nine decimals, so that the last bits, which differ between processors, do not show.
         """
         if not self._frames:
             return {}

@@ -10,10 +10,12 @@ from typing import Any
 
 import ha2g_jax
 from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction.jobs import duration, last_step
 from ha2g_jax.study.reproduction.plan import Run, checkpoint_step
 from ha2g_jax.study.reproduction.request import Request
 from ha2g_jax.study.reproduction.results import RunState
+from ha2g_jax.train.metrics_file import METRICS, read_metrics
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "numpy", "scipy", "librosa")
 
@@ -76,11 +78,10 @@ def run_states(rows: Mapping[str, Sequence[Run]]) -> list[RunState]:
 def validation_metric(run: Run, name: str, step: int | None) -> float | None:
     """Return a metric that a run has logged on the validation split at a step, or None."""
     try:
-        lines = (run.workdir / "metrics.jsonl").read_text().splitlines()
-        found = [json.loads(line) for line in lines]
-        return next(line[name] for line in reversed(found) if line["step"] == step)
-    except (OSError, ValueError, KeyError, StopIteration):
+        lines = read_metrics(run.workdir / METRICS, f'"{name}"')
+    except UserError:
         return None
+    return next((line[name] for line in reversed(lines) if line["step"] == step and name in line), None)
 
 
 def _starts(run: Run) -> list[dict[str, Any]]:

@@ -133,6 +133,12 @@ def checkpoint_folder(run: Run) -> pathlib.Path | None:
     return None
 
 
+def is_copy(run: Run) -> bool:
+    """Return whether the checkpoint to score has no weights, only their hashes, as `kept_runs` leaves it."""
+    folder = checkpoint_folder(run)
+    return folder is not None and [path.name for path in folder.iterdir()] == ["SHA256SUMS"]
+
+
 def checkpoint_step(run: Run) -> int | None:
     """Return the step of the checkpoint to score, or None without one."""
     folder = checkpoint_folder(run)

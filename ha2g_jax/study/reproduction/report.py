@@ -142,17 +142,18 @@ def _comparison(results: Results, _: str | None) -> list[str]:
             claim_table(results.table, results.scores, split, _claimed(results)),
             "",
         ]
-        if gan := _gan(results, split):
-            lines += ["### The GAN term", "", *gan, ""]
+    if gan := _gan(results):
+        lines += ["## The GAN term", "", *gan, ""]
     return lines
 
 
-def _gan(results: Results, split: str) -> list[str]:
+def _gan(results: Results) -> list[str]:
+    """Return the lines on the GAN term, on the last split, that of speakers that no model was trained on."""
     validation: dict[str, dict[int, float]] = {}
     for run in results.runs:
         if run.validation is not None:
             validation.setdefault(run.row, {})[run.seed] = run.validation
-    return gan_lines(results.scores, validation, split)
+    return gan_lines(results.scores, validation, results.splits[-1])
 
 
 def _draws(results: Results, _: str | None) -> list[str]:

@@ -16,7 +16,7 @@ from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
 from ha2g_jax.study.reproduction.facts import describe_work, run_states, validation_metric
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
-from ha2g_jax.study.reproduction.kept_runs import keep_runs
+from ha2g_jax.study.reproduction.kept_runs import keep_run
 from ha2g_jax.study.reproduction.plan import (
     Plan,
     Run,
@@ -51,19 +51,23 @@ def reproduce(
         command: command of the user, for the report.
         stop: signal that ends the work; the same request then continues it.
         perform: function that trains and scores one run.
-        keep: folder to which finished runs are copied without weights, also when a signal ends the work; see
-            `keep_runs`. None for no copies.
+        keep: folder to which each finished run is copied without weights, see `keep_run`; None for no copies.
 
     Returns:
         Whether every run has scores. A row that lacks an input of the user, such as HA2G-ASR without the weights of
         Whisper, has no run.
 
     Raises:
-        UserError: the request does not fit the data, the auto-encoder failed, or the report cannot be written.
+        UserError: the request does not fit the data, the auto-encoder failed, the report cannot be written, or `keep`
+            has copies of other trainings.
         Stopped: a signal came.
     """
     start = time.monotonic()
     if request.table in CORPUS_TABLES:
+        if keep is not None:
+            raise UserError(
+                f"nothing is trained for {request.table}, so that there is no run to keep; leave out --keep"
+            )
         report = corpus_report(request.table, corpus_path(request), command)
         with whole_file(out) as path:
             path.write_text(report)
@@ -76,15 +80,25 @@ def reproduce(
         if not corpus.has_clips(split):
             raise UserError(f"{folder} has no clips in the split {split}, which is scored; `ha2g data split` makes one")
     request.workdir.mkdir(parents=True, exist_ok=True)
-    try:
-        failures = _fill(request, plan, perform, stop)
-    finally:
-        if keep is not None:
-            keep_runs(plan, request.has_legacy, keep)
+    if keep is not None:
+        for run in (plan.autoencoder, *plan.runs):
+            keep_run(run, plan, request.has_legacy, keep)
+        perform = _keeping(perform, plan, keep)
+    failures = _fill(request, plan, perform, stop)
     results = _collect(request, plan, corpus, failures)
     facts = describe_work(request, plan.runs, corpus, command, time.monotonic() - start)
     _write(results._replace(facts=facts), out)
     return not results.failures
+
+
+def _keeping(perform: Perform, plan: Plan, keep: pathlib.Path) -> Perform:
+    """Return a function that trains and scores one run by `perform` and copies it to `keep`."""
+
+    def perform_and_keep(request: Request, corpus: pathlib.Path, run: Run, worker: int, stop: Stop) -> None:
+        perform(request, corpus, run, worker, stop)
+        keep_run(run, plan, request.has_legacy, keep)
+
+    return perform_and_keep
 
 
 def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[str, str]:

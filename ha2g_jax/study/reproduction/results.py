@@ -28,7 +28,7 @@ class RunState(NamedTuple):
     batch_size: int
     last_step: int
     scored_step: int | None
-    validation: float | None = None
+    validation: float | None
 
 
 class Results(NamedTuple):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ha2g_jax import synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.errors import UserError
 from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.metrics import beats, diversity
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
@@ -16,7 +17,7 @@ from ha2g_jax.study.evaluation import evaluate
 from ha2g_jax.study.evaluation.clip_result import ClipResult, from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.study.evaluation.rows import Rows, make_rows
-from ha2g_jax.study.reproduction.plan import Plan, Run, read_stored, retrieval_path, scores_path
+from ha2g_jax.study.reproduction.plan import Plan, Run, is_copy, read_stored, retrieval_path, scores_path
 from ha2g_jax.study.reproduction.request import Request
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH
 from ha2g_jax.study.talk.known_causes import score_known_causes, score_motion
@@ -29,11 +30,13 @@ def score_run(run: Run, plan: Plan, request: Request) -> None:
     """Score the checkpoint of a run on the splits of a plan and store the scores; do nothing where they are stored.
 
     Raises:
-        UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
+        UserError: the model or the auto-encoder cannot be read, or does not fit the corpus, or the run is a copy.
     """
     path = scores_path(run, plan, request.has_legacy)
     if path is None or read_stored(path) is not None:
         return
+    if is_copy(run):
+        raise UserError(f"{run.name} is a copy without weights, and has no scores of this kind; remove it to train it")
     scores = _score(run, plan, request)
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(scores, allow_nan=False) + "\n")

@@ -23,7 +23,7 @@ def test_workers_do_not_change_the_bytes(tiny_talk, tmp_path):
 
 
 def test_the_processor_does_not_change_the_bytes(tiny_talk, tmp_path):
-    """Runs of a study are found by the bytes of their corpus: the same with AVX-512 and with AVX2 alone."""
+    """The name of a run has the hash of its corpus, which must be the same with AVX-512 and with AVX2 alone."""
     features = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # pyright: ignore[reportOptionalSubscript]
     newer = [name for name in features if name.startswith(("AVX512", "X86_V4"))]
     if not newer:

@@ -59,7 +59,7 @@ def _results(name="table1", data="talk", size="small", seeds=3, steps=None, **ch
         for row in table.rows
     }
     runs = [
-        RunState(row.name, seed, f"run-{row.method}-{seed}", (steps or {}).get(row.name, 100), 4, 100, 50)
+        RunState(row.name, seed, f"run-{row.method}-{seed}", (steps or {}).get(row.name, 100), 4, 100, 50, 0.25)
         for row in table.rows
         for seed in range(seeds)
     ]

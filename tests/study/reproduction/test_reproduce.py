@@ -13,6 +13,7 @@ from ha2g_jax.files.child_process import Stop, stop_signals
 from ha2g_jax.study.reproduction import plan as plan_module
 from ha2g_jax.study.reproduction.jobs import Stopped
 from ha2g_jax.study.reproduction.plan import (
+    is_copy,
     is_finished,
     make_plan,
     read_stored,
@@ -85,8 +86,9 @@ class FakeRuns:
         for name in ("best", "latest"):
             (run.workdir / name / str(steps)).mkdir(parents=True)
             (run.workdir / name / str(steps) / "SHA256SUMS").write_text(f"{run.name} {steps}")
-        line = {"step": steps, "validation/loss/reconstruction": 0.125}
-        (run.workdir / "metrics.jsonl").write_text(json.dumps(line) + "\n")
+        lines = [{"step": 1, "loss/total": 2.0}, {"step": 1, "validation/loss/reconstruction": 0.5}]
+        lines += [{"step": steps, "loss/total": 1.0}, {"step": steps, "validation/loss/reconstruction": 0.125}]
+        (run.workdir / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
         (run.workdir / "best" / str(steps) / "weights").write_text("1 2 3")
         (run.workdir / "assets.json").write_text("{}")
         start = {"commit": "abc", "hardware": {"devices": {"abacus": 1}}}
@@ -274,36 +276,37 @@ def test_a_signal_stops_and_the_same_request_continues(request_):
     assert len(second.scored) == 8 and not set(first.scored) & set(second.scored)
 
 
-def test_kept_runs_give_the_same_report_without_weights_and_are_continued(request_, tmp_path):
+def _files(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_kept_runs_give_the_same_report_without_weights_and_are_continued(request_, corpus, tmp_path):
     """A study can be published, and continued on another machine, without the weights of its runs."""
     keep = tmp_path / "kept"
-    runs = FakeRuns(unlucky=("trimodal",))
-    _, report = _reproduce(request_, runs, keep=keep)
+    _, report = _reproduce(request_, FakeRuns(unlucky=("trimodal",)), keep=keep)
     (autoencoder,) = keep.glob("*autoencoder*")
     assert {path.parents[2] for path in keep.rglob("weights")} == {autoencoder}
-    assert not [path for path in keep.rglob("*.json*") if str(tmp_path) in path.read_text()]
+    assert not [path for path, data in _files(keep).items() if str(tmp_path).encode() in data]
     again = FakeRuns()
     _, from_copies = _reproduce(request_._replace(workdir=keep, has_training=False), again, tmp_path / "copies.md")
     assert not again.workers
-    assert [line for line in from_copies.splitlines() if "| HA2G |" in line] == [
-        line for line in report.splitlines() if "| HA2G |" in line
-    ]
+    copies, runs = (make_plan(request_._replace(workdir=folder), corpus).runs[0] for folder in (keep, request_.workdir))
+    assert is_copy(copies) and not is_copy(runs)
+    found, expected = ([line for line in text.splitlines() if "HA2G" in line] for text in (from_copies, report))
+    assert found == expected and "reconstruction error 0.125" in from_copies
     more = FakeRuns()
     assert _reproduce(request_._replace(workdir=keep), more)[0]
     assert more.trained and all("-trimodal-" in name for name in more.trained)
 
 
-def test_scores_of_another_kind_are_added_to_what_was_kept(request_, tmp_path):
-    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
-    _reproduce(request, FakeRuns(), keep=keep)
-    before = {path: path.read_bytes() for path in keep.rglob("*") if path.is_file()}
-    _reproduce(request._replace(has_legacy=True), FakeRuns(), keep=keep)
-    after = {path: path.read_bytes() for path in keep.rglob("*") if path.is_file()}
-    (added,) = after.keys() - before.keys()
-    assert added.name.startswith("scores-") and before.items() <= after.items()
+def test_a_copy_has_what_the_run_has_logged_of_the_validation_split(request_, tmp_path):
+    request, runs = request_._replace(table="table12", seeds=(0,)), FakeRuns()
+    _reproduce(request, runs, keep=tmp_path / "kept")
+    lines = (tmp_path / "kept" / runs.trained[1] / "metrics.jsonl").read_text().splitlines()
+    assert [json.loads(line).get("validation/loss/reconstruction") for line in lines] == [0.5, 0.125]
 
 
-def test_a_stopped_table_keeps_its_finished_runs(request_, tmp_path):
+def test_each_run_is_kept_when_it_ends(request_, tmp_path):
     class Stopping(FakeRuns):
         def __call__(self, request, corpus, run, worker, stop):
             super().__call__(request, corpus, run, worker, stop)
@@ -314,6 +317,32 @@ def test_a_stopped_table_keeps_its_finished_runs(request_, tmp_path):
     with pytest.raises(Stopped):
         _reproduce(request_, runs, stop=Stop(), keep=tmp_path / "kept")
     assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == sorted(runs.trained)
+
+
+def test_scores_of_another_kind_are_added_to_what_was_kept(request_, tmp_path):
+    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
+    _reproduce(request, FakeRuns(), keep=keep)
+    before = _files(keep)
+    _reproduce(request._replace(has_legacy=True), FakeRuns(), keep=keep)
+    (added,) = _files(keep).keys() - before.keys()
+    assert added.name.startswith("scores-") and before.items() <= _files(keep).items()
+
+
+def test_two_trainings_of_a_run_are_not_mixed(request_, tmp_path):
+    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
+    _reproduce(request, FakeRuns(), keep=keep)
+    (sums,) = keep.glob("*autoencoder*/best/*/SHA256SUMS")
+    sums.write_text("other weights")
+    before, runs = _files(keep), FakeRuns()
+    with pytest.raises(UserError, match="a copy of another training of this run; use another folder"):
+        _reproduce(request, runs, keep=keep)
+    assert _files(keep) == before and not runs.workers
+
+
+def test_keeping_needs_runs(request_, tmp_path):
+    with pytest.raises(UserError, match="leave out --keep"):
+        _reproduce(request_._replace(table="table5"), FakeRuns(), keep=tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
 
 
 @pytest.mark.parametrize(
