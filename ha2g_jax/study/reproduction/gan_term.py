@@ -7,10 +7,10 @@ from ha2g_jax.study.reproduction.paper_tables import WITHOUT_GAN
 from ha2g_jax.study.reproduction.run_estimates import MODEL, TRUTH, Scores, estimate
 from ha2g_jax.study.reproduction.tables import RowScores, markdown, number, spread_text
 
-WITH_GAN = "HA2G"
+_WITH_GAN = "HA2G"
 _MEASURES = {"jerk_ratio": "jerk / truth", "fgd": "FGD", "diversity_l1": "Diversity (L1)"}
 _TOLERANCE = 0.05  # share by which the reconstruction term may be larger with the GAN term
-NEARER = "nearer"
+_NEARER = "nearer"
 _RULE = f"""\
 The GAN term helps if one of these distances to the truth is smaller with it, with a 95 % interval over seeds that \
 excludes 0 (not corrected for their number), and if the reconstruction term on the validation split is at most \
@@ -32,7 +32,7 @@ def gan_lines(scores: RowScores, validation: Mapping[str, Mapping[int, float]], 
     Returns:
         Lines of Markdown; none where no seed has both rows.
     """
-    pair = [scores.get(name, {}) for name in (WITH_GAN, WITHOUT_GAN)]
+    pair = [scores.get(name, {}) for name in (_WITH_GAN, WITHOUT_GAN)]
     seeds = sorted(pair[0].keys() & pair[1].keys())
     lines: list[tuple[str, ...]] = [("distance to the truth", "with GAN", "without", "difference [95 %]", "verdict")]
     spreads = []
@@ -46,7 +46,8 @@ def gan_lines(scores: RowScores, validation: Mapping[str, Mapping[int, float]], 
         lines.append((title, *map(number, means), spread_text(spreads[-1]), _said(spreads[-1])))
     if not spreads:
         return []
-    return [_RULE, "", markdown(lines), "", _verdict(validation, seeds, any(_said(each) == NEARER for each in spreads))]
+    is_nearer = any(_said(each) == _NEARER for each in spreads)
+    return [_RULE, "", markdown(lines), "", _verdict(validation, seeds, is_nearer)]
 
 
 def _distances(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, Measured]:
@@ -57,11 +58,11 @@ def _distances(scores: Mapping[int, Scores], split: str, metric: str) -> dict[in
 def _said(spread: Spread) -> str:
     if spread.low is None or spread.high is None or spread.low <= 0 <= spread.high:
         return "undecided"
-    return NEARER if spread.high < 0 else "farther"
+    return _NEARER if spread.high < 0 else "farther"
 
 
 def _verdict(validation: Mapping[str, Mapping[int, float]], seeds: Sequence[int], is_nearer: bool) -> str:
-    ours, without = (validation.get(name, {}) for name in (WITH_GAN, WITHOUT_GAN))
+    ours, without = (validation.get(name, {}) for name in (_WITH_GAN, WITHOUT_GAN))
     if not all(seed in ours and seed in without for seed in seeds):
         return "Whether the fit is kept is not known, because a run has not logged the reconstruction term."
     spread = over_seeds([ours[seed] / without[seed] - 1 for seed in seeds])
