@@ -1,7 +1,8 @@
-"""Two-dimensional convolutions whose kernel gradient is a matrix product on CPUs.
+"""Two-dimensional convolutions with faster programs than those of XLA on CPUs.
 
-XLA computes the gradient of a kernel as a convolution whose window is a whole image, which is 1.5 to 10 times slower
-than products at the size of the paper (docs/performance.md). Small kernels, and accelerators, keep XLA's own gradient.
+Wide convolutions of 3 x 3 are Winograd's, with their gradients (`winograd`). For other wide kernels the gradient of the
+kernel is a matrix product: XLA computes it as a convolution whose window is a whole image, which is 1.5 to 10 times
+slower at the size of the paper (docs/performance.md). Small kernels, and accelerators, keep the programs of XLA.
 """
 
 import functools
@@ -11,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.layers import initializers
+from ha2g_jax.layers import chunks, initializers, winograd
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
@@ -47,8 +48,8 @@ class Conv(nn.Module):
 def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
     """Convolve images with a kernel.
 
-    It is `jax.lax.conv_general_dilated` with another program for the gradient of the kernel, so that it has gradients
-    of any order in reverse mode, but none in forward mode.
+    It is `jax.lax.conv_general_dilated` with other programs on CPUs, so that it has gradients of any order in reverse
+    mode, but none in forward mode.
 
     Args:
         x: (B, H, W, inputs).
@@ -59,12 +60,20 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
     Returns:
         (B, (H + 2 padding - height) // stride + 1, ..., channels).
     """
-    return _conv_with_products(x, kernel, stride, padding)
+    return _conv(x, kernel, stride, padding)
 
 
-def _conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
+def _native(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
     pairs = ((padding, padding), (padding, padding))
     return jax.lax.conv_general_dilated(x, kernel, stride, pairs, dimension_numbers=_LAYOUT)
+
+
+@functools.partial(jax.custom_vjp, nondiff_argnums=(2, 3))
+def _conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
+    native = functools.partial(_native, stride=stride, padding=padding)
+    if not is_faster_with_winograd(x, kernel, stride, padding):
+        return native(x, kernel)
+    return jax.lax.platform_dependent(x, kernel, cpu=functools.partial(winograd.conv, padding=padding), default=native)
 
 
 def _forward(x, kernel, stride, padding):
@@ -73,22 +82,34 @@ def _forward(x, kernel, stride, padding):
 
 def _backward(stride, padding, residuals, cotangent):
     x, kernel = residuals
-    (x_gradient,) = jax.linear_transpose(lambda x: _conv(x, kernel, stride, padding), x)(cotangent)
-    native = functools.partial(_kernel_gradient, kernel=kernel, stride=stride, padding=padding)
-    if not is_faster_with_products(x.shape, kernel.shape, cotangent.shape):
-        return x_gradient, native(x, cotangent)
-    products = functools.partial(kernel_gradient, size=kernel.shape[:2], stride=stride, padding=padding)
-    return x_gradient, jax.lax.platform_dependent(x, cotangent, cpu=products, default=native)
+    native = functools.partial(_native_kernel_gradient, kernel=kernel, stride=stride, padding=padding)
+    if is_faster_with_winograd(x, kernel, stride, padding):
+        x_gradient = _conv(cotangent, kernel[::-1, ::-1].swapaxes(2, 3), (1, 1), 2 - padding)
+        program = functools.partial(winograd.kernel_gradient, padding=padding)
+    else:
+        (x_gradient,) = jax.linear_transpose(lambda x: _native(x, kernel, stride, padding), x)(cotangent)
+        if not is_faster_with_products(x.shape, kernel.shape, cotangent.shape):
+            return x_gradient, native(x, cotangent)
+        program = functools.partial(kernel_gradient, size=kernel.shape[:2], stride=stride, padding=padding)
+    return x_gradient, jax.lax.platform_dependent(x, cotangent, cpu=program, default=native)
 
 
-_conv_with_products = jax.custom_vjp(_conv, nondiff_argnums=(2, 3))
-_conv_with_products.defvjp(_forward, _backward)
+_conv.defvjp(_forward, _backward)
+
+
+def is_faster_with_winograd(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> bool:
+    """Decide by the arguments of `conv` whether Winograd's convolution is faster on a CPU than that of XLA.
+
+    Its matrix products need 32 channels, and its sums are exact enough in float32 but not in narrower types.
+    """
+    is_3x3 = kernel.shape[:2] == (3, 3) and stride == (1, 1) and padding <= 2
+    return is_3x3 and min(kernel.shape[2:]) >= 32 and x.dtype.itemsize >= 4 and x.size * kernel.shape[3] >= 1 << 22
 
 
 def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotangent: tuple[int, ...]) -> bool:
     """Decide by the shapes of `conv` whether `kernel_gradient` is faster on a CPU than the gradient of XLA.
 
-    Products need wide matrices, and XLA small images; `benchmarks/kernel_gradient.py` measures both.
+    Products need wide matrices, and XLA small images; `benchmarks/conv.py` measures both.
     """
     rows, columns, inputs, channels = kernel
     if math.prod(cotangent[:-1]) * inputs * channels < 1 << 22:
@@ -97,10 +118,10 @@ def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotange
     return is_pointwise or inputs * channels >= 1 << 11 or math.prod(x[1:]) >= 1 << 17
 
 
-def _kernel_gradient(
+def _native_kernel_gradient(
     x: jax.Array, cotangent: jax.Array, *, kernel: jax.Array, stride: tuple[int, int], padding: int
 ) -> jax.Array:
-    return jax.linear_transpose(lambda kernel: _conv(x, kernel, stride, padding), kernel)(cotangent)[0]
+    return jax.linear_transpose(lambda kernel: _native(x, kernel, stride, padding), kernel)(cotangent)[0]
 
 
 def kernel_gradient(
@@ -120,19 +141,13 @@ def kernel_gradient(
     Returns:
         (height, width, inputs, channels), of the type of `cotangent`.
     """
-    (batch, *_, inputs), (_, height, width, channels) = x.shape, cotangent.shape
+    inputs, (_, height, width, channels) = x.shape[-1], cotangent.shape
     rows, columns = size
-    # A chunk has an image of each device, so that a batch that is split over devices stays split.
-    images = max(jax.device_count(), math.ceil(_ROWS / (height * width)))
-    chunk = math.gcd(batch, 1 << (images - 1).bit_length())
     padded = jnp.pad(x, ((0, 0), (padding, padding), (padding, padding), (0, 0)))
-    # The images of a chunk are those at the same place of each part of the batch.
-    parts = padded.reshape(chunk, batch // chunk, *padded.shape[1:])
-    cotangents = cotangent.reshape(chunk, batch // chunk, *cotangent.shape[1:])
+    parts, cotangents = (chunks.split(array, math.ceil(_ROWS / (height * width))) for array in (padded, cotangent))
 
     def add(total: jax.Array, index: jax.Array) -> tuple[jax.Array, None]:
-        image = jax.lax.dynamic_index_in_dim(parts, index, axis=1, keepdims=False)
-        out = jax.lax.dynamic_index_in_dim(cotangents, index, axis=1, keepdims=False).reshape(-1, channels)
+        image, out = chunks.take(parts, index), chunks.take(cotangents, index).reshape(-1, channels)
         # Updates in place copy faster than a concatenation, which XLA computes value by value.
         covered = jnp.zeros((*image.shape[:2], width, columns * inputs), image.dtype)
         for first in range(columns):
@@ -150,7 +165,7 @@ def kernel_gradient(
         return total + jnp.stack(products), None
 
     start = jnp.zeros((rows, channels, columns * inputs), jnp.float32)
-    total, _ = jax.lax.scan(add, start, jnp.arange(batch // chunk))
+    total, _ = jax.lax.scan(add, start, jnp.arange(parts.shape[1]))
     return total.reshape(rows, channels, columns, inputs).transpose(0, 2, 3, 1).astype(cotangent.dtype)
 
 

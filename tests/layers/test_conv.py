@@ -40,7 +40,7 @@ def arrays(height, width, inputs, channels, kernel, stride, padding, batch=2):
 def expected(x, cotangent, kernel, stride, padding):
     """Return XLA's gradient of a kernel."""
     zeros = jnp.zeros((*kernel, x.shape[-1], cotangent.shape[-1]))
-    return jax.vjp(lambda kernel: convolution._conv(x, kernel, stride, padding), zeros)[1](cotangent)[0]
+    return jax.vjp(lambda kernel: convolution._native(x, kernel, stride, padding), zeros)[1](cotangent)[0]
 
 
 def assert_equal(found, true):
@@ -87,8 +87,15 @@ def loss(function, x, kernel):
     return jnp.sum(jnp.tanh(function(jnp.sin(x), kernel)))
 
 
-@pytest.mark.usefixtures("by_products")
-def test_first_and_second_derivatives_are_those_of_xla():
+@pytest.fixture
+def by_winograd(monkeypatch):
+    """Let `conv` use Winograd's convolution for small arrays too."""
+    monkeypatch.setattr(convolution, "is_faster_with_winograd", lambda *_: True)
+
+
+@pytest.mark.parametrize(("program", "stride"), [("by_products", (2, 1)), ("by_winograd", (1, 1))])
+def test_first_and_second_derivatives_are_those_of_xla(program, stride, request):
+    request.getfixturevalue(program)
     random = np.random.default_rng(0)
     x, kernel = (random.normal(size=size).astype(np.float32) for size in ((3, 6, 5, 2), (3, 3, 2, 4)))
 
@@ -97,8 +104,8 @@ def test_first_and_second_derivatives_are_those_of_xla():
         second = jax.grad(lambda *args: sum(jnp.sum(jnp.square(leaf)) for leaf in first(*args)), argnums=(0, 1))
         return jax.jit(first)(x, kernel), jax.jit(second)(x, kernel)
 
-    ours = derivatives(lambda x, kernel: conv(x, kernel, (2, 1), 1))
-    xla = derivatives(lambda x, kernel: convolution._conv(x, kernel, (2, 1), 1))
+    ours = derivatives(lambda x, kernel: conv(x, kernel, stride, 1))
+    xla = derivatives(lambda x, kernel: convolution._native(x, kernel, stride, 1))
     jax.tree.map(assert_equal, ours, xla)
 
 
