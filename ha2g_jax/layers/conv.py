@@ -100,10 +100,12 @@ _conv.defvjp(_forward, _backward)
 def is_faster_with_winograd(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> bool:
     """Decide by the arguments of `conv` whether Winograd's convolution is faster on a CPU than that of XLA.
 
-    Its matrix products need 32 channels, and its sums are exact enough in float32 but not in narrower types.
+    Its matrix products need 32 channels, and enough positions to outweigh the transform of the kernel. Its sums are
+    exact enough in float32 but not in narrower types. `benchmarks/conv.py` measures both.
     """
     is_3x3 = kernel.shape[:2] == (3, 3) and stride == (1, 1) and padding <= 2
-    return is_3x3 and min(kernel.shape[2:]) >= 32 and x.dtype.itemsize >= 4 and x.size * kernel.shape[3] >= 1 << 22
+    is_wide = min(kernel.shape[2:]) >= 32 and math.prod(x.shape[:3]) >= 1 << 11
+    return is_3x3 and is_wide and x.dtype.itemsize >= 4 and x.size * kernel.shape[3] >= 1 << 22
 
 
 def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotangent: tuple[int, ...]) -> bool:
