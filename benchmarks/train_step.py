@@ -32,9 +32,9 @@ import jax
 from ha2g_jax import launch
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.train.machine import gib
 from ha2g_jax.train.measure import TimedStep
+from ha2g_jax.train.memory import keep_memory
 
 _SETTINGS = ("batch_size", "dtype", "accumulate", "devices")
 _COUNTS = {1: "one pass", 3: "three passes"}

@@ -3,7 +3,7 @@
 import sys
 
 from ha2g_jax import cli
-from ha2g_jax.files.memory import keep_memory
+from ha2g_jax.train.memory import keep_memory
 
 if __name__ == "__main__":
     keep_memory()

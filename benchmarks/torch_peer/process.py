@@ -61,7 +61,7 @@ class TorchProcess:
 
 
 def _serve(connection: Connection, values: dict, choices: Sequence[Choice], threads: int) -> None:
-    from ha2g_jax.files.memory import keep_memory
+    from ha2g_jax.train.memory import keep_memory
 
     keep_memory()
     import torch

@@ -14,8 +14,8 @@ from ha2g_jax.cli import data, evaluate, export, genea, generate, live, serve, s
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
-from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.train.memory import keep_memory
 
 _TRAINING = (["train"], ["doctor"], ["benchmark"])  # commands that run training steps
 

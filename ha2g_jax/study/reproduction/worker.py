@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.memory import keep_memory
 from ha2g_jax.study.reproduction.plan import Run, is_finished, make_plan
 from ha2g_jax.study.reproduction.request import Request
+from ha2g_jax.train.memory import keep_memory
 
 
 def main(work: Callable[[dict[str, Any]], None]) -> int:

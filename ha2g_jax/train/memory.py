@@ -5,7 +5,7 @@ import importlib.util
 import sys
 
 # Parameters of mallopt in malloc.h of glibc.
-_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
+_TRIM_THRESHOLD, _MMAP_MAX = -1, -4
 _ACCELERATORS = ("jax_plugins", "libtpu")  # packages with which JAX computes on GPUs and TPUs
 
 
@@ -14,15 +14,21 @@ def keep_memory() -> None:
 
     XLA requests the memory of a step when the step begins and frees it at its end. glibc returns such large blocks to
     the system, which has to clear each page again for the next step: a quarter of the processor time of a step
-    (docs/performance.md). With one arena for all threads, no mappings for single requests, and no trimming, the same
-    memory serves all steps. Threads then wait for each other when they request memory, which makes compilation slower.
+    (docs/performance.md). Without mappings for single requests and without trimming, the same memory serves all steps.
 
-    Call this before other threads start. Nothing changes where JAX has a plugin for an accelerator, which has memory of
-    its own, and on systems without glibc.
+    This holds for requests of the main thread. The arenas of other threads have no room for such blocks, so that JAX
+    shall run its programs in the thread that calls them. One arena for all threads would be enough as well, but a
+    compilation leaves it in more than 100,000 pieces, and each request of the step's threads then searches them.
+
+    Call this before the first computation. Nothing changes where JAX has a plugin for an accelerator, which has memory
+    of its own, and on systems without glibc.
     """
     if sys.platform != "linux" or any(map(importlib.util.find_spec, _ACCELERATORS)):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt:  # musl has none
-        for parameter, value in ((_ARENA_MAX, 1), (_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
+        for parameter, value in ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
             mallopt(parameter, value)
+        import jax  # here, since most commands that import this module do not train
+
+        jax.config.update("jax_cpu_enable_async_dispatch", False)
