@@ -16,12 +16,12 @@ def keep_memory() -> None:
     the system, which has to clear each page again for the next step: a quarter of the processor time of a step
     (docs/performance.md). Without mappings for single requests and without trimming, the same memory serves all steps.
 
-    This holds for requests of the main thread. The arenas of other threads have no room for such blocks, so that JAX
-    shall run its programs in the thread that calls them. One arena for all threads would be enough as well, but a
+    glibc can keep such blocks for the main thread alone, since the arenas of other threads are too small for them. JAX
+    therefore runs its programs in the thread that calls them. A single arena for all threads could keep them too, but a
     compilation leaves it in more than 100,000 pieces, and each request of the step's threads then searches them.
 
-    Call this before the first computation. Nothing changes where JAX has a plugin for an accelerator, which has memory
-    of its own, and on systems without glibc.
+    Call this in the main thread before the first computation, and train in that thread. Nothing changes where JAX has a
+    plugin for an accelerator, which has memory of its own, and on systems without glibc.
     """
     if sys.platform != "linux" or any(map(importlib.util.find_spec, _ACCELERATORS)):
         return
