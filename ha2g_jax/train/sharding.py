@@ -90,7 +90,11 @@ def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array
             f"set --config.train.batch_size to a multiple of {mesh.size}"
         )
     sharding = NamedSharding(mesh, PartitionSpec(AXIS))
-    return {name: jax.make_array_from_process_local_data(sharding, array) for name, array in batch.items()}
+    arrays = {name: jax.make_array_from_process_local_data(sharding, array) for name, array in batch.items()}
+    if jax.default_backend() == "cpu":
+        # JAX runs a program in the calling thread, as `memory.keep_memory` needs, only if its inputs are ready.
+        jax.block_until_ready(arrays)
+    return arrays
 
 
 def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainState, Metrics]]:
