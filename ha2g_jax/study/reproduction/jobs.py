@@ -112,15 +112,16 @@ def perform_in_process(
         UserError: the process failed; the message is its last line of output.
     """
     path = run.workdir.with_name(f"{run.name}.log")
+    cores = _cores(worker, request.jobs)
     task = {
         "request": request._asdict() | {"workdir": str(request.workdir.resolve())},
         "corpus": str(corpus),
         "run": run.name,
-        "cores": _cores(worker, request.jobs),
+        "cores": cores,
         "options": dict(options or {}),
     }
     given = json.dumps(task).encode()
-    environment = _environment(request, os.environ)
+    environment = _environment(request, len(cores), os.environ)
     error = run_logged([*(command or _WORKER), run.name], path, stop, given=given, environment=environment)
     if error and stop.number is None:
         raise UserError(error)
@@ -136,13 +137,17 @@ def _cores(worker: int, jobs: int) -> list[int]:
     return cores[start : start + size]
 
 
-def _environment(request: Request, environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment of a worker; variables that the user has set keep their values."""
+def _environment(request: Request, num_cores: int, environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a worker on `num_cores` cores, 0 for all; variables that the user has set are kept."""
     defaults = {
         # The seeds of a row have the same program, which is compiled once.
         "JAX_COMPILATION_CACHE_DIR": str(request.workdir.resolve() / "compiled"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
     }
+    if num_cores:
+        # NumPy counts the cores before the worker limits itself to its own. Its threads, which wait for work in a
+        # loop, would take turns on these: spectra took ten times as long.
+        defaults["OPENBLAS_NUM_THREADS"] = str(num_cores)
     if request.jobs > 1:  # the first process on an accelerator would take most of its memory
         defaults["XLA_PYTHON_CLIENT_MEM_FRACTION"] = f"{0.9 / request.jobs:.2f}"
     return defaults | dict(environment)
