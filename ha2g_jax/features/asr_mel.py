@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ha2g_jax.features.spectrum import mel_filters, power_spectrum
+from ha2g_jax.features.spectrum import mel_spectrum, power_spectrum
 
 NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
 ASR_COLUMNS_PER_SECOND = 100
@@ -40,7 +40,7 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
         (num_mels, 1 + samples // 160) float32.
     """
     padded = np.pad(np.asarray(audio, np.float32), _FFT_SIZE // 2, mode="reflect")
-    power = mel_filters(_SAMPLE_RATE, _FFT_SIZE, num_mels) @ power_spectrum(padded, _FFT_SIZE, _HOP_LENGTH)
+    power = mel_spectrum(power_spectrum(padded, _FFT_SIZE, _HOP_LENGTH), _SAMPLE_RATE, _FFT_SIZE, num_mels)
     decades = np.log10(np.maximum(power, np.float32(_LEAST_POWER)))
     return _scale(np.maximum(decades, np.max(decades) - np.float32(_DECADES)))
 

@@ -15,7 +15,7 @@ import soxr
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import sound_files
 from ha2g_jax.features.sound_files import Block
-from ha2g_jax.features.spectrum import mel_filters, mel_frequencies, power_spectrum
+from ha2g_jax.features.spectrum import mel_frequencies, mel_spectrum, power_spectrum
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.limits import MAX_SOUND_SECONDS, MAX_SOUND_VALUES
 
@@ -169,7 +169,7 @@ def mel_power(padded: np.ndarray) -> np.ndarray:
     Returns:
         (128, 1 + (samples - 1024) // 512) float32.
     """
-    return mel_filters(SAMPLE_RATE, FFT_SIZE, NUM_MELS) @ power_spectrum(padded, FFT_SIZE, HOP_LENGTH)
+    return mel_spectrum(power_spectrum(padded, FFT_SIZE, HOP_LENGTH), SAMPLE_RATE, FFT_SIZE, NUM_MELS)
 
 
 def decibels(power: np.ndarray, reference: float) -> np.ndarray:

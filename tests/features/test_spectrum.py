@@ -4,7 +4,7 @@ import librosa
 import numpy as np
 import pytest
 
-from ha2g_jax.features.spectrum import mel_filters, mel_frequencies, power_spectrum
+from ha2g_jax.features.spectrum import mel_filters, mel_frequencies, mel_spectrum, power_spectrum
 
 
 @pytest.mark.parametrize(("fft_size", "hop_length"), [(1024, 512), (400, 160)])
@@ -24,3 +24,10 @@ def test_the_filters_are_librosas(fft_size, num_mels):
     np.testing.assert_array_equal(found, librosa.filters.mel(sr=16000, n_fft=fft_size, n_mels=num_mels))
     expected = librosa.mel_frequencies(num_mels, fmin=0, fmax=8000)
     np.testing.assert_allclose(mel_frequencies(num_mels, 8000), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("fft_size", "num_mels"), [(1024, 128), (400, 80), (400, 128)])
+def test_every_band_has_all_of_its_frequencies(fft_size, num_mels):
+    power = np.random.default_rng(0).exponential(size=(1 + fft_size // 2, 70)).astype(np.float32)
+    expected = mel_filters(16000, fft_size, num_mels).astype(np.float64) @ power
+    np.testing.assert_allclose(mel_spectrum(power, 16000, fft_size, num_mels), expected, rtol=1e-5)

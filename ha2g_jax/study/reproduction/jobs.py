@@ -145,8 +145,8 @@ def _environment(request: Request, num_cores: int, environment: Mapping[str, str
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
     }
     if num_cores:
-        # NumPy counts the cores before the worker limits itself to its own. Its threads, which wait for work in a
-        # loop, would take turns on these: spectra took ten times as long.
+        # NumPy counts the cores before the worker limits itself to its own. Its threads, which wait for each other in
+        # a loop, would take turns on these.
         defaults["OPENBLAS_NUM_THREADS"] = str(num_cores)
     if request.jobs > 1:  # the first process on an accelerator would take most of its memory
         defaults["XLA_PYTHON_CLIENT_MEM_FRACTION"] = f"{0.9 / request.jobs:.2f}"
