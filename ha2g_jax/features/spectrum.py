@@ -8,6 +8,7 @@ _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's sca
 _LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
 _BLOCK_BYTES = 1 << 22  # of samples that are transformed together
 _NEIGHBOURS = 8  # bands that are filtered together: few enough to have few frequencies, many enough to be fast
+_COLUMNS = 256  # that are filtered together: few enough for a single thread of BLAS
 
 
 def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.ndarray:
@@ -34,9 +35,9 @@ def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.nda
 def mel_spectrum(power: np.ndarray, sample_rate: int, fft_size: int, num_mels: int) -> np.ndarray:
     """Filter power spectra with the triangles of the mel scale, `mel_filters(...) @ power`.
 
-    Neighbouring bands are a product with the frequencies of these bands alone. It has a tenth of the multiplications,
-    and is too small to be divided among the threads of BLAS. They wait for each other in a loop, on cores that a
-    training step or a generation beside it would use.
+    Neighbouring bands are a product with the frequencies of these bands alone. The products have a tenth of the
+    multiplications, and are too small to be divided among the threads of BLAS, which wait for each other in a loop and
+    so take cores from a training step or a generation beside them.
 
     Args:
         power: (1 + fft_size // 2, columns) float32, from `power_spectrum`.
@@ -47,8 +48,10 @@ def mel_spectrum(power: np.ndarray, sample_rate: int, fft_size: int, num_mels: i
     """
     filters = mel_filters(sample_rate, fft_size, num_mels)
     mels = np.empty((num_mels, power.shape[1]), np.float32)
-    for bands, frequencies in _groups(sample_rate, fft_size, num_mels):
-        np.matmul(filters[bands, frequencies], power[frequencies], out=mels[bands])
+    for start in range(0, power.shape[1], _COLUMNS):
+        columns = slice(start, start + _COLUMNS)
+        for bands, frequencies in _groups(sample_rate, fft_size, num_mels):
+            np.matmul(filters[bands, frequencies], power[frequencies, columns], out=mels[bands, columns])
     return mels
 
 
