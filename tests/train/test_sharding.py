@@ -117,3 +117,9 @@ def test_hosts_with_unequal_devices_are_refused(monkeypatch):
     monkeypatch.setattr(jax, "process_count", lambda: 2)  # the second host brings none of these devices
     with pytest.raises(UserError, match=r"hosts have 8, 0 devices.* --config\.train\.devices=0"):
         sharding.data_mesh()
+
+
+def test_a_batch_on_cpus_has_been_copied():
+    """JAX runs a program in the thread that calls it, whose memory is kept, only if the arguments are ready."""
+    array = np.ones((8, (1 << 22) + 1), np.float32)[:, 1:]  # its memory cannot be used as it is
+    assert all(sharding.shard_batch(sharding.data_mesh(), {"x": array})["x"].is_ready() for _ in range(5))
