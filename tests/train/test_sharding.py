@@ -3,6 +3,7 @@
 import pathlib
 import runpy
 import types
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -122,4 +123,8 @@ def test_hosts_with_unequal_devices_are_refused(monkeypatch):
 def test_a_batch_on_cpus_has_been_copied():
     """JAX runs a program in the thread that calls it, whose memory is kept, only if the arguments are ready."""
     array = np.ones((8, (1 << 22) + 1), np.float32)[:, 1:]  # its memory cannot be used as it is
-    assert all(sharding.shard_batch(sharding.data_mesh(), {"x": array})["x"].is_ready() for _ in range(5))
+
+    def is_ready(batch: dict[str, Any]) -> bool:
+        return batch["x"].is_ready()
+
+    assert all(is_ready(sharding.shard_batch(sharding.data_mesh(), {"x": array})) for _ in range(5))
