@@ -8,7 +8,7 @@ _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's sca
 _LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
 _BLOCK_BYTES = 1 << 22  # of samples that are transformed together
 _NEIGHBOURS = 8  # bands that are filtered together: few enough to have few frequencies, many enough to be fast
-_COLUMNS = 256  # that are filtered together: few enough for a single thread of BLAS
+_COLUMNS = 256  # columns that are filtered together: few enough for a single thread of BLAS
 
 
 def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.ndarray:
