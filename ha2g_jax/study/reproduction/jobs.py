@@ -166,7 +166,10 @@ class _Watch:
         self._bar = tqdm.tqdm(total=total, initial=self._before, desc=title, unit="step", disable=None, leave=False)
 
     def look(self, working: Sequence[Run]) -> None:
-        self._done |= {run.name: min(last_step(run), self._steps[run.name]) for run in working}
+        for run in working:
+            step = min(last_step(run), self._steps[run.name])
+            self._before -= max(self._done[run.name] - step, 0)  # a resumed run repeats steps after its checkpoint
+            self._done[run.name] = step
         self._bar.set_postfix_str(", ".join(run.name for run in working), refresh=False)
         self._bar.update(sum(self._done.values()) - self._bar.n)
 

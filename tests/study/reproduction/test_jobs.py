@@ -2,10 +2,13 @@
 
 import json
 import os
+import re
 import signal
 import sys
 import threading
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -101,6 +104,26 @@ def test_the_last_step_is_read_from_whole_lines(run):
     assert last_step(run) == 299
     path.write_text('{"step": 1')
     assert last_step(run) == 0
+
+
+def test_a_run_that_repeats_steps_leaves_a_positive_time(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(jobs, "_LOOK_EVERY", 0.01)
+    config: Any = SimpleNamespace(train=SimpleNamespace(steps=100))
+    repeating, scored = (Run(name, 0, config, tmp_path / name) for name in ("repeating", "scored"))
+    _write_step(repeating, 60)
+    _write_step(scored, 100)
+
+    def perform(request, corpus, run, worker, stop):
+        _write_step(run, 50 if run is repeating else 100)
+        time.sleep(0.3 if run is scored else 0.6)
+
+    assert not jobs.run_all(_request(tmp_path, jobs=2), tmp_path, [repeating, scored], perform, Stop(), "runs")
+    assert re.search(r"\[1/2\] scored: finished in \d s; about \d s left\n", capsys.readouterr().err)
+
+
+def _write_step(run, step):
+    run.workdir.mkdir(exist_ok=True)
+    (run.workdir / "metrics.jsonl").write_text(json.dumps({"step": step}) + "\n")
 
 
 def test_durations_are_readable():
