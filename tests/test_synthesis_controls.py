@@ -66,9 +66,9 @@ def test_a_mixture_that_is_none_is_one_line(text):
     ("arguments", "message"),
     [
         ({"style": Style(mixture={"ada": 1, "eve": 1})}, "no speaker 'eve' in the model; expected one of: ada, ben"),
-        ({"style": Style(mixture={"ada": -0.5, "ben": 1})}, "expected numbers from 0 on"),
-        ({"style": Style(mixture={"ada": 0})}, "expected numbers from 0 on"),
-        ({"style": Style(mixture={"ada": float("nan")})}, "expected numbers from 0 on"),
+        ({"style": Style(mixture={"ada": -0.5, "ben": 1})}, "expected numbers of at least 0"),
+        ({"style": Style(mixture={"ada": 0})}, "expected numbers of at least 0"),
+        ({"style": Style(mixture={"ada": float("nan")})}, "expected numbers of at least 0"),
         ({"style": Style(mixture={})}, "the weights of the style are none"),
         ({"style": Style(mixture={"ada": 1}, speaker="ada")}, "more than one source"),
         ({"style": Style(values=np.zeros(3))}, "values of shape (3,)"),

@@ -57,7 +57,7 @@ def parse_name(name: str) -> HubName:
     """
     found = _NAME.fullmatch(name.removeprefix(PREFIX))
     if not found or ".." in name:
-        raise UserError(f"{shown(name)} is no name of a model on the Hub; expected hf://OWNER/NAME@REVISION")
+        raise UserError(f"{shown(name)} is not the name of a model on the Hub; expected hf://OWNER/NAME@REVISION")
     return HubName(found[1], found[2])
 
 

@@ -39,7 +39,7 @@ def publish(
     """
     repository = hub.parse_name(name).repository
     if not _LICENCE.fullmatch(licence):
-        raise UserError(f"{shown(licence)} is no name of a licence; expected one such as apache-2.0 or cc-by-4.0")
+        raise UserError(f"{shown(licence)} is not the name of a licence; expected one such as apache-2.0 or cc-by-4.0")
     table = "" if scores is None else _text(scores)
     model = loading.load(source)
     with tempfile.TemporaryDirectory() as temporary:

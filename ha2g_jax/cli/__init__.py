@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     benchmark.description = "Measure the speed of training and generation on this machine, as tables in Markdown."
     benchmark.add_argument("--config", metavar="CONFIG", default="talk:small", help=f"{_CONFIG} (default: talk:small)")
     benchmark.add_argument(
-        "--batch-size", type=data.positive, metavar="B", help="windows in a step (default: of the config)"
+        "--batch-size", type=data.positive, metavar="B", help="windows in a step (default: that of the config)"
     )
     benchmark.add_argument(
         "--precision",

@@ -164,7 +164,12 @@ def _add_destination(command: argparse.ArgumentParser) -> None:
 def _add_split_and_licence(command: argparse.ArgumentParser) -> None:
     command.add_argument("--split", type=text, default="train", help="name of the split of all clips (default: train)")
     command.add_argument(
-        "--licence", type=text, default="", metavar="TEXT", help="licence of the data, stored in the corpus"
+        "--license",
+        dest="licence",
+        type=text,
+        default="",
+        metavar="TEXT",
+        help="licence of the data, kept in the corpus",
     )
 
 

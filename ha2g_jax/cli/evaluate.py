@@ -79,7 +79,7 @@ def add_command(commands: Any) -> None:
     folders.add_argument(
         "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
     )
-    folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of the two folders (default: found out)")
+    folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of both folders (default: that of the files)")
     add_reading(folders, joint_map=None)
     folders.add_argument("--protocol", choices=("beat2",), help="add the scores of the papers on BEAT2 (SMPL-X only)")
     folders.add_argument(

@@ -41,7 +41,7 @@ def _add_pack(parts: Any) -> None:
         metavar="N",
         help="samples of each clip; the leaderboard takes 5, or 1 (default: 5, or all in --motion)",
     )
-    pack.add_argument("--seed", type=read_seed, help="seed of sample 1, the next has the next (default: 0)")
+    pack.add_argument("--seed", type=read_seed, help="seed of sample 1; sample k has this seed + k - 1 (default: 0)")
     add_style(pack)
     body = pack.add_argument_group("body of the person")
     body.add_argument("--shapes", type=pathlib.Path, metavar="DIR", help="files of BEAT2 with the speakers' shapes")

@@ -46,13 +46,13 @@ def add_command(commands: Any) -> None:
     command.add_argument(
         "--backend",
         choices=("jax", "onnx"),
-        help="what computes the motion: onnx starts in about a second; it takes an .onnx, 'demo' or a model folder "
+        help="what computes the motion: onnx starts in under a second; it takes an .onnx, 'demo' or a model folder "
         "(default: onnx for an .onnx, else jax)",
     )
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")
     command.add_argument("--fps", type=float, help="frames per second of the motion, 1 to 240 (default: the model's)")
     command.add_argument(
-        "--words", type=pathlib.Path, help="transcript, for a baseline that reads words (default: beside speech)"
+        "--words", type=pathlib.Path, help="transcript, for a model that reads words (default: beside the speech)"
     )
     command.add_argument(
         "--size", default="720", metavar="WIDTHxHEIGHT", help="pixels of the video; one number for both (default: 720)"

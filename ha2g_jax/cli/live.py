@@ -52,7 +52,11 @@ def add_command(commands: Any) -> None:
         help="frames per second that are sent, up to 120; others are interpolated (default: the model's)",
     )
     command.add_argument(
-        "--look-ahead", type=int, default=3, metavar="FRAMES", help="frames of sound after a frame that it may use"
+        "--look-ahead",
+        type=int,
+        default=3,
+        metavar="FRAMES",
+        help="frames of sound after a frame that it may use (default: 3)",
     )
     command.add_argument("--hop", type=int, default=1, metavar="FRAMES", help="frames computed at once (default: 1)")
     command.add_argument("--seed", type=read_seed, default=0, help="seed of all random choices (default: 0)")

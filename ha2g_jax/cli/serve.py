@@ -38,7 +38,7 @@ def add_command(commands: Any) -> None:
     serve.add_argument(
         "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: 1)"
     )
-    limits = serve.add_argument_group("limits", "Each worker has these limits; all together they take the more.")
+    limits = serve.add_argument_group("limits", "Each worker has these limits; N workers take N times as much.")
     limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 8)")
     limits.add_argument(
         "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
@@ -56,7 +56,7 @@ def add_command(commands: Any) -> None:
         "--session-seconds", type=float, default=_DEFAULT.session_seconds, help="length of a stream (default: 3600)"
     )
     limits.add_argument(
-        "--idle-seconds", type=float, default=_DEFAULT.idle_seconds, help="a silent stream is ended (default: 30)"
+        "--idle-seconds", type=float, default=_DEFAULT.idle_seconds, help="silence that ends a stream (default: 30)"
     )
     limits.add_argument(
         "--grace", type=float, default=_DEFAULT.grace, help="seconds for running requests after SIGTERM (default: 30)"

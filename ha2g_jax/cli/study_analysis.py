@@ -68,9 +68,9 @@ def _add_power(commands: Any) -> None:
         "--comparisons", type=positive, default=1, metavar="N", help="number of tests to correct for (default: 1)"
     )
     spread = command.add_argument_group("standard deviations of the difference or the share")
-    spread.add_argument("--sd-participants", type=float, metavar="SD", help="between participants")
-    spread.add_argument("--sd-clips", type=float, metavar="SD", help="between clips")
-    spread.add_argument("--sd-rest", type=float, metavar="SD", help="of one rating around all else (mos only)")
+    spread.add_argument("--sd-participants", type=float, metavar="SD", help="standard deviation between participants")
+    spread.add_argument("--sd-clips", type=float, metavar="SD", help="standard deviation between clips")
+    spread.add_argument("--sd-rest", type=float, metavar="SD", help="standard deviation of one rating (mos only)")
     spread.add_argument("--equal", type=float, metavar="P", help="share of choices for neither (default: 0)")
     spread.add_argument(
         "--pilot", type=pathlib.Path, nargs="+", metavar="ANSWERS", help="estimate the other options from these answers"

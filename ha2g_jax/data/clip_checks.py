@@ -108,7 +108,7 @@ def _beyond_limits(fields: dict[str, Any], fps: float) -> str | None:
         "seconds": (frames / fps, MAX_CLIP_SECONDS),
         "frames": (frames, MAX_CLIP_FRAMES),
         "words": (len(fields["words"]), MAX_CLIP_WORDS),
-        "letters in a word or name": (longest, MAX_CLIP_NAME_LENGTH),
+        "characters in a word or name": (longest, MAX_CLIP_NAME_LENGTH),
         "images of the speaker": (len(fields["reference_images"] or ()), MAX_CLIP_IMAGES),
     }
     for what, (size, limit) in sizes.items():

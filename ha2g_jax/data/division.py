@@ -58,7 +58,7 @@ def divide(
         raise UserError(f"a corpus cannot be divided by {by!r}; expected one of {', '.join(BY)}")
     total = sum(fractions.values())
     if not np.isfinite(total) or total <= 0 or min(fractions.values()) < 0:
-        raise UserError(f"fractions are {dict(fractions)}, expected numbers from 0 on that are not all 0")
+        raise UserError(f"fractions are {dict(fractions)}, expected numbers of at least 0, not all of them 0")
     fractions = {split: fraction / total for split, fraction in fractions.items() if fraction > 0}
     corpus = Corpus.open(src)
     members = _members(corpus, by)

@@ -36,7 +36,7 @@ def open_media(path: pathlib.Path) -> InputContainer:
     """Open a file of sound or images, which the caller must close.
 
     Args:
-        path: path of the file, with any letters.
+        path: path of the file, with any characters.
 
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.

@@ -1,6 +1,6 @@
 """Metrics of motion: pure numpy functions of arrays, and the one table of all that are registered.
 
-A new metric is one file that defines a `Metric`, and one line in `METRICS`.
+A new metric is one file that defines a `Metric`, an import here, and one line in `_REGISTERED`.
 """
 
 from ha2g_jax.errors import UserError
@@ -64,7 +64,7 @@ def lookup(name: str) -> Metric:
         UserError: no metric is registered under that name.
     """
     if name not in METRICS:
-        raise UserError(f"no metric is registered as {name!r}; add it to METRICS in ha2g_jax/metrics/__init__.py")
+        raise UserError(f"no metric is registered as {name!r}; add it to _REGISTERED in ha2g_jax/metrics/__init__.py")
     return METRICS[name]
 
 

@@ -45,7 +45,7 @@ def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -
         UserError: the array has no numbers, or its lengths are those of neither.
     """
     if array.dtype.kind != "f" or not (np.abs(array) <= _MAX_VALUE).all():
-        raise UserError(f"{shown(path)} holds values that are no or too large numbers; expected direction vectors")
+        raise UserError(f"{shown(path)} holds values that are not numbers or are too large; expected direction vectors")
     whole = array.astype(np.float64).reshape(len(array), skeleton.num_bones, 3)
     added = whole + skeleton.mean_directions
     errors = [float(np.median(np.abs(np.linalg.norm(vectors, axis=-1) - 1))) for vectors in (whole, added)]

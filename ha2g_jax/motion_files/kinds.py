@@ -209,5 +209,5 @@ def borders_of(motion: Motion, path: pathlib.Path) -> tuple[int, ...]:
         return tuple(named_positions.read_borders(motion.meta, motion.num_frames).tolist())
     except (ValueError, TypeError, OverflowError) as error:
         raise UserError(
-            f"{shown(path)} has borders that are no frames ({reason(error)}); generate the motion again"
+            f"{shown(path)} has borders that are not frames ({reason(error)}); generate the motion again"
         ) from error

@@ -145,7 +145,7 @@ def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Pat
     if not np.isfinite(positions).all():
         frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
         raise UserError(
-            f"{shown(path)} has a position that is no number, of {skeleton.joints[joint]} in frame {frame}; "
+            f"{shown(path)} has a position that is not a number, of {skeleton.joints[joint]} in frame {frame}; "
             "export it again"
         )
     if (largest := np.abs(positions).max()) > _MAX_PLACE:

@@ -43,7 +43,7 @@ _ERROR: dict[str, Any] = {
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"description": "file of the motion", "content": {kind: {} for kind in (*TYPES.values(), _BINARY)}},
-    400: {"description": "the body is no form with one file", **_ERROR},
+    400: {"description": "the body is not a form with one file", **_ERROR},
     408: {"description": "the upload took too long", **_ERROR},
     413: {"description": "the upload is too large", **_ERROR},
     422: {"description": "the sound or the query cannot be used", **_ERROR},

@@ -6,7 +6,7 @@ import math
 from ha2g_jax.errors import UserError
 from ha2g_jax.serve.address import is_loopback
 
-_MIN_TOKEN = 16  # letters
+_MIN_TOKEN = 16  # characters
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Settings:
     Attributes:
         host: name or address to listen at.
         port: port to listen at, 0 for a free one.
-        token: secret that requests must have, at least 16 letters; None for none.
+        token: secret that requests must have, at least 16 characters; None for none.
         origins: origins of web pages of other hosts that may use the service, such as "https://example.org".
         workers: processes, each with a model of its own; the limits below are those of one of them.
         sessions: streams at a time.
@@ -60,15 +60,15 @@ def check(settings: Settings) -> None:
     if not 0 <= settings.port <= 65535:
         raise UserError(f"the port is {settings.port}; expected 0 to 65535")
     if settings.workers < 1:
-        raise UserError(f"--workers is {settings.workers}; expected a number from 1 on")
+        raise UserError(f"--workers is {settings.workers}; expected a number of at least 1")
     for name in ("sessions", "requests", "rate", "grace"):
         if not (math.isfinite(value := getattr(settings, name)) and value >= 0):
-            raise UserError(f"--{name} is {value}; expected a number from 0 on")
+            raise UserError(f"--{name} is {value}; expected a number of at least 0")
     for name in ("max_bytes", "max_seconds", "upload_seconds", "message_bytes", "session_seconds", "idle_seconds"):
         if not (math.isfinite(value := getattr(settings, name)) and value > 0):
             raise UserError(f"--{name.replace('_', '-')} is {value}; expected a number above 0")
     token = settings.token
     if token is not None and not (len(token) >= _MIN_TOKEN and token.isascii() and token.isprintable()):
-        raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} letters or more, drawn at random")
+        raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")
     if token is None and not is_loopback(settings.host):
         raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")

@@ -265,4 +265,4 @@ def _check(spec: Spec, look_ahead: Any, hop: Any, reference: float | None) -> No
     if not (isinstance(hop, int) and (1 <= hop <= longest or hop == window - overlap)):
         raise UserError(f"the hop is {hop}; expected 1 to {longest} frames, or {window - overlap}")
     if reference is not None and not 0 <= reference < np.inf:
-        raise UserError(f"the mel power of 0 dB is {reference}; expected a number from 0 on")
+        raise UserError(f"the mel power of 0 dB is {reference}; expected a number of at least 0")

@@ -163,7 +163,7 @@ def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
     total = sum(weights.values())
     if not (math.isfinite(total) and total > 0 and min(weights.values()) >= 0):
         found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
-        raise UserError(f"the weights of the style are {found}; expected numbers from 0 on, not all of them 0")
+        raise UserError(f"the weights of the style are {found}; expected numbers of at least 0, not all of them 0")
     return {name: weight / total for name, weight in weights.items()}
 
 

@@ -94,7 +94,7 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
     for source in sources:
         model = loading.load(source)
         if model.config.method != config.method:
-            raise UserError(f"{source} is a model of {model.config.method}, the config one of {config.method}")
+            raise UserError(f"{source} is a model of {model.config.method}, but the config of {config.method}")
         own = config.copy_and_resolve_references()
         with own.unlocked():
             own.model = model.config.model

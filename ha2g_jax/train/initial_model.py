@@ -36,9 +36,9 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     """
     model = loading.load(source)
     if model.spec.method != spec.method:
-        raise UserError(f"{source} is a model of {model.spec.method}, the config one of {spec.method}")
+        raise UserError(f"{source} is a model of {model.spec.method}, but the config of {spec.method}")
     if model.spec.skeleton.bones != spec.skeleton.bones:
-        raise UserError(f"{source} moves {model.spec.skeleton.name}, the config {spec.skeleton.name}")
+        raise UserError(f"{source} has skeleton {model.spec.skeleton.name}, but the config has {spec.skeleton.name}")
     found = weights.flatten(model.variables)
     if _WORDS in found:
         found[_WORDS] = _word_table(found[_WORDS], model.assets.vocabulary, vocabulary)

@@ -91,7 +91,7 @@ def test_only_the_files_of_a_model_are_fetched_and_none_that_is_too_large(server
     "name", ["hf://", "hf://ada", "hf://ada/../etc", "hf://ada/x/y", "hf://ada/x@", "hf://ada/x@a b", "hf://-a/x"]
 )
 def test_names_of_another_form_are_refused_before_the_network(name):
-    with pytest.raises(UserError, match="no name of a model on the Hub"):
+    with pytest.raises(UserError, match="not the name of a model on the Hub"):
         hub.parse_name(name)
 
 

@@ -122,8 +122,8 @@ def test_refusals(original, tmp_path):
     cases = {
         "has 5 speakers, too few for 6 splits": {"by": "speaker", "fractions": {str(part): 1 for part in range(6)}},
         "cannot be divided by 'clip'; expected one of recording, speaker": {"by": "clip"},
-        "expected numbers from 0 on": {"fractions": {"train": -1, "val": 2}},
-        "that are not all 0": {"fractions": {"train": 0}},
+        "expected numbers of at least 0": {"fractions": {"train": -1, "val": 2}},
+        "not all of them 0": {"fractions": {"train": 0}},
     }
     for message, arguments in cases.items():
         with pytest.raises(UserError, match=message):

@@ -85,7 +85,7 @@ def nested(count: int, name: str = "j", frames: int = 1) -> str:
 
 
 LARGE = {
-    "names": (nested(20, "n" * 64_000), "a name of 64001 letters"),
+    "names": (nested(20, "n" * 64_000), "a name of 64001 characters"),
     "joints": (nested(1_000, frames=216_000), "expected at most 30,000,000 numbers"),
     "depth": (nested(1_000), "does not fit the joint map"),
     "more joints": (nested(1_001), "more than 1000 joints"),
@@ -132,10 +132,10 @@ MAPS = {
     "merges": ("a: &a {x: y}\nb: {<<: *a}\n", "an alias"),
     "depth": ("[" * 30_000, "nested too deep"),
     "maps": ("".join(f"{' ' * i}a:\n" for i in range(200)), "nested too deep"),
-    "digits": ("spine: 0x" + "f" * 60_000, "more than 200 letters"),
+    "digits": ("spine: 0x" + "f" * 60_000, "more than 200 characters"),
     "unit": ("unit: 0x" + "f" * 60_000, "has `unit"),
     "up": ("up: 0x" + "f" * 60_000, "has `up"),
-    "name": ("spine: " + "x" * 60_000, "more than 200 letters"),
+    "name": ("spine: " + "x" * 60_000, "more than 200 characters"),
 }
 
 

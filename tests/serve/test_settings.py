@@ -9,7 +9,7 @@ from ha2g_jax.serve.settings import Settings, check
 BAD_SETTINGS = {
     "host": ({"host": "0.0.0.0"}, "other machines reach 0.0.0.0: give --token"),
     "empty host": ({"host": ""}, "give --token"),
-    "short token": ({"token": "secret"}, "16 letters"),
+    "short token": ({"token": "secret"}, "16 or more random characters"),
     "port": ({"port": 70000}, "the port is 70000"),
     "rate": ({"rate": float("nan")}, "--rate is nan"),
     "grace": ({"grace": -1}, "--grace is -1"),

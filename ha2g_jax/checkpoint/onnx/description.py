@@ -83,7 +83,7 @@ def from_metadata(metadata: Mapping[str, str]) -> Description:
     if metadata.get("format") != FORMAT:
         raise ValueError("not written by ha2g export-onnx, or of another version")
     if sum(map(len, metadata.values())) > MAX_ASSETS_BYTES:
-        raise ValueError(f"more than {MAX_ASSETS_BYTES} letters of metadata")
+        raise ValueError(f"more than {MAX_ASSETS_BYTES} characters of metadata")
     texts = {name: metadata[name] for name in _TEXTS}
     if any(len(text) > _MAX_TEXT or not text.isprintable() for text in texts.values()):
         raise ValueError("a text of the metadata is too long or cannot be printed")

@@ -134,7 +134,7 @@ class _Reader:
         if name in self._joints:
             raise self._error(f"a second joint {short(name)}, expected unique names and no cycles")
         if len(name) > MAX_JOINT_NAME:
-            raise self._error(f"a joint with a name of {len(name)} letters, expected at most {MAX_JOINT_NAME}")
+            raise self._error(f"a joint with a name of {len(name)} characters, expected at most {MAX_JOINT_NAME}")
         if len(self._joints) == MAX_BVH_JOINTS:
             raise self._error(f"more than {MAX_BVH_JOINTS} joints, expected the skeleton of a person")
         self._joints[name] = parent
@@ -197,7 +197,7 @@ class _Reader:
                 raise self._error(f"a line of {_MAX_LINE} characters or more, so it is not a BVH file")
             if self._num_letters > MAX_BVH_HEADER or self._line > MAX_BVH_LINES:
                 raise self._error(
-                    f"more than {MAX_BVH_LINES} lines or {MAX_BVH_HEADER} letters before the motion, so it is not BVH"
+                    f"more than {MAX_BVH_LINES} lines or {MAX_BVH_HEADER} characters before the motion: it is not BVH"
                 )
             if self._in_motion:
                 line = line.replace(":", " ")

@@ -173,7 +173,7 @@ def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
     if any(
         (isinstance(item, int) and abs(item) >= 10**MAX_JOINT_NAME) or len(str(item)) > MAX_JOINT_NAME for item in names
     ):
-        raise UserError(f"{name} has a name of more than {MAX_JOINT_NAME} letters for {_text(key)}; correct it")
+        raise UserError(f"{name} has a name of more than {MAX_JOINT_NAME} characters for {_text(key)}; correct it")
     return tuple(str(item) for item in names)
 
 

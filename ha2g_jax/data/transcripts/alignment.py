@@ -68,8 +68,8 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
         raise UserError("the transcript has no words; expected the text of the recording")
     if len(texts) > MAX_WORDS or max(map(len, texts)) > _MAX_LETTERS:
         raise UserError(
-            f"the transcript has {len(texts)} words, the longest of {max(map(len, texts))} letters; expected at most "
-            f"{MAX_WORDS} words of {_MAX_LETTERS} letters: give the text of this recording alone"
+            f"the transcript has {len(texts)} words, the longest of {max(map(len, texts))} characters; expected at "
+            f"most {MAX_WORDS} words of {_MAX_LETTERS} characters: give the text of this recording alone"
         )
     decoder = _load(texts)
     placed = _place(audio, texts, _recognise(decoder, audio, texts))

@@ -113,7 +113,7 @@ def _check_cues(lines: Sequence[str], border: str, path: pathlib.Path) -> None:
     num_letters = sum(map(len, lines)) + len(lines)
     if num_letters > MAX_SUBTITLE_LETTERS:
         raise UserError(
-            f"{shown(path)} has {num_letters} letters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file"
+            f"{shown(path)} has {num_letters} characters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file"
         )
     places = [-1, *(i for i, line in enumerate(lines) if (border in line if border else not line)), len(lines)]
     longest = max(after - before for before, after in itertools.pairwise(places)) - 1

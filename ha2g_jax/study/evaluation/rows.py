@@ -140,7 +140,7 @@ def _check_alike(clips: Sequence[ClipResult]) -> None:
                 f"{first.directions.shape[1]} at {first.fps:g}; evaluate motion of one skeleton and one rate at a time"
             )
         if not np.isfinite(clip.directions).all():
-            raise UserError(f"the motion of {clip.id} has values that are no numbers; generate it again")
+            raise UserError(f"the motion of {clip.id} has values that are not numbers; generate it again")
 
 
 def _method_row(

@@ -163,7 +163,7 @@ def _wrong_arrays(arrays: Mapping[str, np.ndarray]) -> list[str]:
         if array.shape != shape or not count:
             wrong.append(f"{name} has shape {array.shape}, expected ({', '.join(map(str, shape))}) of frames")
         elif array.dtype.kind != "f" or not np.isfinite(array).all():
-            wrong.append(f"{name} has values of {array.dtype} that are no finite floats")
+            wrong.append(f"{name} has values of {array.dtype} that are not finite floats")
     rate = arrays["mocap_frame_rate"]
     if rate.size != 1 or rate.dtype.kind not in "iuf" or float(rate.reshape(())) != FPS:
         wrong.append(f"mocap_frame_rate is {str(rate)[:40]} of type {rate.dtype}, expected the number {FPS:g}")

@@ -31,7 +31,7 @@ A value is the mean over seeds [its t interval over seeds, {LEVEL:.0%}] (the boo
 recording, {LEVEL:.0%}, mean of the seeds). The first says how far another training would be off, the second how far \
 other speech would be. For beats and diversity the value to reach is ground truth's; more is not better. Beat gain is \
 F with the own speech less F with other clips' speech. The paper's BC is another measure (speech to motion only, not \
-against chance) and stands beside it for its order, not for its size. Rows in *italics* are no models: they show what \
+against chance) and stands beside it for its order, not for its size. Rows in *italics* are not models: they show what \
 a measure does with motion that is known to be good or bad."""
 _TALK_HOW_TO_READ = """\
 Talk knows which syllable or word causes which movement. Beat F1 and its gain are about the strokes that sound causes. \
@@ -90,7 +90,7 @@ def caveats(results: Results) -> list[str]:
     table, seeds = results.table, sorted({run.seed for run in results.runs})
     found = []
     if results.data == "talk":
-        found.append("Talk is a testbed made by a program: these are no numbers on people.")
+        found.append("Talk is a testbed made by a program: these numbers do not describe people.")
     found.append(
         "FGD and Diversity are of the auto-encoder named above and can be compared with no other's, so not in size "
         f"with the published values ({table.published_on}); compare the order of the rows."

@@ -155,7 +155,7 @@ def _participant(content: Any, path: pathlib.Path, key: Key) -> Participant:
     finished = _time(content.get("finished"), "finished")
     comments = content.get("comments", "")
     _check(isinstance(comments, str), "comments are not text")
-    _check(len(comments) <= MAX_COMMENTS, f"comments of more than {MAX_COMMENTS} letters")
+    _check(len(comments) <= MAX_COMMENTS, f"comments of more than {MAX_COMMENTS} characters")
     answers = tuple(_answers(content, key))
     checks = [answer for answer in answers if answer.item.kind == ATTENTION]
     failed = sum(answer.ratings != (answer.item.expected,) for answer in checks)

@@ -73,7 +73,7 @@ def read_wording(
         UserError: a text cannot be read or is empty, the title is too long, or the address cannot be used.
     """
     if not title.strip() or len(title) > _MAX_TITLE or not title.isprintable():
-        raise UserError(f"the title has {len(title)} letters; expected 1 to {_MAX_TITLE} in one line")
+        raise UserError(f"the title has {len(title)} characters; expected 1 to {_MAX_TITLE} in one line")
     return Wording(
         title.strip(),
         _paragraphs(consent, _CONSENT),

@@ -34,7 +34,7 @@ WRONG = {
     "no betas": ({"betas": None}, "no array betas"),
     "short betas": ({"betas": np.zeros(16, np.float32)}, r"betas has shape \(16,\), expected \(300\)"),
     "SMPL-H": ({"poses": np.zeros((69, 156), np.float32)}, r"poses has shape \(69, 156\)"),
-    "not finite": ({"trans": np.full((69, 3), np.nan, np.float32)}, "trans has values of float32 that are no finite"),
+    "not finite": ({"trans": np.full((69, 3), np.nan, np.float32)}, "trans has values of float32 that are not finite"),
     "objects": ({"poses": np.zeros((69, 165), object)}, "sample_2"),
     "rate": ({"mocap_frame_rate": np.array(15)}, "mocap_frame_rate is 15 of type int64, expected the number 30"),
     "rate as text": ({"mocap_frame_rate": np.array("30")}, "mocap_frame_rate is 30 of type <U2"),

@@ -119,7 +119,7 @@ def test_known_causes_are_only_talk_s():
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({}, "Talk is a testbed made by a program: these are no numbers on people."),
+        ({}, "Talk is a testbed made by a program: these numbers do not describe people."),
         ({}, "can be compared with no other's"),
         ({"size": "debug"}, "its numbers say nothing about the methods"),
         ({"seeds": 1}, "1 seed a row: too few"),
