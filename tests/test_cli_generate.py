@@ -12,9 +12,11 @@ import soundfile
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.errors import UserError
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.synthesis import files
 from ha2g_jax.synthesis.paths import SUFFIXES, out_paths, plan
 
 
@@ -203,6 +205,8 @@ MISTAKES = {
     "not a checkpoint": ["{speech}", "--checkpoint", "{bad}/text.wav"],
     "unwritable": ["{speech}", "-o", "{bad}/text.wav/out"],
     "overwrites the speech": ["{bad}/film.mp4", "-o", "{bad}/film"],
+    "overwrites the transcript": ["{speech}", "--words", "{bad}/film.mp4", "-o", "{bad}/film.mp4"],
+    "overwrites an image": ["{speech}", "--reference-image", "{bad}/film.mp4", "-o", "{bad}/film.mp4"],
     "overwrites the speech with one file": ["{bad}/film.mp4", "-o", "{bad}/film.mp4"],
 }
 
@@ -252,6 +256,25 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
     assert [task.paths for task in in_folder] == [
         (tmp_path / "new" / f"{n}_gestures.bvh",) for n in ("second", "speech")
     ]
+
+
+def test_no_result_overwrites_a_file_that_is_read(speech, tmp_path):
+    out = tmp_path / "pose.npz"
+    plan(speech, out, others=[tmp_path / "other.npz"])
+    with pytest.raises(UserError, match=r"would overwrite .*pose\.npz; choose another name"):
+        plan(speech, out, others=[tmp_path / "below" / ".." / "pose.npz"])
+
+
+def test_a_transcript_that_is_found_is_not_overwritten(speech, tmp_path, monkeypatch):
+    class Reader:
+        reads_words = True
+
+    transcript = speech.with_suffix(".json")
+    transcript.write_text("[]")
+    monkeypatch.setattr(files, "load", lambda *_: Reader())
+    with pytest.raises(UserError, match=r"would overwrite .*speech\.json"):
+        files.generate_files(speech, transcript)
+    assert transcript.read_text() == "[]"
 
 
 def test_a_file_that_fails_is_named_and_the_others_are_written(checkpoint, recordings, tmp_path, capsys):

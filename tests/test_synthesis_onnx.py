@@ -1,6 +1,8 @@
 """An ONNX file generates the motion of the model that it was exported from, without JAX."""
 
 import json
+import pathlib
+import shutil
 import subprocess
 import sys
 
@@ -87,6 +89,14 @@ def test_a_model_folder_is_exported_to_the_cache_once(folder, tmp_path, monkeypa
     assert backends.exported(folder).stat().st_mtime_ns == written
 
 
+def test_a_model_folder_with_other_assets_is_exported_again(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
+    changed = pathlib.Path(shutil.copytree(folder, tmp_path / "changed"))
+    assets = json.loads((changed / "assets.json").read_text())
+    (changed / "assets.json").write_text(json.dumps(assets, indent=1))
+    assert backends.exported(folder) != backends.exported(changed)
+
+
 def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
     file = folder.with_suffix(".onnx")
@@ -97,7 +107,8 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
     with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
         loading.load(file)
     (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
-    (tmp_path / "model.safetensors").write_bytes(b"")
+    for name in ("model.safetensors", "config.json"):
+        (tmp_path / name).write_bytes(b"")
     with pytest.raises(UserError, match="has no hash of the weights"):
         backends.load(tmp_path, "onnx")
 

@@ -10,6 +10,17 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
 
 
+def check_file(path: str | pathlib.Path) -> None:
+    """Check that a path names a file and not a folder, before work whose result will be written to it.
+
+    Raises:
+        UserError: the path is that of a folder.
+    """
+    path = pathlib.Path(path)
+    if not path.name or path.is_dir():
+        raise UserError(f"cannot write {shown(path)} (is a folder); give the path of a file")
+
+
 @contextlib.contextmanager
 def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     """Provide a temporary path, which is renamed to `path` when the context ends without an exception.
@@ -27,6 +38,10 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
         UserError: the file cannot be written, or the disk is full.
     """
     path = pathlib.Path(path)
+    if not path.name:
+        check_file(path)
+    if path.is_symlink():  # its target is written, and the link stays
+        path = path.resolve()
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     new_folders: list[pathlib.Path] = []
     try:

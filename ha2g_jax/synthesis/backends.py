@@ -1,5 +1,6 @@
 """What computes the motion of `ha2g generate`: JAX, or ONNX Runtime, which starts without JAX."""
 
+import hashlib
 import importlib.metadata
 import importlib.resources
 import pathlib
@@ -51,8 +52,8 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     folder = hub.fetch(str(checkpoint)) if hub.is_hub_name(checkpoint) else pathlib.Path(checkpoint)
     if checkpoint == "demo":
         folder = pathlib.Path(str(importlib.resources.files("ha2g_jax") / "assets" / "demo"))
-    assets = folder / "assets.json"
-    if not (assets.is_file() and (folder / "model.safetensors").is_file()):
+    assets, config = folder / "assets.json", folder / "config.json"
+    if not all(path.is_file() for path in (assets, config, folder / "model.safetensors")):
         raise UserError(
             f"no model folder at {shown(checkpoint)}; write an ONNX file with ha2g export-onnx, and give it as "
             "--checkpoint"
@@ -62,7 +63,9 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     if not (isinstance(name, str) and name.isalnum() and name.isascii() and len(name) <= 64):
         raise UserError(f"{shown(assets)} has no hash of the weights; export or download the model again")
     version = importlib.metadata.version("ha2g-jax")
-    path = cache_folder() / "onnx" / f"{name}-{version}{SUFFIX}"
+    # The file also has the assets and the config, which may change while the weights stay.
+    digest = hashlib.sha256(assets.read_bytes() + config.read_bytes()).hexdigest()[:16]
+    path = cache_folder() / "onnx" / f"{name}-{digest}-{version}{SUFFIX}"
     if not path.is_file():
         with one_maker(path):
             if not path.is_file():

@@ -18,7 +18,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.backends import load
 from ha2g_jax.synthesis.generator import Generator, Options
-from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
+from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, check_kept, plan
 from ha2g_jax.synthesis.speech import Audio, read_speech
 
 
@@ -65,7 +65,7 @@ def generate_files(
     if words is not None:
         with reading(words, "a transcript"), words.open("rb"):
             pass
-    tasks = plan(speech, out, suffix)
+    tasks = plan(speech, out, suffix, _others(words, options))
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
     if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
@@ -74,6 +74,10 @@ def generate_files(
         check_size((size, size) if isinstance(size, int) else size)
     with stage("loading the model"):
         model = load(checkpoint, backend)
+    if model.reads_words and words is None:
+        from ha2g_jax.data import transcripts
+
+        check_kept(tasks, [found for task in tasks if (found := transcripts.find(task.speech)) is not None])
     if len(tasks) == 1:
         _generate(model, tasks[0], words, size, report, options)
         return tasks[0].paths
@@ -90,6 +94,17 @@ def generate_files(
     if failed:
         raise UserError(f"{failed} of {len(tasks)} files failed, for the reasons above")
     return tuple(path for task in tasks for path in task.paths)
+
+
+def _others(words: pathlib.Path | None, options: Options) -> list[Path]:
+    """Return the paths of the files that are read beside the speech."""
+    paths: list[Path] = [] if words is None else [words]
+    seed_pose = options.get("seed_pose")
+    if isinstance(seed_pose, Path):
+        paths.append(seed_pose)
+    style = options.get("style")
+    images = None if style is None else style.images
+    return [*paths, *([images] if isinstance(images, Path) else images or ())]
 
 
 def _generate(

@@ -30,15 +30,18 @@ class Task(NamedTuple):
     paths: tuple[pathlib.Path, ...]
 
 
-def plan(speech: Path | Sequence[Path], out: Path | None = None, suffix: str | None = None) -> list[Task]:
+def plan(
+    speech: Path | Sequence[Path], out: Path | None = None, suffix: str | None = None, others: Sequence[Path] = ()
+) -> list[Task]:
     """Return what is read and written; no two files share a path, and each file of speech can be opened.
 
     Args:
         speech, out, suffix: see `synthesis.generate_files`.
+        others: paths of the files that are read beside the speech.
 
     Raises:
         UserError: there is no speech, a file cannot be opened, the folder of the results cannot be written, a suffix is
-            unknown, two results would have one path, or a result would overwrite a file of speech.
+            unknown, two results would have one path, or a result would overwrite a file that is read.
     """
     inputs = [pathlib.Path(path) for path in ([speech] if isinstance(speech, Path) else speech)]
     if not inputs:
@@ -55,8 +58,25 @@ def plan(speech: Path | Sequence[Path], out: Path | None = None, suffix: str | N
         tasks = [Task(path, _gestures(path, folder, suffix)) for path in find_speech(inputs)]
         for target in {task.paths[0].parent for task in tasks}:
             _check_writable(target)
+    check_kept(tasks, [*(task.speech for task in tasks), *map(pathlib.Path, others)])
     _check_distinct(tasks)
     return tasks
+
+
+def check_kept(tasks: list[Task], inputs: Sequence[pathlib.Path]) -> None:
+    """Check that no result would overwrite a file that is read.
+
+    Args:
+        tasks: files that are written.
+        inputs: paths of the files that are read.
+
+    Raises:
+        UserError: a result would overwrite one of them.
+    """
+    kept = {path.resolve(): path for path in inputs}
+    for path in (path for task in tasks for path in task.paths):
+        if (resolved := path.resolve()) in kept:
+            raise UserError(f"the result would overwrite {shown(kept[resolved])}; choose another name with --out")
 
 
 def out_paths(speech: pathlib.Path, out: Path | None = None, suffix: str | None = None) -> tuple[pathlib.Path, ...]:
@@ -142,14 +162,11 @@ def _check_writable(folder: pathlib.Path) -> None:
 
 
 def _check_distinct(tasks: list[Task]) -> None:
-    """Check that no result would overwrite the speech or another result."""
-    inputs = {task.speech.resolve(): task.speech for task in tasks}
+    """Check that no result would overwrite another result."""
     writers: dict[pathlib.Path, pathlib.Path] = {}
     for task in tasks:
         for path in task.paths:
             resolved = path.resolve()
-            if resolved in inputs:
-                raise UserError(f"the result would overwrite {shown(inputs[resolved])}; choose another name with --out")
             if resolved in writers:
                 raise UserError(
                     f"{shown(writers[resolved])} and {shown(task.speech)} would both be written to {shown(path)}; "

@@ -41,7 +41,7 @@ def export(
     """
     out = pathlib.Path(out)
     if out.suffix.lower() != SUFFIX:
-        raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.with_suffix(SUFFIX).name)}")
+        raise UserError(f"an ONNX file ends in {SUFFIX}; name it {shown(out.stem or 'model')}{SUFFIX}")
     loaded = loading.load(source)
     model = build(loaded, weights=weights, license=license or ("Apache-2.0" if source == "demo" else ""))
     content = model.SerializeToString()

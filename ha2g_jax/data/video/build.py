@@ -77,8 +77,8 @@ def build_video(
         The counts of the split.
 
     Raises:
-        UserError: `dst` exists, no video is found, PySceneDetect or the pose estimator is not
-            installed, all videos fail, or no clip is left.
+        UserError: `dst` exists, no video is found, an overlay would overwrite one, PySceneDetect or the pose estimator
+            is not installed, all videos fail, or no clip is left.
     """
     dst, settings = pathlib.Path(dst).absolute(), settings or VideoSettings()
     overlay = pathlib.Path(overlay).absolute() if overlay is not None else None
@@ -87,6 +87,8 @@ def build_video(
     if runner not in RUNNERS:
         raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
     root, recordings = find_recordings(videos, without=overlay)
+    if overlay is not None:
+        _check_kept(recordings, overlay)
     if runner == "local":  # the nodes of a cluster have environments of their own
         shots.check_installed()
         if settings.pose_command is None:
@@ -120,6 +122,14 @@ def build_video(
     else:
         shutil.rmtree(work)
     return {split: report}
+
+
+def _check_kept(recordings: Sequence[VideoRecording], overlay: pathlib.Path) -> None:
+    """Check that no overlay would overwrite a video."""
+    videos = {recording.video.resolve() for recording in recordings}
+    for recording in recordings:
+        if (path := overlay / f"{recording.name}.mp4").resolve() in videos:
+            raise UserError(f"the overlay would overwrite {shown(path)}; give another folder with --overlay")
 
 
 def _do(job: _Job) -> tuple[str, Extraction | None]:

@@ -11,7 +11,7 @@ import tqdm
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.whole_file import check_file, whole_file
 from ha2g_jax.study.latency.estimates import Scores
 from ha2g_jax.study.latency.plan import LOOK_AHEADS, plan_settings, scores_path
 from ha2g_jax.study.latency.report import Results, as_markdown, figure
@@ -43,6 +43,7 @@ def study_latency(
         UserError: the request does not fit the data, or the page cannot be written.
         Stopped: a signal came.
     """
+    check_file(out)
     start = time.monotonic()
     folder = corpus_path(request)
     rows = plan_settings(request, folder)

@@ -11,7 +11,7 @@ import tqdm
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.whole_file import check_file, whole_file
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
 from ha2g_jax.study.reproduction.facts import describe_work, run_states, validation_metric
@@ -62,6 +62,7 @@ def reproduce(
             has copies of other trainings.
         Stopped: a signal came.
     """
+    check_file(out)
     start = time.monotonic()
     if request.table in CORPUS_TABLES:
         if keep is not None:

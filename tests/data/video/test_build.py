@@ -182,7 +182,11 @@ def test_mistakes_are_told_before_any_work(videos, settings, tmp_path):
             build.build_video(*arguments, settings=settings())
     with pytest.raises(UserError, match="unknown runner 'slurm'"):
         build.build_video([videos], tmp_path / "new", runner="slurm")
-    assert not (tmp_path / "calls").exists()
+    video = tmp_path / "talk.mp4"
+    video.write_bytes(b"video")
+    with pytest.raises(UserError, match=r"the overlay would overwrite .*talk\.mp4"):
+        build.build_video([video], tmp_path / "new", settings=settings(), overlay=tmp_path)
+    assert video.read_bytes() == b"video" and not (tmp_path / "calls").exists()
 
 
 def test_what_is_not_installed_is_told_before_any_work(videos, settings, tmp_path, monkeypatch):

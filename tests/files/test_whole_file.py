@@ -1,0 +1,35 @@
+"""A path that is no file is refused in one line, and a link stays a link."""
+
+import pathlib
+
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.whole_file import check_file, whole_file
+
+
+@pytest.mark.parametrize("path", [".", "/", ""])
+def test_a_path_without_a_name_is_refused(path):
+    with pytest.raises(UserError, match=r"cannot write .* \(is a folder\)"), whole_file(path):
+        pytest.fail("the path was taken")
+    with pytest.raises(UserError, match=r"\(is a folder\); give the path of a file"):
+        check_file(path)
+
+
+def test_the_target_of_a_link_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "real.txt", tmp_path / "link.txt"
+    target.write_text("old")
+    link.symlink_to(target)
+    with whole_file(link) as temporary:
+        temporary.write_text("new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["link.txt", "real.txt", "there"]
+
+
+def test_a_link_to_nothing_gets_its_target(tmp_path):
+    link = tmp_path / "link.txt"
+    link.symlink_to(pathlib.Path("new.txt"))
+    with whole_file(link) as temporary:
+        temporary.write_text("new")
+    assert link.is_symlink() and (tmp_path / "new.txt").read_text() == "new"
