@@ -4,6 +4,7 @@ import argparse
 import json
 import pathlib
 import re
+import signal
 
 import pytest
 
@@ -11,6 +12,7 @@ import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.talk.speakers import default_styles
+from ha2g_jax.files.whole_file import whole_file
 
 
 def parsers(parser, name="ha2g"):
@@ -85,3 +87,23 @@ def test_the_demo_can_be_exported(tmp_path, capsys):
     assert (tmp_path / "folder" / "model.safetensors").read_bytes() == weights.read_bytes()
     assert cli.main(["export-model", str(tmp_path / "nothing"), str(tmp_path / "other")]) == 2
     assert "no model in" in capsys.readouterr().err
+
+
+def test_sigterm_leaves_nothing_half_written(tmp_path, monkeypatch):
+    """It ends a command with the exit code of a shell, and the handling of the process is as before."""
+
+    def end(arguments):
+        with whole_file(tmp_path / "a.npz") as temporary:
+            temporary.write_bytes(b"half")
+            signal.raise_signal(signal.SIGTERM)
+            pytest.fail("the command went on")
+
+    monkeypatch.setattr(cli, "_speakers", end)
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["speakers"])
+        assert stop.value.code == 143 and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not list(tmp_path.iterdir())

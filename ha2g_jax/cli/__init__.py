@@ -12,6 +12,7 @@ import traceback
 from ha2g_jax import __version__
 from ha2g_jax.cli import data, evaluate, export, genea, generate, live, serve, study, training, view, web
 from ha2g_jax.cli.parser import Parser
+from ha2g_jax.cli.termination import termination
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
@@ -30,7 +31,15 @@ def main(argv: list[str] | None = None) -> int:
         0; 1 if `doctor` or `data validate` find an error, or for a fault of this program, whose traceback is printed; 2
         for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C, and 143 if `live` is
         ended by SIGTERM.
+
+    Raises:
+        SystemExit: SIGTERM ended another command, with code 143.
     """
+    with termination():
+        return _run(argv)
+
+
+def _run(argv: list[str] | None) -> int:
     if argv is None and sys.argv[1:2] in _TRAINING:
         keep_memory()
     argv = sys.argv[1:] if argv is None else argv

@@ -59,11 +59,14 @@ def read_address(text: str, default_port: int | None = None) -> Address:
 def udp_target(address: Address) -> tuple[socket.socket, tuple]:
     """Return a socket for datagrams to an address, and the address as the socket takes it.
 
+    A host with addresses of both kinds, such as localhost, is reached by IPv4, on which most receivers listen.
+
     Raises:
         UserError: the host is not known.
     """
     try:
-        family, kind, protocol, _, target = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+        family, kind, protocol, _, target = min(found, key=lambda each: each[0] != socket.AF_INET)
         return socket.socket(family, kind, protocol), target
     except (OSError, UnicodeError) as error:
         raise UserError(f"no host {shown(address.host)} for {shown(str(address))}; check the name") from error

@@ -103,7 +103,8 @@ class PipeSource:
         """
         if file is None and (sys.stdin is None or sys.stdin.isatty()):
             raise UserError("stdin is not a pipe; pipe raw PCM into it: 16 bits, little-endian, mono, at --rate")
-        self._rate, self._file = rate, file or sys.stdin.buffer
+        # Unbuffered: a thread that waits for input in a buffered file would hold its lock when the program ends.
+        self._rate, self._file = rate, file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
 
     def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
         with contextlib.closing(Inbox(self._rate)) as inbox:
@@ -113,7 +114,7 @@ class PipeSource:
 
     def _read(self, inbox: Inbox) -> None:
         decode = _decoder()
-        while data := self._file.read1(_PIECE):  # type: ignore[attr-defined]
+        while data := self._file.read(_PIECE):
             if not inbox.put(decode(data)):
                 return
         inbox.put(None)

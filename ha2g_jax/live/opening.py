@@ -82,7 +82,7 @@ def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN
             stack.enter_context(serving(address, pages.serve, live_page("frames")))
             tqdm.write(f"watch at {address._replace(scheme='http')}", file=sys.stderr)
             senders.append(stack.enter_context(contextlib.closing(pages)))
-        elif not separator and text.lower().endswith(_RECORDING):
+        elif not separator and pathlib.Path(text).suffix.lower() == _RECORDING:
             recordings.append(Recording(stack.enter_context(whole_file(text))))
         else:
             raise UserError(

@@ -156,8 +156,9 @@ class Recording:
         self._frames: list[np.ndarray] = []
 
     def add(self, directions: np.ndarray) -> None:
-        """Append frames (n, bones, 3)."""
-        self._frames.append(directions)
+        """Append a copy of frames (n, bones, 3)."""
+        if len(directions):
+            self._frames.append(directions.copy())
 
     def save(self, skeleton: Skeleton, fps: float, meta: dict[str, Any]) -> None:
         """Write the motion of all frames.

@@ -11,6 +11,7 @@ from typing import Annotated, Any, BinaryIO
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 from starlette.datastructures import UploadFile
+from starlette.requests import ClientDisconnect
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
@@ -85,6 +86,8 @@ async def _answer(service: Service, request: Request, query: MotionQuery) -> Res
             form = await limited.form(max_files=1, max_fields=0)
     except TimeoutError:
         raise HTTPException(408, f"the upload took more than {settings.upload_seconds:g} s") from None
+    except ClientDisconnect:
+        raise HTTPException(400, "the client left during its upload") from None
     try:
         upload = form.get("speech")
         if not isinstance(upload, UploadFile):

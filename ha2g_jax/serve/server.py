@@ -52,20 +52,26 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         with stage("loading and compiling the model"):
             model = load(checkpoint)
             warm_up(model)
-        service = Service(model, settings, folder)
-        Server(service, announce=True).run(sockets=[listener])
-    leave(service)
+        service, was_interrupted = Service(model, settings, folder), False
+        try:
+            Server(service, announce=True).run(sockets=[listener])
+        except KeyboardInterrupt:  # uvicorn raises it when it has stopped
+            was_interrupted = True
+    leave(service, 128 + signal.SIGINT if was_interrupted else 0)
+    if was_interrupted:
+        raise KeyboardInterrupt
 
 
-def leave(service: Service) -> None:
+def leave(service: Service, code: int = 0) -> None:
     """End the process if a thread still computes after the grace, as Python would wait for it.
 
     Args:
         service: service that was stopped.
+        code: exit code.
     """
     if service.is_computing:
         sys.stderr.flush()
-        os._exit(0)
+        os._exit(code)
 
 
 def warm_up(model: Model) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.live import sinks
+from ha2g_jax.live.addresses import read_address, udp_target
 from ha2g_jax.live.clock import Clock, Stop
 from ha2g_jax.live.opening import open_sinks, open_source
 from ha2g_jax.motion.armature import world
@@ -111,6 +112,7 @@ def test_a_page_that_reads_slowly_misses_frames_and_nobody_waits_for_it(make_fra
         ([], "no sink"),
         (["smoke://127.0.0.1:1"], r"no sink smoke://127.0.0.1:1; expected vmc://HOST:PORT"),
         (["motion.bvh"], r"no sink motion.bvh; expected"),
+        ([".npz"], r"no sink .npz; expected"),
         (["udp://127.0.0.1:70000"], "out of range; give one from 1 to 65535"),
         (["udp://127.0.0.1:0"], "out of range"),
         (["vmc://127.0.0.1:one"], "out of range"),
@@ -125,6 +127,24 @@ def test_a_sink_that_cannot_be_used_is_said_in_one_line(texts, message):
     with pytest.raises(UserError, match=message) as error, contextlib.ExitStack() as stack:
         open_sinks(texts, stack)
     assert "\n" not in str(error.value)
+
+
+def test_a_host_with_addresses_of_both_kinds_is_reached_by_ipv4(monkeypatch):
+    kinds = (socket.SOCK_DGRAM, socket.IPPROTO_UDP, "")
+    found = [(socket.AF_INET6, *kinds, ("::1", 9, 0, 0)), (socket.AF_INET, *kinds, ("127.0.0.1", 9))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    sender, target = udp_target(read_address("udp://localhost:9"))
+    with sender:
+        assert sender.family == socket.AF_INET and target == ("127.0.0.1", 9)
+
+
+def test_a_recording_keeps_its_own_frames_alone(tmp_path):
+    recording, frames = sinks.Recording(tmp_path / "a.npz"), np.ones((30, 42, 3), np.float32)
+    recording.add(frames[:0])
+    assert not recording._frames
+    recording.add(frames[:2])
+    frames[:] = 0
+    assert recording._frames[0].base is None and recording._frames[0].all()
 
 
 def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):

@@ -1,6 +1,7 @@
 """Sound has the times at which it is heard; pauses become silence, and nothing waits without bound."""
 
 import io
+import subprocess
 import sys
 import threading
 import time
@@ -75,12 +76,26 @@ def test_a_file_ends_when_the_run_is_to_stop(tmp_path, clock):
 
 def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
     class Pipe(io.BytesIO):
-        def read1(self, size=-1, /):
-            return super().read1(min(size or 0, 333))
+        def read(self, size=-1, /):
+            return super().read(min(size or 0, 333))
 
     source = arriving.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
     sound = joined(list(source.chunks(Clock(), Stop())))
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
+
+
+_WAITING = """
+import threading, time
+from ha2g_jax.live.arriving import Inbox, PipeSource
+threading.Thread(target=PipeSource(16000)._read, args=(Inbox(16000),), daemon=True).start()
+time.sleep(0.2)
+"""
+
+
+def test_a_program_ends_while_stdin_sends_nothing():
+    process = subprocess.Popen([sys.executable, "-c", _WAITING], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.wait(60) == 0 and process.stderr is not None and process.stderr.read() == b""
+    process.communicate()
 
 
 def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):

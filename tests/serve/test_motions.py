@@ -1,6 +1,7 @@
 """Files of motion over real sockets: what they are, and what is refused."""
 
 import socket
+import time
 
 import pytest
 from fixtures.service import running, wav
@@ -99,6 +100,17 @@ def test_a_slow_upload_is_ended(debug_model):
     with running(debug_model, upload_seconds=0.1) as client:
         head = {"Content-Type": "multipart/form-data; boundary=x", "Content-Length": "100"}
         assert client.ask("POST", "/v1/motion", b"--x", head).status == 408
+
+
+def test_a_client_that_leaves_is_no_fault_of_the_service(client, caplog):
+    head = b"Content-Length: 100\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n--x"
+    with socket.create_connection(("127.0.0.1", client.port), timeout=20) as plain:
+        plain.sendall(b"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n" + head)
+        while not client.service.motions.taken:
+            time.sleep(0.01)
+    while client.service.motions.taken:
+        time.sleep(0.01)
+    assert client.ask("GET", "/health").status == 200 and not caplog.records
 
 
 def test_a_sound_is_read_up_to_its_limit_only(tmp_path):
