@@ -8,6 +8,7 @@ from typing import Any
 
 import filelock
 
+from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder
 
 
@@ -20,7 +21,7 @@ def librosa(part: str) -> Any:
     and then every process that calls these functions ends with a segmentation fault.
     """
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):  # the cache folder is not writable, such as a read-only home
+        with contextlib.suppress(OSError, UserError):  # a read-only home, or none
             cache_folder().mkdir(parents=True, exist_ok=True)
             stack.enter_context(filelock.FileLock(cache_folder() / "librosa.lock"))
         with warnings.catch_warnings():

@@ -98,7 +98,7 @@ def _has_smplx_positions(content: Content) -> bool:
     if "joint_names" in arrays:
         return False
     found = [arrays[name] for name in smplx_arrays.POSITIONS if name in arrays] or [content.array]
-    return found[0].ndim == 3 and found[0].shape[1] in smplx_arrays.NUM_POSITIONS
+    return isinstance(found[0], np.ndarray) and found[0].ndim == 3 and found[0].shape[1] in smplx_arrays.NUM_POSITIONS
 
 
 def _read_smplx(content: Content, skeleton: Skeleton, options: Options) -> Motion:

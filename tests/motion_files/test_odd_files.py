@@ -236,6 +236,12 @@ def test_a_file_that_is_cut_is_refused(kind, part, files, tmp_path):
     assert path.name in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_positions_without_names_of_joints_are_refused(tmp_path):
+    (tmp_path / "a.json").write_text('{"positions": [[[0, 0, 0]], [[0, 0, 0]]], "fps": 15}')
+    with pytest.raises(UserError, match=r"a\.json"):
+        read_motion(tmp_path / "a.json")
+
+
 @pytest.mark.parametrize("header", [(10**9, 126), (10**12, 126), (2**62, 126)])
 def test_a_header_of_huge_counts_is_refused_before_memory_is_taken(header, tmp_path):
     import struct

@@ -64,6 +64,8 @@ def import_smplx(
     if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
         raise UserError(f"{source_fps:g} frames per second of the files; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
     recordings = find_embody(src, options) if src.is_dir() else []
+    if recordings and (options.audio is not None or options.words is not None):
+        raise UserError(f"{shown(src)} has captures of Embody 3D with their own sound; leave out --audio and --words")
     if not recordings:
         recordings = find_recordings(src, _SUFFIX, options)
         if src.is_dir():
@@ -96,7 +98,9 @@ def _with_folders_of_beat(recordings: list[MotionRecording], root: pathlib.Path)
         return paths[0] if len(paths) == 1 and paths[0].parent != recording.path.parent else None
 
     return [
-        recording._replace(audio=elsewhere(recording, False), words=elsewhere(recording, True))
+        recording._replace(
+            audio=recording.audio or elsewhere(recording, False), words=recording.words or elsewhere(recording, True)
+        )
         for recording in recordings
     ]
 

@@ -64,6 +64,7 @@ NAMES = (
     *POSITIONS,
     *_EXPRESSIONS,
     *_ARKIT,
+    IS_GOOD,
     *(name for names in _PARTS for name in names),
     *(f"{SEAMLESS_PREFIX}{name}" for names in _PARTS for name in names),
     *(f"{SEAMLESS_PREFIX}{name}" for name in ("translation", "is_valid")),

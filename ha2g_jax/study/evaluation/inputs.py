@@ -57,6 +57,10 @@ def evaluate_folders(
     Raises:
         UserError: a folder, a file or the auto-encoder cannot be used, or a folder is given twice.
     """
+    if protocol not in (None, beat2.PROTOCOL):
+        raise UserError(f"no protocol {protocol}; expected {beat2.PROTOCOL}")
+    if protocol is None and body_model is not None:
+        raise UserError(f"a body model is for the protocol {beat2.PROTOCOL}; add --protocol {beat2.PROTOCOL}")
     folders = [motion] if isinstance(motion, str | os.PathLike) else list(motion)
     names = _row_names(folders)
     features = _features(autoencoder)
@@ -67,6 +71,10 @@ def evaluate_folders(
         options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
         read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
         skeleton = read[name].skeleton.name
+    if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
+        of_protocol = {"beat2": beat2.score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)}
+    else:
+        of_protocol = {}
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
     section = evaluate(
         {name: each.motion for name, each in read.items()},
@@ -77,12 +85,7 @@ def evaluate_folders(
         seed=seed,
         notes=[note if len(read) == 1 else f"{name}: {note}" for name, each in read.items() for note in each.notes],
     )
-    if protocol == beat2.PROTOCOL:
-        section["beat2"] = beat2.score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)
-    elif protocol is not None:
-        raise UserError(f"no protocol {protocol}; expected {beat2.PROTOCOL}")
-    elif body_model is not None:
-        raise UserError(f"a body model is for the protocol {beat2.PROTOCOL}; add --protocol {beat2.PROTOCOL}")
+    section |= of_protocol
     inputs = {"motion": ", ".join(map(str, folders)), "reference": str(reference)}
     return make_results(inputs, {_folder_name(reference): section})
 

@@ -22,7 +22,7 @@ FEWEST = 3
 
 _GRID = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320, 480, 640, 960)
 _NODES = 61  # of the quadrature over normal logits
-_CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, and clips that this allows for
+_CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there were this many clips or more
 
 
 class Spreads(NamedTuple):
@@ -140,12 +140,13 @@ def of_share(share: float, spreads: Spreads, plan: Plan) -> Simulation:
     return simulate
 
 
-def find(simulate: Simulation, power: float, *, most: int, simulations: int, seed: int) -> Power:
+def find(simulate: Simulation, power: float, *, clips: int, most: int, simulations: int, seed: int) -> Power:
     """Return powers by number of participants, and the smallest number that reaches a power.
 
     Args:
         simulate: simulation of a study.
         power: power to reach, above 0 and below 1.
+        clips: number of clips of the study.
         most: greatest number of participants that is tried.
         simulations: simulated studies for each number; with 2000, a power of 0.8 has a standard error of 0.009.
         seed: seed of all simulations.
@@ -160,7 +161,7 @@ def find(simulate: Simulation, power: float, *, most: int, simulations: int, see
 
         def reaches(participants: int) -> bool:
             if participants not in rows:
-                rows[participants] = _power(simulate, participants, simulations, seed)
+                rows[participants] = _power(simulate, participants, clips, simulations, seed)
                 bar.update()
             return rows[participants] >= power
 
@@ -181,9 +182,9 @@ def _sizes(most: int) -> Iterator[int]:
     yield most
 
 
-def _power(simulate: Simulation, participants: int, simulations: int, seed: int) -> float:
+def _power(simulate: Simulation, participants: int, clips: int, simulations: int, seed: int) -> float:
     random = np.random.default_rng([seed, participants])
-    found, chunk = [], max(1, _CELLS // (participants * _CLIPS))
+    found, chunk = [], max(1, _CELLS // (participants * max(clips, _CLIPS)))
     for start in range(0, simulations, chunk):
         found.append(simulate(random, min(chunk, simulations - start), participants))
     return float(np.concatenate(found).mean())

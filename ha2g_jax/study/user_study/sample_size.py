@@ -58,7 +58,7 @@ def required_participants(
         UserError: a number is out of range.
     """
     simulation = (power.of_difference if measure == MOS else power.of_share)(effect, spreads, plan)
-    found = power.find(simulation, target, most=most, simulations=simulations, seed=seed)
+    found = power.find(simulation, target, clips=plan.clips, most=most, simulations=simulations, seed=seed)
     settings = {"power": target, "most": most, "simulations": simulations, "seed": seed, "level": LEVEL}
     return {
         "measure": measure,

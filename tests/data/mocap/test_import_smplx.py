@@ -107,6 +107,26 @@ def _sound(folder):
     return folder / "sound.wav"
 
 
+def test_the_sound_that_is_named_is_that_of_a_single_file(tmp_path):
+    """Sound of the same name in another folder does not take its place."""
+    name = "2_scott_0_1_1"
+    _motion(tmp_path / "in" / "motion" / f"{name}.npz")
+    _speech(tmp_path / "in" / "wave16k" / f"{name}.wav", tmp_path / "in" / "textgrid" / f"{name}.TextGrid")
+    soundfile.write(tmp_path / "mine.wav", np.full(16000 * SECONDS, 0.25), 16000)
+    options = ImportOptions(audio=tmp_path / "mine.wav", with_words=False)
+    import_smplx(tmp_path / "in", tmp_path / "out", options)
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    np.testing.assert_allclose(clip.audio, 0.25, atol=1e-3)
+
+
+def test_frames_that_a_file_marks_as_bad_are_left_out(tmp_path):
+    _speech(tmp_path / "in" / "a.wav", tmp_path / "in" / "a.TextGrid")
+    _motion(tmp_path / "in" / "a.npz", is_good=np.arange(30 * SECONDS) < 30 * 4)
+    import_smplx(tmp_path / "in", tmp_path / "out")
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    assert len(clip.positions) == 15 * 4
+
+
 def test_nothing_is_written_where_no_file_is_good(tmp_path):
     for name in ("a", "b"):
         _motion(tmp_path / "in" / f"{name}.npz", poses=np.zeros((240, 72)))

@@ -114,6 +114,13 @@ def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
         from_folders(motion, write("reference", ["a"]))
 
 
+def test_a_wrong_protocol_is_said_before_anything_is_read(tmp_path):
+    with pytest.raises(UserError, match="no protocol genea; expected beat2"):
+        evaluate_folders(tmp_path / "none", tmp_path / "none", protocol="genea")
+    with pytest.raises(UserError, match="a body model is for the protocol beat2"):
+        evaluate_folders(tmp_path / "none", tmp_path / "none", body_model="SMPLX_NEUTRAL.npz")
+
+
 def test_folders_are_evaluated_with_one_call(write):
     motion, reference = write("mine", list("abcdef"), delay=0.2), write("reference", list("abcdef"))
     for name in "abcdef":

@@ -56,21 +56,37 @@ def test_shares_have_the_mean_and_the_spread_that_are_asked_for():
 
 def test_power_grows_with_participants_and_the_smallest_number_is_found():
     found = power.find(
-        power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, most=200, simulations=400, seed=0
+        power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, clips=10, most=200, simulations=400, seed=0
     )
     assert found.smallest is not None and found.rows[found.smallest] >= 0.8 > found.rows[found.smallest - 1]
     assert found.rows[5] < found.rows[10] < found.rows[found.smallest]
     assert (
         power.find(
-            power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, most=200, simulations=400, seed=0
+            power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)),
+            0.8,
+            clips=10,
+            most=200,
+            simulations=400,
+            seed=0,
         )
         == found
     )
 
 
+def test_studies_of_many_clips_are_drawn_in_smaller_parts():
+    counts = []
+
+    def simulate(random, count, participants):
+        counts.append(count * participants * 40_000)
+        return np.ones(count, bool)
+
+    power.find(simulate, 0.8, clips=40_000, most=3, simulations=50, seed=0)
+    assert max(counts) <= power._CELLS and sum(counts) == 50 * 3 * 40_000
+
+
 def test_more_participants_do_not_replace_clips():
     found = power.find(
-        power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, most=60, simulations=200, seed=0
+        power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, clips=4, most=60, simulations=200, seed=0
     )
     assert found.smallest is None and max(found.rows) == 60
 
