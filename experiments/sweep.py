@@ -178,6 +178,8 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
             print(f"[{index + 1}/{len(runs)}] {run.name}: ", end="", flush=True)
             log = run.workdir.with_name(f"{run.name}.log")
             error = None if is_finished(run) else run_logged([*train, *run.arguments], log, stop)
+            if error is None and stop.number is None and not is_finished(run):
+                error = f"it ended before step {run.config.train.steps}; see {log}"
             is_good &= error is None
             print(f"failed: {error}" if error else "finished" if stop.number is None else "stopped", flush=True)
     gathered = gather(runs)

@@ -190,7 +190,7 @@ MAX_NPZ_OF_ANY_RATIO = 1 << 28
 MAX_UNPACKED_RATIO = 100
 """Bytes that a byte of packed word vectors may unpack to; text of numbers unpacks to three."""
 
-MAX_SEED = 2**63 - 1
+MAX_SEED = 2**32 - 1
 """Seed of random choices."""
 
 MAX_TRANSCRIPT_BYTES = 16 << 20

@@ -86,3 +86,16 @@ def test_a_config_from_json_has_the_terms_of_its_method():
     again = configs.from_json(config_to_json(config))
     assert set(again.loss.trimodal.weights) == {"gan", "huber", "style", "kld"}
     assert jax.tree.structure(dict(again.model)) == jax.tree.structure(dict(config.model))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model.audoi.kind": "x"}, "no setting 'model.audoi.kind'"),
+        ({"model.audio.kind.more": "x"}, "no setting 'model.audio.kind.more'"),
+        ({"train.steps": "abc"}, "train.steps cannot be 'abc'; expected a value like"),
+    ],
+)
+def test_a_change_that_does_not_fit_is_named(changes, message):
+    with pytest.raises(UserError, match=message):
+        presets.make("talk", "debug", changes=changes)

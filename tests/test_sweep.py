@@ -25,6 +25,8 @@ workdir = pathlib.Path(arguments[arguments.index("--workdir") + 1])
 config = launch.load_config(arguments[1], arguments[4:])
 if config.seed == 13:
     sys.exit("ha2g: an unlucky number")
+if config.seed == 14:
+    sys.exit(0)
 workdir.mkdir()
 score = config.train.learning_rate + config.seed
 lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss/huber": score}, {"step": 2}]
@@ -134,6 +136,11 @@ def test_a_sweep_reports_failures_and_means_over_seeds(sweep, stub, tmp_path, ca
     assert (first["settings"], first["runs"]) == ({"train.learning_rate": "0.25"}, 2)
     assert first["mean"] == {"loss/huber": 2.25}
     assert first["standard_deviation"]["loss/huber"] == pytest.approx(2**0.5)
+
+
+def test_a_run_that_ends_early_is_not_finished(sweep, stub, tmp_path, capsys):
+    assert sweep.main(_flags(tmp_path / "runs", "seed=14"), stub) == 1
+    assert "failed: it ended before step 2; see " in capsys.readouterr().out
 
 
 def test_what_is_finished_is_not_trained_again(sweep, stub, tmp_path):

@@ -18,6 +18,7 @@ from ha2g_jax.limits import MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
 Shapes = dict[str, tuple[int, ...]]
 
 _HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
+_MAX_HALF = 65504  # greatest number of float16
 
 
 def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = False) -> str:
@@ -59,8 +60,13 @@ def _stored(variables: dict[str, Any], *, is_exact: bool = False) -> dict[str, n
     """Return variables by name in the type in which a file has them."""
     flat = flatten(jax.tree.map(np.asarray, variables))
     is_small = sum(4 * array.size for array in flat.values()) <= _HALF_PRECISION_ABOVE
-    dtype = np.float32 if is_exact or is_small else np.float16
-    return {name: np.ascontiguousarray(array, dtype) for name, array in flat.items()}
+    if is_exact or is_small:
+        return {name: np.ascontiguousarray(array, np.float32) for name, array in flat.items()}
+    # Some arrays, such as variances, may have values beyond those of float16.
+    return {
+        name: np.ascontiguousarray(array, np.float16 if np.abs(array).max(initial=0) <= _MAX_HALF else np.float32)
+        for name, array in flat.items()
+    }
 
 
 def flatten(variables: Any) -> dict[str, Any]:

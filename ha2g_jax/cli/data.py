@@ -11,6 +11,7 @@ from typing import Any
 from ha2g_jax.cli import data_imports
 from ha2g_jax.cli.data_imports import positive
 from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.errors import UserError
 
 _SPLITS = ("train", "val", "test")
 
@@ -113,6 +114,8 @@ def _inspect(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study.corpus.report import write_report
 
     folder = arguments.data.resolve() if arguments.data.name in ("", "..") else arguments.data
+    if not folder.name:
+        raise UserError(f"no corpus in {folder}; give the folder of a corpus")
     page = arguments.out or folder.with_name(f"{folder.name}.html")
     print(write_report(arguments.data, page, num_samples=arguments.samples))
 

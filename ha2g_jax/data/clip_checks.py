@@ -26,18 +26,19 @@ _AUDIO_SLACK = 0.25  # seconds allowed between the ends of motion and audio
 _MAX_NUMBER = 1e12  # greatest time in seconds, amplitude or value of a style
 
 
-def check_fields(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator[str]:
     """Check all fields of a clip except the motion.
 
     Args:
         fields: fields that `records.unpack` returns, without a `problem`.
         seconds: length of the motion in seconds.
+        fps: frames per second of the motion, whose length is that of the audio up to half a frame.
 
     Yields:
         One line for each error.
     """
-    yield from _check_words(fields, seconds)
-    yield from _check_audio(fields, seconds)
+    yield from _check_words(fields, seconds, max(_WORD_SLACK, 0.5 / fps))
+    yield from _check_audio(fields, seconds, max(_AUDIO_SLACK, 0.5 / fps + 0.01))
     yield from _check_windows(fields)
     yield from _check_confidence(fields)
     yield from _check_images(fields)
@@ -154,7 +155,7 @@ def _unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None
     return None
 
 
-def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+def _check_words(fields: dict[str, Any], seconds: float, slack: float) -> Iterator[str]:
     words = fields["words"]
     for before, word in itertools.pairwise(words):
         if word.start < before.start:
@@ -165,25 +166,25 @@ def _check_words(fields: dict[str, Any], seconds: float) -> Iterator[str]:
             yield f"word {word.text!r} from {word.start:.2f} to {word.end:.2f} s is empty"
             break
     for word in words:
-        if word.start < -_WORD_SLACK or word.end > seconds + _WORD_SLACK:
+        if word.start < -slack or word.end > seconds + slack:
             yield f"word {word.text!r} at {word.start:.2f} to {word.end:.2f} s lies outside the clip of {seconds:.2f} s"
             break
 
 
-def _check_audio(fields: dict[str, Any], seconds: float) -> Iterator[str]:
+def _check_audio(fields: dict[str, Any], seconds: float, slack: float) -> Iterator[str]:
     try:
         # The length declared in the header is checked first, so that hours of audio are not decoded for a short clip.
         declared = media.audio_seconds(fields["audio"])
-        if abs(declared - seconds) > _AUDIO_SLACK:
+        if abs(declared - seconds) > slack:
             yield f"{declared:.2f} s of audio for {seconds:.2f} s of motion"
             return
-        audio = media.decode_audio(fields["audio"], seconds + _AUDIO_SLACK)
+        audio = media.decode_audio(fields["audio"], seconds + slack)
     except records.DAMAGE as error:
         yield f"audio that cannot be read ({reason(error)})"
         return
     if not np.isfinite(audio).all():
         yield "audio that is NaN or infinite"
-    if abs(len(audio) / SAMPLE_RATE - seconds) > _AUDIO_SLACK:
+    if abs(len(audio) / SAMPLE_RATE - seconds) > slack:
         yield f"{len(audio) / SAMPLE_RATE:.2f} s of audio for {seconds:.2f} s of motion"
 
 

@@ -55,6 +55,8 @@ class CorpusWriter:
         for split in splits:
             if not schema.is_split_name(split):
                 raise UserError(f"{split[:60]!r} cannot be the name of a split; use up to 60 letters, digits, - and _")
+        if not schema.MIN_FPS <= fps <= schema.MAX_FPS:
+            raise UserError(f"a corpus of {fps:g} frames per second; give {schema.MIN_FPS} to {schema.MAX_FPS}")
         self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)

@@ -116,5 +116,5 @@ def _check_record(clips: Clips, index: int, split: str, tally: Tally) -> list[st
     if not found:
         tally.add_bones(place, fields)
     found += tally.add(split, fields)
-    found += clip_checks.check_fields(fields, len(fields["positions"]) / clips.fps)
+    found += clip_checks.check_fields(fields, len(fields["positions"]) / clips.fps, clips.fps)
     return [f"{place}: {finding}" for finding in found]

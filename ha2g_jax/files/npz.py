@@ -60,6 +60,8 @@ def read_npz(
         raise UserError(
             f"{shown(path)} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)"
         ) from error
+    except (PermissionError, IsADirectoryError) as error:
+        raise UserError(f"cannot read {shown(path)} ({reason(error).lower()}); expected a .npz of arrays") from error
     # zipfile and zlib raise different exceptions depending on the position of the damage.
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError) as error:
         raise UserError(

@@ -8,6 +8,8 @@ presets.make("talk", "study", changes=presets.ABLATIONS["Holistic"])   # a row o
 from collections.abc import Mapping
 from typing import Any
 
+import ml_collections
+
 from ha2g_jax import config as configs
 from ha2g_jax import config_renames
 from ha2g_jax.config import Config
@@ -63,9 +65,12 @@ def _change(config: Config, changes: Mapping[str, Any]) -> None:
     config_renames.warn([(old, new) for old, new in names.items() if old != new], "the list of changes")
     for name, value in changes.items():
         *path, last = names[name].split(".")
-        part = config
+        part: Any = config
         for key in path:
-            part = part[key]
-        if last not in part:
+            part = part[key] if isinstance(part, ml_collections.ConfigDict) and key in part else None
+        if not isinstance(part, ml_collections.ConfigDict) or last not in part:
             raise UserError(f"no setting {name!r}; see ha2g_jax/config.py")
-        part[last] = value
+        try:
+            part[last] = value
+        except TypeError as error:
+            raise UserError(f"{name} cannot be {value!r}; expected a value like {part[last]!r}") from error

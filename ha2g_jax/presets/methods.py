@@ -90,6 +90,8 @@ def trimodal(config: Config, size: str) -> None:
     _widths(config, size, hidden_dim=300, layers=4, dropout=0.3)
     config.model.discriminator.layers = _of(size, 4, 4, 1)
     config.model.text.receptive_field = "causal"
+    if size in _PAPER:
+        config.train.warmup_epochs = 11  # adversarial terms count in epochs after the tenth, which begin with 0
     _optimizer(config, size, 5e-4, 1e-4)
 
 

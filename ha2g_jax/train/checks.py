@@ -35,7 +35,9 @@ _FREE_SETTINGS = {
 }
 _NAMES_SHOWN = 6
 _AT_LEAST = {"steps": 1, "batch_size": 1, "log_every": 1, "validate_every": 1, "checkpoint_every": 1, "keep": 1}
-_AT_LEAST |= {"sample_every": 0, "devices": 0}
+_AT_LEAST |= {"sample_every": 0, "devices": 0, "warmup_epochs": 0}
+_AT_LEAST |= {"learning_rate": 0, "discriminator_learning_rate": 0}
+_POSITIVE = ("huber_delta", "style_delta", "style_clip", "temperature")  # of the methods that have them
 
 
 def check_settings(config: Config) -> None:
@@ -48,12 +50,13 @@ def check_settings(config: Config) -> None:
         UserError: a setting cannot be used.
     """
     for name, least in _AT_LEAST.items():
-        if config.train[name] < least:
+        if not least <= config.train[name] < np.inf:
             raise UserError(
                 f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
             )
     if not 0 <= config.seed <= MAX_SEED:
         raise UserError(f"config.seed is {config.seed}, expected 0 to {MAX_SEED}: set --config.seed")
+    _check_loss(config.loss[config.method], f"config.loss.{config.method}")
     betas = config.train.betas
     if len(betas) != 2 or not all(isinstance(beta, float | int) and 0 <= beta < 1 for beta in betas):
         raise UserError(
@@ -76,6 +79,15 @@ def check_settings(config: Config) -> None:
     _check_data(config.data)
     if config.train.sample_every and config.method not in METHODS:
         raise UserError(f"{config.method} generates no motion to show: set --config.train.sample_every=0")
+
+
+def _check_loss(loss: Config, group: str) -> None:
+    for name in (name for name in _POSITIVE if name in loss):
+        if not 0 < loss[name] < np.inf:
+            raise UserError(f"{group}.{name} is {loss[name]}, expected more than 0: set --{group}.{name}")
+    for name, weight in loss.weights.items():
+        if not 0 <= weight < np.inf:
+            raise UserError(f"{group}.weights.{name} is {weight}, expected 0 or more: set --{group}.weights.{name}")
 
 
 def check_augmentation(config: Config, spec: Spec) -> None:

@@ -122,13 +122,15 @@ def _split(config: Config, corpus: Corpus, split: str) -> Finding:
         if len(clips) and split in (TRAIN, inputs.VALIDATION):
             vocabulary = corpus.vocabulary()
             spec = build(config, corpus.skeleton, len(vocabulary), len(corpus.speakers_of(TRAIN)))
-            windows = inputs.open_windows(config, spec, corpus, vocabulary, split)
-            values["windows"] = len(windows)
+            if split == TRAIN:
+                values["windows"] = len(inputs.open_windows(config, spec, corpus, vocabulary, split))
+            elif windows := inputs.open_validation(config, spec, corpus, vocabulary):
+                values["windows"] = len(windows)
     except UserError as error:
         return Finding("data", split, str(error), values)
     counts = [f"{values[key]} {key}" for key in ("clips", "windows", "speakers") if key in values]
     found = f"{split}: {values['hours']:.2f} hours, {', '.join(counts)}"
-    if values.get("windows", config.train.batch_size) < config.train.batch_size:
+    if split == TRAIN and values.get("windows", config.train.batch_size) < config.train.batch_size:
         trouble = f"fewer windows than a batch of {config.train.batch_size}: lower --config.train.batch_size"
         return Finding("data", found, trouble, values)
     return Finding("data", found, values=values)

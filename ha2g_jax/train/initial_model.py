@@ -11,8 +11,7 @@ from ha2g_jax.features.text import PADDING, UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.methods.method import Spec
 
-_TABLE = "embedding/embedding"  # end of the name of a table of words or of speakers
-_WORDS = f"params/text/{_TABLE}"
+_TABLE = "/embedding/embedding"  # end of the name of a table of words or of speakers
 _IDENTITY = "identity"  # name of the network E_ID
 
 
@@ -40,8 +39,8 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     if model.spec.skeleton.bones != spec.skeleton.bones:
         raise UserError(f"{source} has skeleton {model.spec.skeleton.name}, but the config has {spec.skeleton.name}")
     found = weights.flatten(model.variables)
-    if _WORDS in found:
-        found[_WORDS] = _word_table(found[_WORDS], model.assets.vocabulary, vocabulary)
+    for name in filter(is_word_table, found):
+        found[name] = _word_table(found[name], model.assets.vocabulary, vocabulary)
     has_same_kind = model.spec.identity == spec.identity
     expected = {name: leaf.shape for name, leaf in weights.flatten(variable_shapes(spec)).items()}
     found, expected = (
@@ -55,10 +54,15 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     return traverse_util.unflatten_dict(found, sep="/")
 
 
+def is_word_table(name: str) -> bool:
+    """Return whether a variable is a table of words; each level of a released model has one of its own."""
+    return name.endswith(f"/text{_TABLE}")
+
+
 def _is_new(name: str, has_same_kind: bool) -> bool:
     """Return whether a variable belongs to the speakers of one corpus, and so starts anew on another."""
     is_identity = name.split("/")[1] == _IDENTITY
-    return (name.endswith(_TABLE) and name != _WORDS) or (is_identity and not has_same_kind)
+    return (name.endswith(_TABLE) and not is_word_table(name)) or (is_identity and not has_same_kind)
 
 
 def _word_table(table: np.ndarray, before: Vocabulary, after: Vocabulary) -> np.ndarray:

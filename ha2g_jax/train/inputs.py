@@ -4,7 +4,9 @@ from typing import Any
 
 import grain
 import numpy as np
+from flax import traverse_util
 
+from ha2g_jax.checkpoint import weights
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
@@ -15,8 +17,9 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
 from ha2g_jax.methods import whisper_weights
+from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.methods.method import Spec
-from ha2g_jax.train.initial_model import initial_variables
+from ha2g_jax.train.initial_model import initial_variables, is_word_table
 
 VALIDATION = "val"
 
@@ -152,17 +155,18 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
         if not {"words", "plain_words"} & set(spec.training_inputs):
             raise UserError(f"{config.method} reads no words: leave out --config.model.text.vectors")
         vectors = read_word_vectors(text.vectors, vocabulary, text.embedding_dim)
-        parts |= word_table(config, len(vocabulary), vectors)
+        parts |= word_table(config, spec, len(vocabulary), vectors)
     if audio.kind == "whisper":
         parts |= {"audio": {"whisper": _whisper(audio)}}
     return {"params": parts}
 
 
-def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:
-    """Return pretrained parameters of a generator whose word embedding starts from word vectors.
+def word_table(config: Config, spec: Spec, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:
+    """Return pretrained parameters of a generator whose word embeddings start from word vectors.
 
     Args:
         config: settings of the model.
+        spec: networks and sizes.
         vocabulary_size: number of words.
         word_vectors: (vocabulary_size, embedding_dim) vector of each word.
 
@@ -175,7 +179,8 @@ def word_table(config: Config, vocabulary_size: int, word_vectors: np.ndarray) -
             f"word vectors have shape {word_vectors.shape}, expected {table}: "
             f"set --config.model.text.embedding_dim={word_vectors.shape[-1]}"
         )
-    return {"text": {"embedding": {"embedding": word_vectors}}}
+    names = [name.removeprefix("params/") for name in weights.flatten(variable_shapes(spec)) if is_word_table(name)]
+    return traverse_util.unflatten_dict(dict.fromkeys(names, word_vectors), sep="/")
 
 
 def _whisper(audio: Config) -> dict[str, Any]:

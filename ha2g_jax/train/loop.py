@@ -23,6 +23,7 @@ from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import stage
 from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
@@ -116,6 +117,11 @@ def _train(
     if config.train.init_from and not found and hosts.is_first():
         tqdm.tqdm.write(f"training starts from the weights of {config.train.init_from}", file=sys.stderr)
     step, best_score = int(state.step), record.get("best_score", math.inf)
+    if step > num_steps:
+        raise UserError(
+            f"{shown(workdir)} is at step {step}, beyond config.train.steps, which is {num_steps}: set "
+            "--config.train.steps to more, or choose another --workdir"
+        )
     batches = inputs.training_batches(config, windows, step, jax.process_index(), jax.process_count())
     if hosts.is_first():
         model_folder.write_description(workdir, config, assets)
@@ -139,8 +145,8 @@ def _train(
         config.train.best_by.removeprefix("loss/"),
         pending=record.get("log"),
     )
-    split, shown = (inputs.VALIDATION, held_out) if held_out else (TRAIN, windows)
-    sample_clip = corpus.clips(split)[shown.clip_index(0)]
+    split, drawn = (inputs.VALIDATION, held_out) if held_out else (TRAIN, windows)
+    sample_clip = corpus.clips(split)[drawn.clip_index(0)]
     sample_every = config.train.sample_every if hosts.is_first() else 0
     trace = Profile(workdir / PROFILE if profile and hosts.is_first() else None)
 
@@ -224,11 +230,12 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
     if hosts.is_first():
         with replacing(folder.with_suffix(".json")) as temporary:
             temporary.write_text(json.dumps(report, indent=1) + "\n")
-    shown = ", ".join(names[:_NAMES_SHOWN]) + (f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else "")
+    first = ", ".join(names[:_NAMES_SHOWN])
+    more = f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else ""
     return UserError(
-        f"{', '.join(error.names)} not finite at step {error.step}, on the windows {shown}: the state before it is in "
-        f"{folder}, the report in {folder}.json; check these windows, or start again in another workdir with a lower "
-        "--config.train.learning_rate"
+        f"{', '.join(error.names)} not finite at step {error.step}, on the windows {first}{more}: the state before it "
+        f"is in {folder}, the report in {folder}.json; check these windows, or start again in another "
+        "workdir with a lower --config.train.learning_rate"
     )
 
 

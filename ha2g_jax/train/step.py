@@ -97,12 +97,13 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
 
     Args:
         objective, state, batch: as in `train_step`.
-        key: key of all noise, such as the permutation of the identities of the style term.
+        key: key of all noise, such as the permutation of the identities of the style term. It is not a function of the
+            step here, so that validations of one run differ by the networks alone.
 
     Returns:
         "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
     """
-    spec, keys = objective.spec, step_keys(objective.spec, key, state.step)
+    spec, keys = objective.spec, step_keys(objective.spec, key, jnp.zeros((), jnp.int32))
     targets = subtract_mean(spec, batch["directions"])
     outputs, (_, aux) = method_of(spec).run(spec, state.model, batch, keys, train=False, compute=objective.compute)
     terms = loss_terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=False)

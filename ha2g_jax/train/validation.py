@@ -40,9 +40,9 @@ class Validation:
     def __call__(self, state: TrainState, key: jax.Array) -> dict[str, float]:
         """Return the mean over the split of each term of `validation_step`, by name."""
         metrics = []
-        for indices in self._batches:
+        for number, indices in enumerate(self._batches):
             examples = [self._windows[index] for index in indices]
             batch = {name: np.stack([example[name] for example in examples]) for name in examples[0]}
-            metrics.append(self._step(state, sharding.shard_batch(self._mesh, batch), key))
+            metrics.append(self._step(state, sharding.shard_batch(self._mesh, batch), jax.random.fold_in(key, number)))
         metrics = jax.device_get(metrics)
         return {name: float(np.mean([terms[name] for terms in metrics])) for name in metrics[0]}

@@ -122,11 +122,12 @@ def _put(folder: pathlib.Path, out: pathlib.Path) -> None:
         return
     with partial_folder(out) as aside:
         old = aside / "old"
-        out.rename(old)
         try:
+            out.rename(old)
             folder.rename(out)
-        except OSError:
-            old.rename(out)
+        except BaseException:  # Ctrl-C as well
+            if old.exists() and not out.exists():
+                old.rename(out)
             raise
 
 

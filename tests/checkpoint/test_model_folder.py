@@ -160,3 +160,11 @@ def test_no_model(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path):
         with pytest.raises(UserError, match=r"no model in .*expected 'demo', a workdir"):
             loading.load(path)
+
+
+def test_values_beyond_half_precision_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(weights, "_HALF_PRECISION_ABOVE", 0)
+    variables = {"batch_stats": {"variance": np.array([7e4, 1])}, "params": {"kernel": np.array([0.1, 2])}}
+    stored = weights._stored(variables)
+    assert stored["batch_stats/variance"].dtype == np.float32 and stored["batch_stats/variance"][0] == 7e4
+    assert stored["params/kernel"].dtype == np.float16

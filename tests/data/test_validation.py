@@ -154,7 +154,7 @@ def test_damaged_bytes_are_findings(changes, is_at_start):
         if not clip_checks.wrong_types(fields):
             findings = [
                 *clip_checks.check_positions(fields["positions"], SKELETON),
-                *clip_checks.check_fields(fields, 3.0),
+                *clip_checks.check_fields(fields, 3.0, 15.0),
             ]
             assert all(isinstance(finding, str) and "\n" not in finding for finding in findings)
 

@@ -71,6 +71,9 @@ def test_a_workdir_must_be_a_folder(tmp_path, config):
         ("train", "steps", 0),
         ("train", "sample_every", -1),
         ("train", "devices", 99),
+        ("train", "warmup_epochs", -1),
+        ("train", "learning_rate", -1e-3),
+        ("train", "discriminator_learning_rate", float("nan")),
         ("data", "workers", -1),
         ("data", "mirror", 2.0),
         ("data", "lookahead", 1.5),
@@ -80,6 +83,14 @@ def test_settings_that_cannot_be_used_are_named(config, section, name, value):
     checks.check_settings(config)
     config[section][name] = value
     with pytest.raises(UserError, match=name):
+        checks.check_settings(config)
+
+
+@pytest.mark.parametrize(("name", "value"), [("huber_delta", 0.0), ("temperature", 0.0), ("weights.huber", -1.0)])
+def test_settings_of_the_loss_that_cannot_be_used_are_named(config, name, value):
+    """A temperature of 0 would make the loss not finite after minutes of compilation."""
+    config.update_from_flattened_dict({f"loss.{config.method}.{name}": value})
+    with pytest.raises(UserError, match=rf"config\.loss\.ha2g\.{name} is {value}, expected"):
         checks.check_settings(config)
 
 

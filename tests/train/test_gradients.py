@@ -79,4 +79,4 @@ def test_options_that_do_not_go_together_are_refused(arguments, message, capsys)
 
 def test_a_source_of_another_method_is_refused(config_file, capsys):
     assert cli.main(["doctor", "--gradients", config_file, "--checkpoint", "demo"]) == 2
-    assert "demo is a model of ha2g, the config one of seq2seq" in capsys.readouterr().err
+    assert "demo is a model of ha2g, but the config of seq2seq" in capsys.readouterr().err

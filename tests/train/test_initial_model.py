@@ -12,7 +12,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.initial_model import initial_variables
+from ha2g_jax.train.initial_model import _is_new, initial_variables, is_word_table
 
 WORDS = "params/text/embedding/embedding"
 
@@ -46,10 +46,19 @@ def test_a_table_of_speakers_starts_anew():
     assert all("/identity/" in name for name in missing)
 
 
+def test_every_table_of_words_keeps_its_vectors():
+    """Each level of a released model has a table of its own; those of speakers start anew."""
+    names = weights.flatten(variable_shapes(spec_for("you", method="release", kind="speakers")[1]))
+    new = {name for name in names if name.endswith("/embedding/embedding") and _is_new(name, True)}
+    words = {name for name in names if is_word_table(name)}
+    assert len(words) == 7 and new and not new & words
+    assert all("/text/" in name for name in words) and not any("/text/" in name for name in new)
+
+
 def test_models_that_do_not_fit_are_refused():
-    with pytest.raises(UserError, match="model of ha2g, the config one of trimodal"):
+    with pytest.raises(UserError, match="model of ha2g, but the config of trimodal"):
         start(*spec_for(method="trimodal", kind="speakers"))
-    with pytest.raises(UserError, match="moves ted_expressive, the config ted_gesture"):
+    with pytest.raises(UserError, match="has skeleton ted_expressive, but the config has ted_gesture"):
         start(*spec_for(data="ted_gesture", kind="speakers"))
     with pytest.raises(UserError, match="has shape"):
         start(*spec_for(hidden_dim=32))

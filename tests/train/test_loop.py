@@ -141,6 +141,15 @@ def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
         loop.train(config, tmp_path / "run")
 
 
+def test_fewer_steps_than_the_run_has_made_are_refused(run, config_for, tmp_path):
+    """Else the run would have the settings of a run that ended earlier."""
+    workdir = shutil.copytree(run, tmp_path / "run")
+    before = (workdir / "config.json").read_text()
+    with pytest.raises(UserError, match=r"is at step 5, beyond config\.train\.steps, which is 4"):
+        loop.train(config_for(steps=4, log_every=3), workdir)
+    assert (workdir / "config.json").read_text() == before
+
+
 def test_a_run_goes_on_with_its_own_corpus_only(run, tiny_talk, config_for, tmp_path):
     shutil.copytree(tiny_talk, tmp_path / "other")
     edit(tmp_path / "other", lambda data: data["statistics"]["lengths"].reverse())

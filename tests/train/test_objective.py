@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from ha2g_jax import config as configs
+from ha2g_jax import presets
+from ha2g_jax.checkpoint import weights
 from ha2g_jax.errors import UserError
+from ha2g_jax.methods.build import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.inputs import word_table
@@ -81,9 +84,16 @@ def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build)
     assert build(config).spec.generator.identity.num_speakers == 10
 
 
-def test_word_vectors_of_another_size_are_refused(config):
+def test_word_vectors_of_another_size_are_refused(config, build):
     with pytest.raises(UserError, match="embedding_dim=300"):
-        word_table(config, 11, np.zeros((11, 300), np.float32))
+        word_table(config, build(config).spec, 11, np.zeros((11, 300), np.float32))
+
+
+def test_word_vectors_start_every_table_of_words():
+    config = presets.make("ted_gesture", "debug", "release", {"model.text.embedding_dim": 300})
+    spec = build_method(config, load_skeleton("ted_gesture"), 11, 3)
+    found = weights.flatten(word_table(config, spec, 11, np.ones((11, 300), np.float32)))
+    assert set(found) == {f"{part}text/embedding/embedding" for part in ("", "pose_1/", "pose_2/", "pose_3/")}
 
 
 def test_restored_poses_are_the_unit_vectors_that_went_in(objective, make_batch):

@@ -11,6 +11,7 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.web import build, sources, write_site
+from ha2g_jax.web import site as site_module
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -134,3 +135,20 @@ def test_the_wheel_has_the_sources_and_grows_little():
     paths = [ROOT / source for source in inside]
     files = [file for path in paths for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file()]
     assert sum(file.stat().st_size for file in files) < 2e6
+
+
+def test_a_site_stays_if_its_replacement_is_interrupted(tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "index.html").write_text("old")
+    (tmp_path / "new").mkdir()
+    rename = pathlib.Path.rename
+
+    def interrupt(path, target):
+        if path.name == "new":
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    monkeypatch.setattr(pathlib.Path, "rename", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        site_module._put(tmp_path / "new", tmp_path / "out")
+    assert (tmp_path / "out" / "index.html").read_text() == "old"

@@ -78,7 +78,7 @@ def find_embody(root: pathlib.Path, options: ImportOptions) -> list[MotionRecord
         person = folder.parent
         for path in sorted(folder.glob("[!.]*.npy")):
             audio = person / _EMBODY_AUDIO / f"{path.stem}.wav"
-            words = transcripts.find(audio)
+            words = transcripts.find(audio, is_alone=False)
             name = shown(f"{path.stem}--{person.name}")
             speaker = options.speaker or shown(person.name)
             given = audio if audio.is_file() else None

@@ -77,7 +77,7 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
         raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
-    speakers = [options.speaker or shown(path.parent.name if in_folders else path.stem) for path in paths]
+    speakers = [options.speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
     return [
         MotionRecording(path, name, speaker, audio, words, folders.count(path.parent) == 1)
         for path, name, speaker in zip(paths, names, speakers, strict=True)
@@ -150,6 +150,4 @@ def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
 
 
 def _find_words(recording: MotionRecording) -> pathlib.Path | None:
-    found = transcripts.find(recording.path)
-    # A file called words.* is ambiguous if there are several recordings in the folder.
-    return None if found is not None and found.stem == "words" and not recording.is_alone else found
+    return transcripts.find(recording.path, is_alone=recording.is_alone)

@@ -34,7 +34,9 @@ def parse_table(text: str, path: pathlib.Path) -> list[Stretch]:
         UserError: a row lacks a column, or a time is not a number.
     """
     rows, name = _rows(text, path), shown(path)
-    number, header = next(rows)
+    number, header = next(rows, (0, None))
+    if header is None:
+        raise UserError(f"{name} has no rows; expected start, end and word in each")
     names = [field.strip().lower() for field in header]
     columns = {key: next((names.index(name) for name in known if name in names), -1) for key, known in _NAMES.items()}
     may_be_milliseconds = columns["text"] >= 0 and names[columns["text"]] == "text"

@@ -6,6 +6,7 @@ import pathlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ha2g_jax.data import transcripts
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, reading, shown
 
@@ -19,11 +20,18 @@ class VideoRecording(NamedTuple):
         video: absolute path of the video.
         name: path within the common folder of all videos, without suffix unless another video has the same path.
         speaker: first subfolder of the common folder, or `name` if the video lies directly in the common folder.
+        is_alone: whether no other video is in its folder.
     """
 
     video: pathlib.Path
     name: str
     speaker: str
+    is_alone: bool = True
+
+    @property
+    def transcript(self) -> pathlib.Path | None:
+        """Return the transcript beside the video, None if there is none."""
+        return transcripts.find(self.video, is_alone=self.is_alone)
 
 
 def find_recordings(
@@ -55,12 +63,12 @@ def find_recordings(
         raise UserError(f"no video in {', '.join(map(shown, given))}; expected files ending in {', '.join(SUFFIXES)}")
     root = pathlib.Path(os.path.commonpath([path if path.is_dir() else path.parent for path in given]))
     names = collections.Counter(_name(file, root) for file in found)
-    recordings = []
+    recordings, in_folder = [], collections.Counter(file.parent for file in found)
     for file in found:
         name = _name(file, root)
         name = name if names[name] == 1 else shown(file.relative_to(root).as_posix())
         folder, slash, _ = name.partition("/")
-        recordings.append(VideoRecording(file, name, folder if slash else name))
+        recordings.append(VideoRecording(file, name, folder if slash else name, in_folder[file.parent] == 1))
     return root, sorted(recordings, key=lambda recording: recording.name)
 
 

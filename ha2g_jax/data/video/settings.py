@@ -140,6 +140,10 @@ def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> Video
         if not equals:
             raise UserError(f"setting {_short(pair)} has no value; write NAME=VALUE, such as min_seconds=3")
         group, dot, inner = name.partition(".")
+        if name == _FILTERS:
+            raise UserError(
+                f"setting {_FILTERS} is a group; write {_FILTERS}.NAME=VALUE, such as {_FILTERS}.min_words=2"
+            )
         if group == _FILTERS and dot:
             values.setdefault(_FILTERS, {})[inner] = _parsed(name, text, _types(WindowFilters).get(inner))
         else:

@@ -6,7 +6,7 @@ import pathlib
 
 import msgpack
 
-from ha2g_jax.data import records, transcripts
+from ha2g_jax.data import records
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.data.video import extraction
 from ha2g_jax.data.video.extraction import Extraction
@@ -30,7 +30,7 @@ def key_of(recording: VideoRecording, settings: VideoSettings) -> str:
     Raises:
         UserError: the video or its transcript cannot be read.
     """
-    transcript = transcripts.find(recording.video)
+    transcript = recording.transcript
     facts = {
         "version": extraction.VERSION,
         "talk": recording.name,

@@ -11,14 +11,15 @@ import tqdm
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
-from ha2g_jax.files.whole_file import check_file, whole_file
+from ha2g_jax.files.reading import reading
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.latency.estimates import Scores
 from ha2g_jax.study.latency.plan import LOOK_AHEADS, plan_settings, scores_path
 from ha2g_jax.study.latency.report import Results, as_markdown, figure
 from ha2g_jax.study.reproduction.facts import describe_work, run_states
 from ha2g_jax.study.reproduction.jobs import Perform, perform_in_process, run_all
 from ha2g_jax.study.reproduction.plan import Run, is_finished, read_stored
-from ha2g_jax.study.reproduction.request import Request, corpus_path
+from ha2g_jax.study.reproduction.request import Request, check_report, corpus_path
 
 _WORKER = (sys.executable, "-m", "ha2g_jax.study.latency.worker")
 
@@ -43,14 +44,15 @@ def study_latency(
         UserError: the request does not fit the data, or the page cannot be written.
         Stopped: a signal came.
     """
-    check_file(out)
+    check_report(out)
     start = time.monotonic()
     folder = corpus_path(request)
     rows = plan_settings(request, folder)
     corpus = Corpus.open(folder)
     if not corpus.has_clips(split):
         raise UserError(f"{folder} has no clips in the split {split}; give --split one of {', '.join(corpus.splits)}")
-    request.workdir.mkdir(parents=True, exist_ok=True)
+    with reading(request.workdir, "a folder of runs, which --workdir names"):
+        request.workdir.mkdir(parents=True, exist_ok=True)
     runs = [run for same_seed in zip(*rows.values(), strict=True) for run in same_seed]
     missing = [run for run in runs if _scores(run, folder, split) is None]
     failures = {} if request.has_training else {run.name: "not trained" for run in missing if not is_finished(run)}

@@ -82,7 +82,8 @@ def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
     rows = {row.name: plan_row(request, corpus, row.method, row.changes, row.name) for row in table.rows}
     left_out = {name: _NO_WHISPER for name, runs in rows.items() if _lacks_whisper(runs[0].config)}
     rows = {name: runs for name, runs in rows.items() if name not in left_out}
-    autoencoder = _run(request._replace(changes={}), corpus, "autoencoder", {}, "", 0)
+    rate = {name: value for name, value in request.changes.items() if name == "data.fps"}  # that of the corpus
+    autoencoder = _run(request._replace(changes=rate), corpus, "autoencoder", {}, "", 0)
     splits, draws = SPLITS.get(request.data, ("test",)), DRAWS.get(request.size, 1000)
     return Plan(table, corpus, splits, autoencoder, rows, left_out, draws)
 

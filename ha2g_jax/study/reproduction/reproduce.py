@@ -11,7 +11,8 @@ import tqdm
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
-from ha2g_jax.files.whole_file import check_file, whole_file
+from ha2g_jax.files.reading import reading
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.study.reproduction import paper_tables
 from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES, corpus_report
 from ha2g_jax.study.reproduction.facts import describe_work, run_states, validation_metric
@@ -27,7 +28,7 @@ from ha2g_jax.study.reproduction.plan import (
     scores_path,
 )
 from ha2g_jax.study.reproduction.report import as_markdown, figure
-from ha2g_jax.study.reproduction.request import Request, corpus_path
+from ha2g_jax.study.reproduction.request import Request, check_report, corpus_path
 from ha2g_jax.study.reproduction.results import Results
 
 _NOT_TRAINED = "not trained"
@@ -62,13 +63,15 @@ def reproduce(
             has copies of other trainings.
         Stopped: a signal came.
     """
-    check_file(out)
+    check_report(out)
     start = time.monotonic()
     if request.table in CORPUS_TABLES:
         if keep is not None:
             raise UserError(
                 f"nothing is trained for {request.table}, so that there is no run to keep; leave out --keep"
             )
+        if request.changes:
+            raise UserError(f"nothing is trained for {request.table}; leave out --changes")
         report = corpus_report(request.table, corpus_path(request), command)
         with whole_file(out) as path:
             path.write_text(report)
@@ -80,7 +83,8 @@ def reproduce(
     for split in plan.splits:
         if not corpus.has_clips(split):
             raise UserError(f"{folder} has no clips in the split {split}, which is scored; `ha2g data split` makes one")
-    request.workdir.mkdir(parents=True, exist_ok=True)
+    with reading(request.workdir, "a folder of runs, which --workdir names"):
+        request.workdir.mkdir(parents=True, exist_ok=True)
     if keep is not None:
         for run in (plan.autoencoder, *plan.runs):
             keep_run(run, plan, request.has_legacy, keep)

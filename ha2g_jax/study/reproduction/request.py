@@ -7,8 +7,12 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import check_file
 
 _DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
+
+_OPTIONS = {"seed": "--seeds", "data.path": "--data NAME:DIR"}  # settings that are options of their own
 
 
 class Request(NamedTuple):
@@ -37,6 +41,20 @@ class Request(NamedTuple):
     jobs: int = 1
     has_training: bool = True
     has_legacy: bool = False
+
+
+def check_report(out: pathlib.Path) -> None:
+    """Check the path of a report before hours of work.
+
+    Args:
+        out: Markdown file to write, beside which the chart has the suffix .svg.
+
+    Raises:
+        UserError: the path is that of a folder, or of the chart.
+    """
+    check_file(out)
+    if out.suffix.lower() == ".svg":
+        raise UserError(f"{shown(out)} would be the chart of the report; give the name of the report, such as out.md")
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -68,13 +86,15 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
         Dotted name of a setting -> value.
 
     Raises:
-        UserError: a text has no key or no value.
+        UserError: a text has no key or no value, or the setting is an option of its own.
     """
     changes: dict[str, Any] = {}
     for text in texts:
         key, _, value = text.partition("=")
         if not key or not value:
-            raise UserError(f"--changes {text} is no KEY=VALUE, such as train.steps=3000")
+            raise UserError(f"--changes {text} is not KEY=VALUE, such as train.steps=3000")
+        if key in _OPTIONS:
+            raise UserError(f"--changes cannot set {key}; give {_OPTIONS[key]}")
         try:
             changes[key] = ast.literal_eval(value)
         except (ValueError, SyntaxError):

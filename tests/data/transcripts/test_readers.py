@@ -341,3 +341,11 @@ def test_fuzz(tmp_path_factory, name):
 
     read()
     assert min(outcomes.values()) > 0, outcomes
+
+
+@pytest.mark.parametrize("text", [",,,\n,,,\n", ",,\n"])
+def test_a_table_without_rows_is_refused(tmp_path, text):
+    """It must not end the import of the other files."""
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(UserError, match=r"a\.csv has no rows; expected start, end and word"):
+        transcripts.read_words(tmp_path / "a.csv")

@@ -221,6 +221,10 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
         ("b/x.mp4", "b"),
         ("y", "y"),
     ]
+    (tmp_path / "b" / "x.txt").rename(tmp_path / "b" / "words.txt")
+    (tmp_path / "a" / "deep" / "words.txt").touch()
+    transcripts = [video.transcript and video.transcript.parent.name for video in found]
+    assert transcripts == ["deep", None, None, None]  # whose words those of two videos are is not known
     _, found = recordings.find_recordings([tmp_path / "b" / "x.mp4"])
     assert [(video.name, video.speaker) for video in found] == [("x", "x")]
     _, found = recordings.find_recordings([tmp_path / "a", tmp_path / "y.webm"])

@@ -352,7 +352,7 @@ def test_keeping_needs_runs(request_, tmp_path):
         ({"path": ""}, "needs the folder of a corpus"),
         ({"seeds": (1, 1)}, "each once"),
         ({"changes": {"train.stps": 3}}, "no setting 'train.stps'"),
-        ({"changes": {"train.steps": "many"}}, "--changes do not fit"),
+        ({"changes": {"train.steps": "many"}}, "train.steps cannot be 'many'"),
         ({"data": "talk"}, "no clips in the split test_unseen_speakers"),
         ({"has_training": False}, "leave out --no-train"),
     ],
@@ -371,5 +371,7 @@ def test_flags_are_read():
             parse_seeds(text)
     found = parse_changes(["train.steps=300", "loss.gan=minimax", "train.betas=(0.5,0.9)"])
     assert found == {"train.steps": 300, "loss.gan": "minimax", "train.betas": (0.5, 0.9)}
-    with pytest.raises(UserError, match="no KEY=VALUE"):
+    with pytest.raises(UserError, match="not KEY=VALUE"):
         parse_changes(["train.steps"])
+    with pytest.raises(UserError, match="cannot set seed; give --seeds"):
+        parse_changes(["seed=7"])
