@@ -260,7 +260,7 @@ def test_what_cannot_be_evaluated_is_refused(skeleton, perform, features):
         attempt({"a": [dataclasses.replace(clip, fps=30.0) for clip in clips]})
     with pytest.raises(UserError, match="clips twice"):
         attempt({"a": clips}, clips + clips)
-    with pytest.raises(UserError, match="no numbers"):
+    with pytest.raises(UserError, match="not numbers"):
         attempt({"a": [dataclasses.replace(clip, directions=np.full_like(clip.directions, np.nan)) for clip in clips]})
     with pytest.raises(UserError, match="auto-encoder is of the skeleton ted_gesture at 30"):
         attempt({"a": clips}, autoencoder=dataclasses.replace(features, fps=30.0))

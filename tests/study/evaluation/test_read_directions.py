@@ -109,10 +109,10 @@ def test_what_is_no_motion_is_refused(change, message, skeleton, arrays, tmp_pat
 def test_numbers_that_are_none_are_named(skeleton, directions, arrays, tmp_path):
     arrays["positions"][7, skeleton.joint("left_wrist")] = np.nan
     np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(UserError, match="no number, of left_wrist in frame 7"):
+    with pytest.raises(UserError, match="not a number, of left_wrist in frame 7"):
         read(tmp_path / "a.npz", skeleton)
     (tmp_path / "a.json").write_text(as_json(arrays))
-    with pytest.raises(UserError, match="no number, of left_wrist in frame 7"):
+    with pytest.raises(UserError, match="not a number, of left_wrist in frame 7"):
         read(tmp_path / "a.json", skeleton)
     motion = Motion.from_directions(skeleton, directions, 15)
     broken = motion.directions.copy()
