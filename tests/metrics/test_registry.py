@@ -31,7 +31,7 @@ def test_a_heading_has_the_unit():
 
 def test_a_name_that_is_not_registered_is_an_error():
     assert metrics.lookup("fgd").title == "FGD"
-    with pytest.raises(UserError, match="no metric is registered as 'hand_speed'; add it to METRICS"):
+    with pytest.raises(UserError, match="no metric is registered as 'hand_speed'; add it to _REGISTERED"):
         metrics.lookup("hand_speed")
 
 

@@ -174,7 +174,7 @@ def spoil(root, case):
         ("", ("--clips", "3"), "3 clips of 2"),
         ("", ("--clip-seconds", "0.1"), "expected 1 to 120 s"),
         ("", ("--size", "63"), "even sides"),
-        ("", ("--title", "\n"), "the title has 1 letters"),
+        ("", ("--title", "\n"), "the title has 1 characters"),
         ("", ("--speech", "{root}/nowhere"), "no folder at"),
         ("", ("--attention", "9"), "9 attention checks"),
     ],
