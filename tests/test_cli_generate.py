@@ -261,7 +261,7 @@ def test_the_speech_of_a_folder_is_its_sound(recordings, tmp_path, capsys):
 def test_no_result_overwrites_a_file_that_is_read(speech, tmp_path):
     out = tmp_path / "pose.npz"
     plan(speech, out, others=[tmp_path / "other.npz"])
-    with pytest.raises(UserError, match=r"would overwrite .*pose\.npz; choose another name"):
+    with pytest.raises(UserError, match=r"would overwrite .*pose\.npz; choose another path"):
         plan(speech, out, others=[tmp_path / "below" / ".." / "pose.npz"])
 
 

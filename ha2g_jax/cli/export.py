@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ha2g_jax.cli.parser import add_reading
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import check_kept
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,7 +76,7 @@ def _export(arguments: argparse.Namespace) -> None:
     from ha2g_jax.motion import formats
     from ha2g_jax.motion_files import read_motion
 
-    _check_out(arguments.out, [arguments.motion, arguments.audio])
+    check_kept([arguments.out], [arguments.motion, arguments.audio])
     motion = read_motion(arguments.motion, joint_map=arguments.joint_map, source_fps=arguments.source_fps)
     seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
     formats.export(motion, arguments.out, rig=arguments.rig, audio_seconds=seconds)
@@ -85,7 +86,7 @@ def _export(arguments: argparse.Namespace) -> None:
 def _video(arguments: argparse.Namespace) -> None:
     from ha2g_jax.motion.video import write_video
 
-    _check_out(arguments.out, [*arguments.motions, arguments.audio])
+    check_kept([arguments.out], [*arguments.motions, arguments.audio])
     if arguments.out.suffix.lower() != ".mp4":
         raise UserError(f"a video is written as .mp4; name it {arguments.out.stem}.mp4")
     if arguments.workers is not None and arguments.workers < 1:
@@ -108,7 +109,7 @@ def _keyframes(arguments: argparse.Namespace) -> None:
     from ha2g_jax.data import transcripts
     from ha2g_jax.motion import keyframes
 
-    _check_out(arguments.out, [*arguments.motions, arguments.words])
+    check_kept([arguments.out], [*arguments.motions, arguments.words])
     motions = _load(arguments)
     words = transcripts.read_words(arguments.words) if arguments.words else ()
     keyframes.write(
@@ -152,11 +153,6 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
         raise UserError("two motions have the same name; give different names with --names")
     options = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
     return {shown(name): read_shown(path, **options) for name, path in zip(names, paths, strict=True)}
-
-
-def _check_out(out: pathlib.Path, sources: list[pathlib.Path | None]) -> None:
-    if any(source is not None and source.resolve() == out.resolve() for source in sources):
-        raise UserError(f"the result would overwrite {shown(out)}; choose another name with --out")
 
 
 def _read_audio(path: pathlib.Path) -> "np.ndarray":

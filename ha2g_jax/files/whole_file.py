@@ -4,7 +4,7 @@ import contextlib
 import errno
 import os
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
@@ -19,6 +19,30 @@ def check_file(path: str | pathlib.Path) -> None:
     path = pathlib.Path(path)
     if not path.name or path.is_dir():
         raise UserError(f"cannot write {shown(path)} (is a folder); give the path of a file")
+
+
+def check_kept(
+    results: Iterable[pathlib.Path],
+    inputs: Iterable[pathlib.Path | None],
+    *,
+    what: str = "result",
+    option: str = "--out",
+) -> None:
+    """Check that no result would overwrite a file that is read, before the work.
+
+    Args:
+        results: paths of the files that are written.
+        inputs: paths of the files that are read; None stands for an input that was not given.
+        what: name of a result in the message.
+        option: option that names the results.
+
+    Raises:
+        UserError: a result would overwrite one of the inputs.
+    """
+    kept = {path.resolve(): path for path in inputs if path is not None}
+    for path in results:
+        if (resolved := path.resolve()) in kept:
+            raise UserError(f"the {what} would overwrite {shown(kept[resolved])}; choose another path with {option}")
 
 
 @contextlib.contextmanager

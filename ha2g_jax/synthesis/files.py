@@ -12,13 +12,13 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.whole_file import check_kept, whole_file
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.backends import load
 from ha2g_jax.synthesis.generator import Generator, Options
-from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, check_kept, plan
+from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
 from ha2g_jax.synthesis.speech import Audio, read_speech
 
 
@@ -77,7 +77,8 @@ def generate_files(
     if model.reads_words and words is None:
         from ha2g_jax.data import transcripts
 
-        check_kept(tasks, [found for task in tasks if (found := transcripts.find(task.speech)) is not None])
+        results = [path for task in tasks for path in task.paths]
+        check_kept(results, [transcripts.find(task.speech) for task in tasks])
     if len(tasks) == 1:
         _generate(model, tasks[0], words, size, report, options)
         return tasks[0].paths

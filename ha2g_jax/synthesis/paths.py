@@ -11,6 +11,7 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.sound_files import has_sound
 from ha2g_jax.files.reading import check_regular, reading, shown
+from ha2g_jax.files.whole_file import check_kept
 from ha2g_jax.motion import formats
 
 VIDEO, PAGE = ".mp4", ".html"
@@ -58,25 +59,10 @@ def plan(
         tasks = [Task(path, _gestures(path, folder, suffix)) for path in find_speech(inputs)]
         for target in {task.paths[0].parent for task in tasks}:
             _check_writable(target)
-    check_kept(tasks, [*(task.speech for task in tasks), *map(pathlib.Path, others)])
+    results = [path for task in tasks for path in task.paths]
+    check_kept(results, [*(task.speech for task in tasks), *map(pathlib.Path, others)])
     _check_distinct(tasks)
     return tasks
-
-
-def check_kept(tasks: list[Task], inputs: Sequence[pathlib.Path]) -> None:
-    """Check that no result would overwrite a file that is read.
-
-    Args:
-        tasks: files that are written.
-        inputs: paths of the files that are read.
-
-    Raises:
-        UserError: a result would overwrite one of them.
-    """
-    kept = {path.resolve(): path for path in inputs}
-    for path in (path for task in tasks for path in task.paths):
-        if (resolved := path.resolve()) in kept:
-            raise UserError(f"the result would overwrite {shown(kept[resolved])}; choose another name with --out")
 
 
 def out_paths(speech: pathlib.Path, out: Path | None = None, suffix: str | None = None) -> tuple[pathlib.Path, ...]:

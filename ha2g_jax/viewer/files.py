@@ -9,6 +9,7 @@ from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import check_kept
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion_files import read_motion
 from ha2g_jax.viewer.page import write_page
@@ -41,8 +42,7 @@ def view_files(
     Raises:
         UserError: a file cannot be read or does not hold a motion, or the page cannot be written.
     """
-    if out in motions or out in (audio, words):
-        raise UserError(f"the page would overwrite {shown(out)}; choose another name with -o")
+    check_kept([out], [*motions, audio, words], what="page", option="-o")
     read = (read_shown(path, joint_map=joint_map, source_fps=source_fps) for path in motions)
     named = dict(zip(names_of(motions), read, strict=True))
     samples = None if audio is None else read_audio(audio)

@@ -5,7 +5,7 @@ import pathlib
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.whole_file import check_file, whole_file
+from ha2g_jax.files.whole_file import check_file, check_kept, whole_file
 
 
 @pytest.mark.parametrize("path", [".", "/", ""])
@@ -14,6 +14,15 @@ def test_a_path_without_a_name_is_refused(path):
         pytest.fail("the path was taken")
     with pytest.raises(UserError, match=r"\(is a folder\); give the path of a file"):
         check_file(path)
+
+
+def test_a_result_does_not_overwrite_what_is_read(tmp_path):
+    read, link = tmp_path / "read.bvh", tmp_path / "link.bvh"
+    link.symlink_to(read)
+    check_kept([tmp_path / "new.bvh"], [read, None])
+    for result in (read, link, tmp_path / "below" / ".." / "read.bvh"):
+        with pytest.raises(UserError, match=r"the page would overwrite .*read\.bvh; choose another path with -o"):
+            check_kept([tmp_path / "new.bvh", result], [None, read], what="page", option="-o")
 
 
 def test_the_target_of_a_link_is_written(tmp_path):

@@ -20,6 +20,7 @@ from ha2g_jax.data.video.recordings import VideoRecording, find_recordings
 from ha2g_jax.data.video.settings import VideoSettings
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import check_kept
 
 RUNNERS = ("local", "ray")
 
@@ -88,7 +89,8 @@ def build_video(
         raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
     root, recordings = find_recordings(videos, without=overlay)
     if overlay is not None:
-        _check_kept(recordings, overlay)
+        overlays = [overlay / f"{recording.name}.mp4" for recording in recordings]
+        check_kept(overlays, [recording.video for recording in recordings], what="overlay", option="--overlay")
     if runner == "local":  # the nodes of a cluster have environments of their own
         shots.check_installed()
         if settings.pose_command is None:
@@ -122,14 +124,6 @@ def build_video(
     else:
         shutil.rmtree(work)
     return {split: report}
-
-
-def _check_kept(recordings: Sequence[VideoRecording], overlay: pathlib.Path) -> None:
-    """Check that no overlay would overwrite a video."""
-    videos = {recording.video.resolve() for recording in recordings}
-    for recording in recordings:
-        if (path := overlay / f"{recording.name}.mp4").resolve() in videos:
-            raise UserError(f"the overlay would overwrite {shown(path)}; give another folder with --overlay")
 
 
 def _do(job: _Job) -> tuple[str, Extraction | None]:
