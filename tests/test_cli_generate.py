@@ -17,7 +17,7 @@ from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import files
-from ha2g_jax.synthesis.paths import SUFFIXES, out_paths, plan
+from ha2g_jax.synthesis.paths import SUFFIXES, find_transcript, out_paths, plan
 
 
 @pytest.fixture(scope="module")
@@ -275,6 +275,15 @@ def test_a_transcript_that_is_found_is_not_overwritten(speech, tmp_path, monkeyp
     with pytest.raises(UserError, match=r"would overwrite .*speech\.json"):
         files.generate_files(speech, transcript)
     assert transcript.read_text() == "[]"
+
+
+def test_one_transcript_is_not_that_of_several_recordings(speech):
+    transcript = speech.with_name("words.json")
+    transcript.write_text("[]")
+    shutil.copy(speech, speech.with_name(f"{speech.stem}_gestures.wav"))
+    assert find_transcript(speech) == transcript
+    shutil.copy(speech, speech.with_name("other.wav"))
+    assert find_transcript(speech) is None
 
 
 def test_a_file_that_fails_is_named_and_the_others_are_written(checkpoint, recordings, tmp_path, capsys):

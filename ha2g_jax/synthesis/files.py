@@ -18,7 +18,7 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.backends import load
 from ha2g_jax.synthesis.generator import Generator, Options
-from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, plan
+from ha2g_jax.synthesis.paths import PAGE, VIDEO, Path, Task, find_transcript, plan
 from ha2g_jax.synthesis.speech import Audio, read_speech
 
 
@@ -75,10 +75,8 @@ def generate_files(
     with stage("loading the model"):
         model = load(checkpoint, backend)
     if model.reads_words and words is None:
-        from ha2g_jax.data import transcripts
-
         results = [path for task in tasks for path in task.paths]
-        check_kept(results, [transcripts.find(task.speech) for task in tasks])
+        check_kept(results, [find_transcript(task.speech) for task in tasks])
     if len(tasks) == 1:
         _generate(model, tasks[0], words, size, report, options)
         return tasks[0].paths
@@ -169,9 +167,7 @@ def read_words(
         if words is not None:
             tqdm.write(f"{model.spec.method} reads no words: {shown(words)} is not used", file=sys.stderr)
         return ()
-    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
-
-    words = words or transcripts.find(speech)
+    words = words or find_transcript(speech)
     if words is None:
         tqdm.write(
             f"{model.spec.method} reads words, but {shown(speech)} has no transcript beside it: continuing without "
@@ -179,4 +175,6 @@ def read_words(
             file=sys.stderr,
         )
         return ()
+    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
+
     return transcripts.words_of(audio, words, recognise=None)

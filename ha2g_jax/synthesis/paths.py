@@ -118,13 +118,32 @@ def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
     return found
 
 
+def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
+    """Find the transcript beside a file of speech, see `transcripts.find`; what was generated is no other recording.
+
+    Args:
+        speech: path of the speech.
+
+    Returns:
+        Path of the transcript, None if there is none.
+
+    Raises:
+        UserError: the folder cannot be read.
+    """
+    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
+
+    if (found := transcripts.find(speech)) == transcripts.find(speech, is_alone=False):
+        return found
+    with reading(speech.parent, "a folder of recordings"):
+        files = [path for path in speech.parent.iterdir() if path.is_file()]
+    return found if _speech_among(files) == [speech] else None
+
+
 def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
     """Return the files with sound of a folder by name, without what was generated from the others before."""
     with reading(folder, "a folder of recordings"):
         files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
-    sounds = [path for path in files if has_sound(path)]
-    results = {f"{path.stem}{_APPENDED}" for path in sounds}
-    speech = [path for path in sounds if path.stem not in results]
+    speech = _speech_among(files)
     if not speech:
         raise UserError(f"no file with sound in {shown(folder)}; give a folder of recordings of speech")
     if skipped := [shown(path.name) for path in files if path not in speech]:
@@ -132,6 +151,13 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
         names = ", ".join(skipped[:_NAMES_SHOWN])
         tqdm.write(f"skipping files that are not speech in {shown(folder)}: {names}{more}", file=sys.stderr)
     return speech
+
+
+def _speech_among(files: Sequence[pathlib.Path]) -> list[pathlib.Path]:
+    """Return the files with sound, without what was generated from the others before."""
+    sounds = [path for path in files if has_sound(path)]
+    results = {f"{path.stem}{_APPENDED}" for path in sounds}
+    return [path for path in sounds if path.stem not in results]
 
 
 def _check_speech(path: pathlib.Path) -> None:
