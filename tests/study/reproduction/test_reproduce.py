@@ -12,10 +12,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import stop_signals
 from ha2g_jax.study.reproduction import plan as plan_module
 from ha2g_jax.study.reproduction.jobs import Stopped
-from ha2g_jax.study.reproduction.plan import (
-    make_plan,
-    scores_path,
-)
+from ha2g_jax.study.reproduction.plan import make_plan, scores_path
 from ha2g_jax.study.reproduction.request import parse_changes, parse_seeds
 
 from .fake_runs import FakeRuns, run_study
