@@ -28,9 +28,9 @@ def main(argv: list[str] | None = None) -> int:
         argv: arguments; by default those of this process.
 
     Returns:
-        0; 1 if `doctor` or `data validate` find an error, or for a fault of this program, whose traceback is printed; 2
-        for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C, and 143 if `live` is
-        ended by SIGTERM.
+        0; 1 if `doctor`, `data validate` or `genea check` find an error, or for a fault of this program, whose
+        traceback is printed; 2 for a mistake of the user or an error of the system, such as a full disk; 130 for Ctrl-C,
+        141 if the reader of the output has stopped reading, and 143 if `live` is ended by SIGTERM.
 
     Raises:
         SystemExit: SIGTERM ended another command, with code 143.
@@ -52,7 +52,8 @@ def _run(argv: list[str] | None) -> int:
             return launch.main(["ha2g train", *argv[1:]])
         arguments = _parser().parse_args(argv)
         code = arguments.run(arguments) or 0
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it was closed before
+            sys.stdout.flush()
     except UserError as error:
         print(f"ha2g: {error}", file=sys.stderr)
         return 2
@@ -60,7 +61,8 @@ def _run(argv: list[str] | None) -> int:
         print("ha2g: interrupted", file=sys.stderr)
         return 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of the output has stopped reading, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if sys.stdout is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # the exit code of SIGPIPE in a shell
     except MemoryError:
         print("ha2g: out of memory; give a shorter or smaller input, or close other programs", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Folders that are made in secret and renamed when they are whole; the next process removes those of a dead one."""
+"""Folders that get their names when they are complete; the next process removes what a killed one has left."""
 
 import contextlib
 import pathlib

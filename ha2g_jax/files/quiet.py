@@ -1,4 +1,4 @@
-"""Silence of C libraries that print on the standard error what a message of this program says."""
+"""Suppression of what C libraries print on the standard error where a message of this program says it."""
 
 import contextlib
 import os

@@ -15,7 +15,7 @@ class Discriminator(nn.Module):
 
     Attributes:
         hidden_dim: number of values of the state of the GRU in one direction.
-        layers: number of layers of the GRU; Table 8 states none, we use 1, and the authors' release has 4.
+        layers: number of layers of the GRU; Table 8 states none, the configs and the authors' release have 4.
         dropout: dropout rate between the layers of the GRU.
         slope: slope of the activations for negative values; the release of HA2G has 0.01, that of Trimodal 1.
     """

@@ -54,7 +54,10 @@ def read_content(path: pathlib.Path) -> Content:
         names = {*motions.ARRAYS, *ARRAYS, *smplx_arrays.NAMES}
         arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=names)
     elif container == ".npy":
-        [array] = read_npz(path, max_bytes=MAX_MOTION_BYTES).values()
+        found = read_npz(path, max_bytes=MAX_MOTION_BYTES)
+        if len(found) != 1:  # an archive behind other bytes
+            raise UserError(f"{shown(path)} contains {len(found)} arrays; expected one, as in every .npy file")
+        [array] = found.values()
     elif container == ".json":
         arrays = _read_json(path)
     return Content(path, container, arrays, array)

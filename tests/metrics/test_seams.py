@@ -1,4 +1,4 @@
-"""A border that jumps is seen, one that does not is not, and the test does not cry wolf."""
+"""A border that jumps is seen, one that does not is not, and jumps are seldom found where there are none."""
 
 import numpy as np
 import pytest

@@ -134,7 +134,7 @@ def test_legs_and_place_reach_the_files_of_other_programs(kind, files, person, t
     assert {("pelvis", "translation"), ("pelvis", "rotation"), ("left_knee", "rotation")} <= moved
 
 
-def test_a_face_of_fewer_values_is_a_passenger_to_other_kinds_and_back(files, tmp_path):
+def test_a_face_of_fewer_values_is_carried_to_other_kinds_and_back(files, tmp_path):
     formats.export(read_motion(files["smplx package"]), tmp_path / "own.npz")
     formats.export(read_motion(tmp_path / "own.npz"), tmp_path / "smplx.npz", rig="smplx")
     with np.load(files["smplx package"]) as given, np.load(tmp_path / "smplx.npz") as found:

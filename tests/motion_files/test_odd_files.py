@@ -250,3 +250,10 @@ def test_a_header_of_huge_counts_is_refused_before_memory_is_taken(header, tmp_p
     (tmp_path / "x.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + b"\0" * 64)
     with pytest.raises(UserError, match=r"x\.npy"):
         read_motion(tmp_path / "x.npy")
+
+
+def test_an_archive_that_begins_as_a_npy_file_is_refused(tmp_path):
+    np.savez(tmp_path / "two.npz", a=np.zeros(3), b=np.zeros(3))
+    (tmp_path / "x.npy").write_bytes(b" \x93NUMPY" + (tmp_path / "two.npz").read_bytes())
+    with pytest.raises(UserError, match=r"x\.npy contains 2 arrays"):
+        read_motion(tmp_path / "x.npy")
