@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import run_logged, stop_signals
+from ha2g_jax.files.whole_file import whole_file
 from ha2g_jax.launch import load_config
 from ha2g_jax.train.metrics_file import METRICS, read_metrics
 
@@ -183,9 +184,8 @@ def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path)
             is_good &= error is None
             print(f"failed: {error}" if error else "finished" if stop.number is None else "stopped", flush=True)
     gathered = gather(runs)
-    temporary = workdir / "sweep.json.new"
-    temporary.write_text(json.dumps(gathered, indent=1) + "\n")
-    temporary.replace(workdir / "sweep.json")
+    with whole_file(workdir / "sweep.json") as temporary:
+        temporary.write_text(json.dumps(gathered, indent=1) + "\n")
     print(as_table(gathered))
     if stop.number is not None:
         return 128 + stop.number

@@ -100,15 +100,15 @@ axes[1, 1].set_xlabel("step")
 plt.show()
 
 # %% [markdown]
-# The reconstruction falls in training and in validation; a longer run on so few minutes would learn them by heart,
-# and the two would part. The style term is negative, because it rewards outputs that differ between two identities,
+# The reconstruction falls in training and in validation; a longer run on so few minutes would fit them ever more closely,
+# and validation would get worse. The style term is negative, because it rewards outputs that differ between two identities,
 # and it is 0 in validation, where there is only one speaker. The divergence of the styles rises while they move
 # apart.
 #
 # ## Generate from the checkpoint, and compare with the truth
 #
 # A workdir is a model. Here is the first clip of the validation split: the true motion, that of the new model, and
-# that of the demo model, which was trained on 1,620 minutes of 120 speakers. Both start from the first four true poses
+# that of the demo model, which was trained on speech of 240 speakers. Both start from the first four true poses
 # (M = 4).
 
 # %%

@@ -4,6 +4,7 @@ import json
 import pathlib
 import re
 import shlex
+import tomllib
 
 import yaml
 
@@ -59,3 +60,11 @@ def test_what_the_image_copies_is_not_ignored():
     copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
     assert {name for line in copied for name in line.split()} == set(kept)
     assert all((DEPLOY.parent / name).exists() for name in kept)
+
+
+def test_the_image_has_what_the_package_is_built_from():
+    project = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())
+    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
+    folders = {name for line in copied for name in line.split()}
+    assert included and all(folders & {path, *map(str, pathlib.PurePosixPath(path).parents)} for path in included)

@@ -5,7 +5,7 @@ import { fileOf, find, press, show } from "./elements.js";
 import type { ShownFigure } from "./figure.js";
 import type { AvatarView } from "./avatar-view.js";
 
-const MAX_AVATAR_BYTES = 256 * 2 ** 20;
+const MAX_AVATAR_BYTES = 100 * 2 ** 20; // checkVrm refuses larger ones
 
 export class Screen {
   private readonly stage: Stage;
