@@ -100,10 +100,10 @@ axes[1, 1].set_xlabel("step")
 plt.show()
 
 # %% [markdown]
-# The reconstruction falls in training and in validation; a longer run on so few minutes would fit them ever more closely,
-# and validation would get worse. The style term is negative, because it rewards outputs that differ between two identities,
-# and it is 0 in validation, where there is only one speaker. The divergence of the styles rises while they move
-# apart.
+# The reconstruction falls in training and in validation; a longer run on so few minutes would fit them ever more
+# closely, and validation would get worse. The style term is negative, because it rewards outputs that differ between
+# two identities, and it is 0 in validation, where there is only one speaker. The divergence of the styles rises while
+# they move apart.
 #
 # ## Generate from the checkpoint, and compare with the truth
 #
