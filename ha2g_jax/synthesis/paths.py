@@ -134,15 +134,12 @@ def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
 
     if (found := transcripts.find(speech)) == transcripts.find(speech, is_alone=False):
         return found
-    with reading(speech.parent, "a folder of recordings"):
-        files = [path for path in speech.parent.iterdir() if path.is_file()]
-    return found if _speech_among(files) == [speech] else None
+    return found if _speech_among(_files_in(speech.parent)) == [speech] else None
 
 
 def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
     """Return the files with sound of a folder by name, without what was generated from the others before."""
-    with reading(folder, "a folder of recordings"):
-        files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    files = _files_in(folder)
     speech = _speech_among(files)
     if not speech:
         raise UserError(f"no file with sound in {shown(folder)}; give a folder of recordings of speech")
@@ -151,6 +148,12 @@ def _in_folder(folder: pathlib.Path) -> list[pathlib.Path]:
         names = ", ".join(skipped[:_NAMES_SHOWN])
         tqdm.write(f"skipping files that are not speech in {shown(folder)}: {names}{more}", file=sys.stderr)
     return speech
+
+
+def _files_in(folder: pathlib.Path) -> list[pathlib.Path]:
+    """Return the files of a folder by name, without hidden ones."""
+    with reading(folder, "a folder of recordings"):
+        return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
 
 
 def _speech_among(files: Sequence[pathlib.Path]) -> list[pathlib.Path]:
