@@ -152,7 +152,9 @@ async function files(browser) {
     seen.saved.push(await download(page, () => page.click(`[data-format=${format}]`)));
   }
   await page.setInputFiles("#picker", at("speech.mp3"));
+  await page.fill("#seed", "9"); // while the file is read
   seen.compressed = await says(page, "speech.mp3: ");
+  await page.waitForFunction(() => !site.isBusy && site.take.sound.name === "speech.mp3" && site.take.motion.meta.seed === 9);
   await page.context().close();
 }
 
@@ -203,6 +205,30 @@ async function hostile(browser) {
   await cut.context().close();
 }
 
+// A microphone that ends, during a recording.
+async function unplugged(browser) {
+  const page = await open(browser);
+  await loaded(page);
+  await page.evaluate(() => {
+    const source = { time: 0, close() {}, begin(take, onend) { Object.assign(this, { take, onend }); } };
+    window.source = source;
+    return site.listen(async () => source);
+  });
+  await page.evaluate(async () => {
+    site.record();
+    for (let piece = 0; piece < 30; piece++) {
+      source.take(Float32Array.from({ length: 1600 }, (_, k) => 0.3 * Math.sin(k * 0.05) * Math.sin(piece)));
+      source.time = 0.1 * piece;
+      await site.run.work;
+    }
+    source.onend("The microphone is gone");
+  });
+  await page.waitForFunction(() => site.motion && !site.isBusy);
+  seen.unplugged = await page.evaluate(() => [site.motion.numFrames, site.take.sound.samples.length / 16000]);
+  seen.unpluggedStatus = await status(page);
+  await page.context().close();
+}
+
 async function live(browser) {
   const page = await open(browser, { permissions: ["microphone"] });
   await loaded(page);
@@ -221,6 +247,7 @@ async function live(browser) {
   seen.recordedStatus = await status(page);
   await page.context().close();
 
+  await unplugged(browser);
   const denied = await open(browser);
   await loaded(denied);
   await denied.click("#microphone");

@@ -179,6 +179,11 @@ def test_the_microphone_is_followed_and_recorded(seen):
     assert "may not be used" in seen["denied"]
 
 
+def test_a_recording_is_kept_when_the_microphone_ends(seen):
+    assert seen["unplugged"] == [45, 3]
+    assert seen["unpluggedStatus"] == "The microphone is gone."
+
+
 def test_keys_suffice(seen):
     assert seen["startsStill"]
     assert seen["byKeys"] == "hello.bvh"

@@ -9,8 +9,19 @@ export class Energy {
   private next: { motion: Motion; amount: number } | null = null;
   private isBusy = false;
 
-  /** @param ondone - is called with a motion that has the energy that was asked for last. */
-  constructor(private readonly ondone: (motion: Motion) => void) {}
+  /**
+   * @param ondone - is called with a motion that has the energy that was asked for last.
+   * @param onfail - is called with the motion as it was if its energy cannot be changed.
+   */
+  constructor(
+    private readonly ondone: (motion: Motion) => void,
+    private readonly onfail: (motion: Motion) => void,
+  ) {}
+
+  /** Whether a motion was asked for that is not there yet. */
+  get isPending(): boolean {
+    return this.isBusy;
+  }
 
   /** Asks for a motion, whose energy is 1, with another energy. */
   ask(motion: Motion, amount: number): void {
@@ -29,6 +40,14 @@ export class Energy {
       this.isBusy = false;
       if (this.next) this.step();
       else this.ondone(new Motion(next.motion.skeleton, directions, next.motion.fps, meta));
+    };
+    this.worker.onerror = () => {
+      this.worker?.terminate();
+      this.worker = null;
+      this.isBusy = false;
+      const { motion } = this.next ?? next;
+      this.next = null;
+      this.onfail(motion);
     };
     this.worker.postMessage(next);
   }

@@ -13,7 +13,7 @@ const TOO_SLOW = "This device computes more slowly than you speak; close other p
 /** Something with a clock whose sound a run takes: the microphone, or a test. */
 export interface Source {
   readonly time: number;
-  begin(take: (samples: Float32Array) => void): void;
+  begin(take: (samples: Float32Array) => void, onend: (reason: string) => void): void;
   close(): void;
 }
 
@@ -41,7 +41,10 @@ export class LiveRun {
   ) {
     this.delay = stream.latency + BUFFER;
     figure.clear();
-    source.begin((samples) => this.take(samples));
+    source.begin(
+      (samples) => this.take(samples),
+      (reason) => this.fail(reason),
+    );
   }
 
   /** Number of the frame that is shown now, null before the first. */
@@ -64,7 +67,8 @@ export class LiveRun {
     this.isClosed = true;
     this.source.close();
     await this.work;
-    if (recording) this.keep(await this.stream.flush());
+    const rest = recording && (await this.stream.flush().catch(() => null)); // a stream that has failed has none
+    if (rest) this.keep(rest);
     this.stream.close();
     return recording;
   }

@@ -4,6 +4,7 @@ import { fileOf } from "./elements.js";
 import { RunningResampler } from "./running-resampler.js";
 
 const PIECE = 0.04; // seconds of sound that arrive together
+const ENDED = "The microphone gives no more sound; is it still connected, and allowed for this page?";
 const REASONS: Record<string, string> = {
   NotAllowedError: "The microphone may not be used; allow it for this page in the browser.",
   NotFoundError: "There is no microphone.",
@@ -42,9 +43,10 @@ export class Microphone {
     }
   }
 
-  /** Takes the sound from now on; `take` gets samples at 16 kHz. */
-  begin(take: (samples: Float32Array) => void): void {
+  /** Takes the sound from now on; `take` gets samples at 16 kHz, `onend` is called when no more can come. */
+  begin(take: (samples: Float32Array) => void, onend: (reason: string) => void): void {
     const { context } = this;
+    for (const track of this.stream.getTracks()) track.onended = () => onend(ENDED);
     const start = Math.ceil((context.currentTime + 0.1) * context.sampleRate);
     const size = Math.round(PIECE * context.sampleRate);
     const resampler = new RunningResampler(context.sampleRate);

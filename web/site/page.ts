@@ -36,11 +36,17 @@ export class Page {
   /** Resolves when the model is there, or cannot be loaded. */
   readonly started: Promise<void>;
   private readonly panel = new Panel((time) => this.seek(time));
-  private readonly energy = new Energy((motion) => {
-    this.motion = motion;
-    if (!this.run) this.showTake();
-  });
+  private readonly energy = new Energy(
+    (motion) => this.showMotion(motion),
+    (motion) => {
+      this.settings.resetEnergy();
+      this.showMotion(motion);
+      say("The energy cannot be changed; load the page again.", true);
+    },
+  );
   private job: AbortController | null = null;
+  /** The sound that the job generates gestures for; null while it is read. */
+  private heard: Sound | null = null;
   private video: Video | null = null;
   private isMuted = false;
   private nextFacts = 0;
@@ -78,8 +84,9 @@ export class Page {
     say(`Opening ${file.name} ...`);
     try {
       await this.model.loaded();
-      const name = await this.model.screen?.wear(file);
-      say(`Avatar: ${name}`);
+      const { screen } = this.model;
+      if (!screen) throw new Error(NO_FIGURE);
+      say(`Avatar: ${await screen.wear(file)}`);
     } catch (error) {
       say((error as Error).message, true);
     }
@@ -145,13 +152,15 @@ export class Page {
       this.player.pause();
       void video.end();
     }
+    progress(null);
     say(text, isTrouble);
     this.showState();
     if (!run) return;
     const found = (await run.end())?.result(3 * run.numBones);
     if (this.run) return; // another one has begun
-    if (found && this.model.gesturer) return this.keep(found.samples, found.directions);
-    this.showTake();
+    if (!found || !this.model.gesturer) return this.showTake();
+    const take = this.keep(found.samples, found.directions);
+    if (!isTrouble) say(describe(take));
   }
 
   turnPlay(): void {
@@ -180,6 +189,7 @@ export class Page {
     find<HTMLDetailsElement>("#save").open = false;
     const { take, motion } = this;
     if (!take || !motion || this.isBusy) return;
+    if (this.energy.isPending) return say("The energy is being changed; save the motion when it is shown.", true);
     if (format === "webm") await this.film(stemOf(take));
     else await saveMotion(motion, stemOf(take), format);
   }
@@ -219,6 +229,7 @@ export class Page {
     this.job?.abort(new Error(text)); // one that came while a run was ended
     const job = new AbortController();
     this.job = job;
+    this.heard = null;
     this.showState();
     try {
       await action(job.signal);
@@ -231,9 +242,11 @@ export class Page {
     this.showState();
   }
 
-  private async gesture(sound: Sound, signal: AbortSignal, isSame = false): Promise<void> {
+  private async gesture(sound: Sound, signal: AbortSignal): Promise<void> {
     const gesturer = await this.model.loaded();
     signal.throwIfAborted();
+    this.heard = sound;
+    const isSame = sound === this.take?.sound;
     if (!isSame) say(`Generating the gestures of ${sound.name} ...`);
     const take = await generate(gesturer, sound, this.settings, signal, progress);
     signal.throwIfAborted();
@@ -244,15 +257,15 @@ export class Page {
   }
 
   /** Makes a take of a recording. */
-  private keep(samples: Float32Array<ArrayBuffer>, directions: Float32Array): void {
+  private keep(samples: Float32Array<ArrayBuffer>, directions: Float32Array): Take {
     const { skeleton, fps } = this.model.gesturer!.description;
     const sound = { name: "recording.wav", samples, peaks: peaksOf(samples, RATE), content: waveOf(samples) };
     this.settings.resetEnergy(); // it is in the recording
     this.take = { sound, motion: new Motion(skeleton, directions, fps), seconds: null };
     this.present();
     this.changeEnergy();
-    say(describe(this.take));
     this.showState();
+    return this.take;
   }
 
   /** Gives the player and the timeline the sound of the take, and plays it. */
@@ -267,15 +280,20 @@ export class Page {
   private changeStyle(): void {
     const { gesturer } = this.model;
     if (this.run && gesturer) this.run.stream.change({ values: this.settings.values(gesturer.description) });
-    else if (this.take?.seconds != null && !this.video) {
-      const { sound } = this.take;
-      void this.work("Generating another motion ...", (signal) => this.gesture(sound, signal, true));
-    }
+    if (this.run || this.video) return;
+    const taken = this.take?.seconds == null ? null : this.take.sound;
+    const sound = this.job ? this.heard : taken; // of a file that is still read, the gestures will have the new style
+    if (sound) void this.work("Generating another motion ...", (signal) => this.gesture(sound, signal));
   }
 
   private changeEnergy(): void {
     if (this.run) this.run.stream.change({ energy: this.settings.energy });
     else if (this.take) this.energy.ask(this.take.motion, this.settings.energy);
+  }
+
+  private showMotion(motion: Motion): void {
+    this.motion = motion;
+    if (!this.run) this.showTake();
   }
 
   private showTake(): void {
@@ -287,7 +305,7 @@ export class Page {
 
   private async film(stem: string): Promise<void> {
     const { screen } = this.model;
-    if (!screen) return;
+    if (!screen) return say(NO_FIGURE, true);
     const begin = (video: Video) => {
       this.video = video;
       this.showState();

@@ -46,6 +46,11 @@ export class Player {
     return !this.audio.paused && !this.audio.ended;
   }
 
+  /** Whether the sound has played to its end. */
+  get hasEnded(): boolean {
+    return this.audio.ended;
+  }
+
   /** Whether the sound is not heard; a recorder gets it all the same. */
   set isMuted(isMuted: boolean) {
     if (this.speakers) this.speakers.gain.value = isMuted ? 0 : 1;

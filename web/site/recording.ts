@@ -9,6 +9,7 @@ export class Recording {
   private readonly sound: Float32Array[] = [];
   private readonly motion: Float32Array[] = [];
   private numSamples = 0;
+  private numValues = 0;
   /** Samples that come before the first frame of the recording. */
   private unwanted: number;
 
@@ -41,18 +42,27 @@ export class Recording {
     this.sound.push(wanted);
   }
 
-  /** Takes frames (n, bones, 3) from number `first` on; `size` is the number of values of one. */
+  /**
+   * Takes frames (n, bones, 3) from number `first` on; `size` is the number of values of one. Frames come later than their
+   * sound, so that a full recording takes those of the sound that it has.
+   */
   see(first: number, rows: Float32Array, size: number): void {
+    if (this.isFull && this.numValues >= size * this.numFrames) return;
     const wanted = rows.slice(size * Math.max(this.firstFrame - first, 0));
-    if (!this.isFull && wanted.length) this.motion.push(wanted);
+    this.numValues += wanted.length;
+    this.motion.push(wanted);
   }
 
   /** Returns the samples, and as many frames as belong to them; null where nothing was kept. */
   result(size: number): { samples: Float32Array<ArrayBuffer>; directions: Float32Array } | null {
     const samples = joined(this.sound);
-    const numFrames = Math.round((samples.length * this.fps) / RATE);
-    const directions = joined(this.motion).slice(0, size * numFrames);
+    const directions = joined(this.motion).slice(0, size * this.numFrames);
     return directions.length ? { samples, directions } : null;
+  }
+
+  /** Number of frames that belong to the samples. */
+  private get numFrames(): number {
+    return Math.round((this.numSamples * this.fps) / RATE);
   }
 }
 

@@ -42,6 +42,8 @@ export async function saveVideo(
   await player.play();
   await player.ended();
   if (!goesOn(video)) return;
-  save(await video.end(), `${stem}.webm`);
+  const content = await video.end();
+  if (!player.hasEnded) return say("The sound did not play to its end, so no video was saved.", true);
+  save(content, `${stem}.webm`);
   say(`Saved ${stem}.webm.`);
 }

@@ -18,12 +18,13 @@ const COMPONENTS: Record<string, number> = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 
  * Checks that a file is a VRM avatar, complete in itself and of usual size.
  *
  * @param bytes - contents of the file.
- * @throws Error if it is larger than 100 MB, no GLB file with the extension VRM or VRMC_vrm, refers to another file, or
+ * @throws Error if it is larger than 100 MiB, no GLB file with the extension VRM or VRMC_vrm, refers to another file, or
  *   describes nodes, arrays or images as no avatar has them.
  */
 export function checkVrm(bytes: Uint8Array): void {
   if (bytes.length > MAX_BYTES) {
-    throw new Error(`the avatar has ${Math.round(bytes.length / 2 ** 20)} MB; expected at most ${MAX_BYTES / 2 ** 20}`);
+    const [found, most] = [Math.ceil(bytes.length / 2 ** 20), MAX_BYTES / 2 ** 20];
+    throw new Error(`the avatar has ${found} MiB; expected at most ${most}`);
   }
   const { json, blob } = readContainer(bytes, MAX_TEXT);
   const extensions = isObject(json.extensions) ? json.extensions : {};
