@@ -52,7 +52,8 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
         N(0, 1 / dim) with a fixed seed.
 
     Raises:
-        UserError: the file is missing, is not one of these formats, is damaged, or has another width.
+        UserError: the file is missing, is not one of these formats, is damaged, has another width, or knows none of the
+            words.
     """
     path = pathlib.Path(path)
     with reading(path, "a file of word vectors"):
@@ -68,6 +69,11 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
             f"{shown(path)} is not a file of word vectors ({reason(error)}); "
             "expected fastText, GloVe or word2vec text, or fastText or word2vec binary"
         ) from error
+    if not rows and vocabulary.words:
+        raise UserError(
+            f"{shown(path)} has none of the {len(vocabulary.words)} words of the vocabulary; choose vectors of its "
+            "language"
+        )
     for index, (name, vector) in rows.items():
         table[index] = vector
         if not np.isfinite(vector).all():
@@ -77,8 +83,8 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
 
 def _rows(path: pathlib.Path, vocabulary: Vocabulary, dim: int) -> dict[int, tuple[str, np.ndarray]]:
     """Return the name in the file and the vector (dim,) by index in the vocabulary."""
-    is_packed = path.suffix == ".gz"
-    is_binary = (path.with_suffix("") if is_packed else path).suffix == ".bin"
+    is_packed = path.suffix.lower() == ".gz"
+    is_binary = (path.with_suffix("") if is_packed else path).suffix.lower() == ".bin"
     with gzip.open(path) if is_packed else path.open("rb") as file:
         head = file.peek(4)[:4]
         if not head:

@@ -48,20 +48,22 @@ def read_npz(
     """
     path = pathlib.Path(path)
     try:
-        with path.open("rb", buffering=0) as file, SmallReads(file) as reader:
+        opened = path.open("rb", buffering=0)
+    except FileNotFoundError:
+        raise UserError(f"no file at {shown(path)}; expected a .npz of arrays") from None
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise UserError(f"cannot read {shown(path)} ({reason(error).lower()}); expected a .npz of arrays") from error
+    try:
+        with opened as file, SmallReads(file) as reader:
             size = os.fstat(file.fileno()).st_size
             if reader.peek(len(_MAGIC))[: len(_MAGIC)] != _MAGIC:
                 return _read_zip(reader, size, max_bytes, names)
             is_wanted = names is None or path.stem in names
             return {path.stem: _read_array(reader, size, max_bytes)} if is_wanted else {}
-    except FileNotFoundError:
-        raise UserError(f"no file at {shown(path)}; expected a .npz of arrays") from None
     except _BadArrays as error:
         raise UserError(
             f"{shown(path)} cannot be used: {error}; expected a .npz of plain arrays (numpy.savez)"
         ) from error
-    except (PermissionError, IsADirectoryError) as error:
-        raise UserError(f"cannot read {shown(path)} ({reason(error).lower()}); expected a .npz of arrays") from error
     # zipfile and zlib raise different exceptions depending on the position of the damage.
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError) as error:
         raise UserError(

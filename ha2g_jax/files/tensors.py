@@ -31,7 +31,7 @@ def open_tensors(path: str | os.PathLike) -> Iterator[Any]:
         What `safetensors.safe_open` gives.
 
     Raises:
-        UserError: the file is missing or damaged, or its header is too large.
+        UserError: the file is missing, unreadable or damaged, or its header is too large.
     """
     try:
         _check_header_size(pathlib.Path(path))
@@ -39,7 +39,11 @@ def open_tensors(path: str | os.PathLike) -> Iterator[Any]:
             yield file
     except FileNotFoundError:
         raise UserError(f"no file {shown(path)}; download the model again") from None
-    except (safetensors.SafetensorError, OSError, ValueError) as error:
+    except OSError as error:
+        raise UserError(
+            f"cannot read {shown(path)} ({reason(error).lower()}); expected a file of safetensors"
+        ) from error
+    except (safetensors.SafetensorError, ValueError) as error:
         raise UserError(f"{shown(path)} is damaged ({reason(error)}); download it again") from error
 
 

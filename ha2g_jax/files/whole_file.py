@@ -4,10 +4,13 @@ import contextlib
 import errno
 import os
 import pathlib
+import zlib
 from collections.abc import Iterable, Iterator
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
+
+_MAX_STEM = 200  # bytes; most file systems allow 255 for a whole name
 
 
 def check_file(path: str | pathlib.Path) -> None:
@@ -39,9 +42,9 @@ def check_kept(
     Raises:
         UserError: a result would overwrite one of the inputs.
     """
-    kept = {path.resolve(): path for path in inputs if path is not None}
+    kept = {os.path.realpath(path): path for path in inputs if path is not None}
     for path in results:
-        if (resolved := path.resolve()) in kept:
+        if (resolved := os.path.realpath(path)) in kept:
             raise UserError(f"the {what} would overwrite {shown(kept[resolved])}; choose another path with {option}")
 
 
@@ -65,8 +68,8 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
     if not path.name:
         check_file(path)
     if path.is_symlink():  # its target is written, and the link stays
-        path = path.resolve()
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+        path = pathlib.Path(os.path.realpath(path))
+    temporary = path.with_name(f".{_short(path.stem)}.{os.getpid()}{path.suffix}")
     new_folders: list[pathlib.Path] = []
     try:
         new_folders += [folder for folder in path.parents if not folder.exists()]
@@ -86,3 +89,9 @@ def whole_file(path: str | pathlib.Path) -> Iterator[pathlib.Path]:
         with contextlib.suppress(OSError):  # a folder that is not empty is kept
             for folder in new_folders:
                 folder.rmdir()
+
+
+def _short(stem: str) -> str:
+    """Return a stem, or its checksum if the name of the temporary file would be too long."""
+    encoded = os.fsencode(stem)
+    return stem if len(encoded) <= _MAX_STEM else f"{zlib.crc32(encoded):08x}"

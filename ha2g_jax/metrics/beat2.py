@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ha2g_jax.metrics.beats import rests
+from ha2g_jax.metrics.kinematics import l1_diversity
 from ha2g_jax.metrics.metric import BEAT2, Metric, Statistic
 from ha2g_jax.metrics.row import mean_by_recording
 
@@ -44,16 +45,6 @@ class Beat2Row:
     num_recordings: int
 
 
-def l1_diversity(joints: np.ndarray) -> float:
-    """Compute L1div of a sequence, the mean over frames of sum_d |x_td - mean_t x_d| over all coordinates.
-
-    Args:
-        joints: (T, 55, 3) metres; they are not changed.
-    """
-    flat = np.asarray(joints, np.float64).reshape(len(joints), -1)
-    return float(np.abs(flat - flat.mean(axis=0)).sum(axis=1).mean())
-
-
 def beat_consistency(joints: np.ndarray, onsets: np.ndarray, speeds: np.ndarray) -> float:
     """Compute BC of a sequence: the mean over 13 joints and over onsets of exp(-d^2 / (2 0.3^2)) to the nearest rest.
 
@@ -76,7 +67,8 @@ def _by_frames(values: list[float], row: Beat2Row, lengths: list[int]) -> Statis
 
 
 def _diversity(row: Beat2Row) -> Statistic:
-    return _by_frames([l1_diversity(joints) for joints in row.joints], row, [len(joints) for joints in row.joints])
+    values = [l1_diversity(joints, first_frame=0) for joints in row.joints]
+    return _by_frames(values, row, [len(joints) for joints in row.joints])
 
 
 def _consistency(row: Beat2Row) -> Statistic | None:

@@ -80,19 +80,19 @@ def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
 
 
 def read_borders(content: Mapping[str, Any], frames: int) -> np.ndarray:
-    """Return the first frames of windows, (n,) whole numbers, none by default.
+    """Return the first frames of windows, (n,) different whole numbers in ascending order, none by default.
 
     Args:
         content: values by name, "borders" among them.
         frames: number of frames of the motion.
 
     Raises:
-        ValueError, TypeError, OverflowError: they are not numbers from 0 to `frames`.
+        ValueError, TypeError, OverflowError: they are not whole numbers from 0 to `frames`.
     """
     borders = _numbers(content.get("borders", ())).astype(float).reshape(-1)
-    if not ((borders >= 0) & (borders <= frames)).all():
-        raise ValueError(f"borders that are not from 0 to {frames}")
-    return borders.astype(int)
+    if not ((borders >= 0) & (borders <= frames) & (borders == np.round(borders))).all():
+        raise ValueError(f"borders that are not whole numbers from 0 to {frames}")
+    return np.unique(borders.astype(int))
 
 
 def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
@@ -198,6 +198,7 @@ def _numbers(values: Any) -> np.ndarray:
 
 
 def _names(values: Any) -> tuple[str, ...]:
-    if not isinstance(values, list | np.ndarray) or len(values) > MAX_MOTION_JOINTS:
+    values = values.ravel().tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(values, list) or len(values) > MAX_MOTION_JOINTS:
         raise ValueError(f"joint_names that are no list of at most {MAX_MOTION_JOINTS} names")
-    return tuple(str(name) for name in values)
+    return tuple(name.decode() if isinstance(name, bytes) else str(name) for name in values)

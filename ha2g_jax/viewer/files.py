@@ -81,7 +81,7 @@ def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
         UserError: a file is given twice.
     """
     names = [shown(path.stem) for path in paths]
-    for name in (lambda path: f"{path.resolve().parent.name}/{path.stem}", lambda path: path):
+    for name in (lambda path: f"{path.parent.resolve().name}/{path.stem}", lambda path: path):
         counts = collections.Counter(names)
         names = [old if counts[old] == 1 else shown(name(path)) for old, path in zip(names, paths, strict=True)]
     if len(set(names)) < len(names):

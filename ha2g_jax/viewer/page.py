@@ -52,7 +52,7 @@ class Page:
         """
         path = pathlib.Path(path)
         if path.suffix.lower() not in (".html", ".htm"):
-            raise UserError(f"the viewer is an HTML page, not {path.name!r}; name it {path.stem}.html")
+            raise UserError(f"the viewer is an HTML page, not {path.name!r}; give a name that ends in .html")
         with whole_file(path) as temporary:
             temporary.write_text(self.text, encoding="utf-8")
         return path
@@ -81,10 +81,13 @@ def view(
         The page; `Page.save` writes it, and a notebook shows it.
 
     Raises:
-        UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`).
+        UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), or the
+            sound is not mono or not finite.
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
+    if audio is not None and (np.ndim(audio) != 1 or not np.isfinite(audio).all()):
+        raise UserError(f"the sound of shape {np.shape(audio)} is not (samples,) of finite values; mix it to mono")
     duration = max(motion.num_frames / motion.fps for motion in motions.values())
     content = {
         "motions": [{"name": name, **pack_motion(motion)} for name, motion in motions.items()],

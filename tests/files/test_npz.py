@@ -150,6 +150,9 @@ def test_missing_files_folders_and_double_names_are_refused(tmp_path):
         read_npz(tmp_path / "missing.npz")
     with pytest.raises(UserError, match="is a directory"):
         read_npz(tmp_path)
+    (tmp_path / "loop.npz").symlink_to("loop.npz")
+    with pytest.raises(UserError, match=r"cannot read .*too many levels of symbolic links"):
+        read_npz(tmp_path / "loop.npz")
     with pytest.warns(UserWarning, match="Duplicate"), zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("a.npy", _npy(np.ones(3)))
         archive.writestr("a.npy", _npy(np.ones(3)))

@@ -42,3 +42,19 @@ def test_a_link_to_nothing_gets_its_target(tmp_path):
     with whole_file(link) as temporary:
         temporary.write_text("new")
     assert link.is_symlink() and (tmp_path / "new.txt").read_text() == "new"
+
+
+def test_a_link_to_itself_is_replaced(tmp_path):
+    loop = tmp_path / "loop.txt"
+    loop.symlink_to(loop)
+    check_kept([loop], [tmp_path / "read.txt", loop.with_name("other.txt")])
+    with whole_file(loop) as temporary:
+        temporary.write_text("new")
+    assert loop.read_text() == "new" and not loop.is_symlink()
+
+
+def test_the_longest_name_can_be_written(tmp_path):
+    path = tmp_path / f"{'a' * 251}.txt"
+    with whole_file(path) as temporary:
+        temporary.write_text("new")
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]

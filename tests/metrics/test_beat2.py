@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.beat2 import EDGE, FPS, UPPER_BODY, beat_consistency, l1_diversity
+from ha2g_jax.metrics.beat2 import EDGE, FPS, UPPER_BODY, beat_consistency
 from ha2g_jax.metrics.beats.rests import mean_speeds
+from ha2g_jax.metrics.kinematics import l1_diversity
 
 
 def test_l1div_is_the_sum_over_coordinates_of_the_mean_distance_from_the_mean():
@@ -12,9 +13,9 @@ def test_l1div_is_the_sum_over_coordinates_of_the_mean_distance_from_the_mean():
     joints[:, 7, 1] = [0.0, 0.0, 2.0, 2.0]
     joints[:, 8, 0] = [1.0, -1.0, 1.0, -1.0]
     before = joints.copy()
-    assert l1_diversity(joints) == pytest.approx(2.0)
+    assert l1_diversity(joints, first_frame=0) == pytest.approx(2.0)
     np.testing.assert_array_equal(joints, before)
-    assert l1_diversity(np.ones((4, 55, 3))) == 0
+    assert l1_diversity(np.ones((4, 55, 3)), first_frame=0) == 0
 
 
 def stopping(rests: np.ndarray, frames: int = 600) -> np.ndarray:

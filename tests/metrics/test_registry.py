@@ -18,7 +18,7 @@ def test_every_metric_is_complete_and_stands_under_its_name():
 
 
 def test_no_two_columns_of_a_section_have_one_heading():
-    for section in ("rows", "legacy_v1", "known_causes", "recording"):
+    for section in ("rows", "legacy_v1", "known_causes", "recording", "beat2"):
         found = metrics.of_section(section)
         headings = [metric.heading for metric in found.values()]
         assert headings and len(set(headings)) == len(headings)

@@ -60,6 +60,13 @@ def rotations_first(text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def rows_on_two_lines(text):
+    head, frames = text.split("Frame Time:")
+    time, *rows = frames.splitlines()
+    rows = [row.replace(" ", "\n", 1) for row in rows]
+    return "\n".join([f"{head}Frame Time:{time}", *rows, ""])
+
+
 ODD_BVH = {
     "CRLF": crlf,
     "tabs": lambda text: text.replace(" ", "\t"),
@@ -74,7 +81,7 @@ ODD_BVH = {
     "no space behind Frames:": lambda text: text.replace("Frames: ", "Frames:"),
     "frames without a colon": lambda text: text.replace("Frames:", "Frames").replace("Frame Time:", "Frame Time"),
     "a plus sign": lambda text: text.replace("Frame Time: ", "Frame Time: +"),
-    "one row on several lines": lambda text: text.replace("Frame Time: 0.03333333\n", "Frame Time: 0.03333333\n\n"),
+    "one row on several lines": rows_on_two_lines,
 }
 
 
@@ -192,6 +199,30 @@ def test_poses_of_any_float_are_read(kind, files, tmp_path):
     save(tmp_path / "x.npz", files, poses=poses)
     expected = read_motion(files["BEAT2"]).positions
     np.testing.assert_allclose(read_motion(tmp_path / "x.npz").positions, expected, atol=2e-3)
+
+
+NAMES = {
+    "bytes": lambda names: names.astype(bytes),
+    "in a column": lambda names: names[:, None],
+    "in capitals": np.char.upper,
+}
+
+
+@pytest.mark.parametrize("case", NAMES)
+def test_names_of_joints_in_another_form_are_read(case, files, tmp_path):
+    with np.load(files["named positions npz"]) as arrays:
+        names = NAMES[case](arrays["joint_names"])
+        np.savez(tmp_path / "x.npz", **{**arrays, "joint_names": names, "borders": [30.0, 9, 30]})
+    motion, expected = read_motion(tmp_path / "x.npz"), read_motion(files["named positions npz"])
+    np.testing.assert_array_equal(motion.positions, expected.positions)
+    assert motion.meta["borders"] == [9, 30]
+
+
+def test_borders_between_frames_are_refused(files, tmp_path):
+    with np.load(files["named positions npz"]) as arrays:
+        np.savez(tmp_path / "x.npz", **arrays, borders=[9.5])
+    with pytest.raises(UserError, match="borders that are not whole numbers from 0 to 60"):
+        read_motion(tmp_path / "x.npz")
 
 
 def with_nan() -> np.ndarray:

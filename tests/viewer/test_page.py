@@ -89,7 +89,10 @@ def test_what_cannot_be_shown_is_refused_in_one_line(make_motion, tmp_path):
     for motions in ({}, {str(i): motion for i in range(13)}, broken, {str(i): many for i in range(5)}):
         with pytest.raises(UserError, match=r"^[^\n]+$"):
             view(motions)
-    with pytest.raises(UserError, match=r"name it talk\.html"):
+    for audio in (np.zeros((2, 16000), np.float32), np.full(16000, np.nan, np.float32)):
+        with pytest.raises(UserError, match=r"^the sound of shape [^\n]+ is not \(samples,\) of finite values"):
+            view(motion, audio)
+    with pytest.raises(UserError, match=r"not 'talk\.mp4'; give a name that ends in \.html"):
         write_page(tmp_path / "talk.mp4", motion)
     assert not list(tmp_path.iterdir())
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.metrics.beats.onsets import ONSET_RATE, detect_onsets
+from ha2g_jax.metrics.beats.alignment import harmonic_mean
+from ha2g_jax.metrics.beats.onsets import ONSET_RATE, audio_onsets
 from ha2g_jax.metrics.beats.strokes import stroke_beats
 from ha2g_jax.metrics.beats.times import SIGMA, kernel, nearest
 from ha2g_jax.metrics.jackknife import Estimate, jackknife
@@ -60,10 +61,7 @@ def kernel_f(sums: np.ndarray) -> float:
     R is the mean kernel of the onsets and Q that of the motion beats. Onsets without motion beats score 0.
     """
     num_onsets, num_beats, onset_sum, beat_sum = np.sum(sums, axis=0)
-    if not onset_sum or not beat_sum:
-        return 0.0
-    r, q = onset_sum / num_onsets, beat_sum / num_beats
-    return float(2 * r * q / (r + q))
+    return float(harmonic_mean(onset_sum / max(num_onsets, 1), beat_sum / max(num_beats, 1)))
 
 
 class RecordingRow(NamedTuple):
@@ -95,7 +93,7 @@ def recording_row(audio: np.ndarray, wrists: np.ndarray, fps: float, first_frame
         first_frame: first frame that is scored.
     """
     start, end = first_frame / fps, min(len(audio) / ONSET_RATE, len(wrists) / fps)
-    onsets, moves = (x[(x >= start) & (x < end)] for x in (detect_onsets(audio), stroke_beats(wrists, fps)))
+    onsets, moves = (x[(x >= start) & (x < end)] for x in (audio_onsets(audio, end), stroke_beats(wrists, fps)))
     length = end - start
     shifts = np.arange(2 * SHIFT, length - 2 * SHIFT, SHIFT)
     sounds = [onsets, *(np.sort((onsets - start + shift) % length + start) for shift in shifts)]

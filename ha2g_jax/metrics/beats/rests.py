@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ha2g_jax.metrics.beats.times import kernel, nearest
 from ha2g_jax.skeleton import Skeleton
 
 SIGMA = 0.3  # seconds, width of the kernel; 0.5 in the experiments of SHOW
@@ -92,7 +93,7 @@ def beat_align(
         A number in [0, 1], 0 for motion without a rest and for a joint without one; NaN where no onset counts or fewer
         than 2 frames are scored.
     """
-    onsets = np.asarray(onsets, np.float64)
+    onsets = np.sort(np.asarray(onsets, np.float64))
     scored = onsets[(onsets >= first_frame / fps) & (onsets < len(positions) / fps)]
     if not len(scored) or len(positions) < first_frame + 2:
         return np.nan
@@ -101,6 +102,5 @@ def beat_align(
     scores = []
     for joint in range(len(moving)):
         times = (first_frame + rests(relative[:, joint], order(fps), threshold)) / fps
-        nearest = np.abs(scored[:, None] - times[None]).min(axis=1, initial=np.inf)
-        scores.append(np.mean(np.exp(-np.square(nearest) / (2 * sigma**2))))
+        scores.append(np.mean(kernel(nearest(scored, times), sigma)))
     return float(np.mean(scores)) if scores else 0.0
