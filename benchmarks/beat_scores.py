@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import tqdm
 
+from ha2g_jax.cli.values import positive
 from ha2g_jax.metrics import beats
 from ha2g_jax.metrics.beats import FIRST_FRAME, SIGMA, THRESHOLD, Clip
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, normalize
@@ -34,9 +35,9 @@ _CLIPS_PER_RECORDING = 10
 def main() -> int:
     """Run the benchmark and print the table; return 1 where the whole is too slow."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clips", type=int, default=1000)
-    parser.add_argument("--frames", type=int, nargs=2, default=(34, 300), metavar=("LEAST", "MOST"))
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--clips", type=positive, default=1000)
+    parser.add_argument("--frames", type=positive, nargs=2, default=(34, 300), metavar=("LEAST", "MOST"))
+    parser.add_argument("--rounds", type=positive, default=3)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     result = measure(arguments.clips, tuple(arguments.frames), arguments.rounds)

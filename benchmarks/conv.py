@@ -17,6 +17,7 @@ import time
 import jax
 import jax.numpy as jnp
 
+from ha2g_jax.cli.values import positive
 from ha2g_jax.layers import conv, winograd
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of each kind of convolution.
@@ -44,8 +45,8 @@ PROGRAMS = ("XLA", "products", "Winograd")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", choices=SHAPES, default="paper")
-    parser.add_argument("--batch-size", type=int, default=32, metavar="B")
-    parser.add_argument("--rounds", type=int, default=7, help="timed calls of each program (default: 7)")
+    parser.add_argument("--batch-size", type=positive, default=32, metavar="B")
+    parser.add_argument("--rounds", type=positive, default=7, help="timed calls of each program (default: 7)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     rows = [row for shape in SHAPES[arguments.size] for row in measure(arguments.batch_size, arguments.rounds, *shape)]

@@ -22,6 +22,7 @@ from random_model import random_model
 
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.cli.values import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.metrics.frechet import distance, moments
 from ha2g_jax.skeleton import Skeleton, normalize
@@ -31,8 +32,8 @@ from ha2g_jax.study.evaluation.features import PoseFeatures
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", default="autoencoder:ted_expressive", help="(default: %(default)s)")
-    parser.add_argument("--windows", type=int, default=25_930, help="windows of each set (default: 25930)")
-    parser.add_argument("--rounds", type=int, default=5, help="timed calls after the first (default: 5)")
+    parser.add_argument("--windows", type=positive, default=25_930, help="windows of each set (default: 25930)")
+    parser.add_argument("--rounds", type=positive, default=5, help="timed calls after the first (default: 5)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:

@@ -14,7 +14,6 @@ then that of both, and has to be measured with each alone.
 import argparse
 import json
 import pathlib
-import resource
 import statistics
 import sys
 import tempfile
@@ -22,12 +21,14 @@ import time
 from typing import Any
 
 import numpy as np
+from memory import peak_memory
 from random_model import random_model
 
 import ha2g_jax
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
+from ha2g_jax.cli.values import duration, positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.synthesis import Generator, Model
@@ -42,8 +43,8 @@ def main() -> int:
     source.add_argument("--config", metavar="FILE[:SIZE]", help="a model of this size with random weights")
     source.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
     parser.add_argument("--speech", type=pathlib.Path, default=_SPEECH, help="file with sound")
-    parser.add_argument("--seconds", type=float, nargs="+", default=[10, 60], help="lengths (default: 10 60)")
-    parser.add_argument("--rounds", type=int, default=5, help="timed generations after the first (default: 5)")
+    parser.add_argument("--seconds", type=duration, nargs="+", default=[10, 60], help="lengths (default: 10 60)")
+    parser.add_argument("--rounds", type=positive, default=5, help="timed generations after the first (default: 5)")
     parser.add_argument("--backend", nargs="+", choices=BACKENDS, default=["jax"], help="backends (default: jax)")
     parser.add_argument("--weights", default="float32", help="form of the weights of onnx (default: float32)")
     parser.add_argument("--json", action="store_true")
@@ -114,12 +115,6 @@ def measure(models: dict[str, Generator[Any]], speech: np.ndarray, seconds: floa
         }
         for name, them in times.items()
     ]
-
-
-def peak_memory() -> int:
-    """Return the largest memory in bytes that this process has had in use."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
 
 
 def as_table(rows: list[dict[str, Any]]) -> str:

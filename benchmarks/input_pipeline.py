@@ -22,6 +22,7 @@ from typing import Any
 import tqdm
 
 from ha2g_jax import launch
+from ha2g_jax.cli.values import positive
 from ha2g_jax.config import Config
 from ha2g_jax.data.batches import batches
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -39,9 +40,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", default=f"{_TALK}:paper", metavar="FILE[:SIZE]")
     parser.add_argument("--data", type=pathlib.Path, help="folder of a corpus (default: six new minutes of Talk)")
-    parser.add_argument("--batches", type=int, default=20, help="number of batches of each measurement (default: 20)")
-    parser.add_argument("--workers", type=int, default=2, help="number of worker processes (default: 2)")
-    parser.add_argument("--step-batch", type=int, default=4, help="batch size of the train step (default: 4)")
+    parser.add_argument("--batches", type=positive, default=20, help="batches of each measurement (default: 20)")
+    parser.add_argument("--workers", type=positive, default=2, help="number of worker processes (default: 2)")
+    parser.add_argument("--step-batch", type=positive, default=4, help="batch size of the train step (default: 4)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:

@@ -27,9 +27,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from memory import peak_memory
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
+from ha2g_jax.cli.values import duration, positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 
@@ -41,10 +43,10 @@ _LATE_SECONDS = 0.1  # that 99 of 100 frames may be late
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
-    parser.add_argument("--workers", type=int, default=1, help="workers of the service, one a core (default: 1)")
-    parser.add_argument("--hop", type=int, default=1, help="frames that are computed at once (default: 1)")
-    parser.add_argument("--seconds", type=float, default=10, help="length of a stream (default: 10)")
-    parser.add_argument("--most", type=int, default=64, help="streams for each worker at most (default: 64)")
+    parser.add_argument("--workers", type=positive, default=1, help="workers of the service, one a core (default: 1)")
+    parser.add_argument("--hop", type=positive, default=1, help="frames that are computed at once (default: 1)")
+    parser.add_argument("--seconds", type=duration, default=10, help="length of a stream (default: 10)")
+    parser.add_argument("--most", type=positive, default=64, help="streams for each worker at most (default: 64)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
@@ -85,8 +87,7 @@ def measure(checkpoint: str, workers: int, hop: int, seconds: float, most: int) 
     with service(checkpoint, workers, places) as port:
         asyncio.run(load(port, workers, pcm, hop))
         rows.append(asyncio.run(load(port, 2 * places * workers, pcm, hop)))
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    rows[-1] |= {"places": places * workers, "worker_bytes": peak if sys.platform == "darwin" else peak * 1024}
+    rows[-1] |= {"places": places * workers, "worker_bytes": peak_memory(resource.RUSAGE_CHILDREN)}
     return rows
 
 

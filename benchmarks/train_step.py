@@ -30,6 +30,7 @@ from typing import Any
 import jax
 
 from ha2g_jax import launch
+from ha2g_jax.cli.values import positive
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.machine import gib
@@ -43,12 +44,12 @@ _COUNTS = {1: "one pass", 3: "three passes"}
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", required=True, help="FILE[:SIZE]")
-    parser.add_argument("--batch-size", type=int, nargs="+", metavar="B")
+    parser.add_argument("--batch-size", type=positive, nargs="+", metavar="B")
     parser.add_argument("--dtype", nargs="+", choices=("float32", "bfloat16"))
-    parser.add_argument("--accumulate", type=int, nargs="+", metavar="PARTS")
+    parser.add_argument("--accumulate", type=positive, nargs="+", metavar="PARTS")
     parser.add_argument("--devices", type=int, nargs="+", metavar="N", help="0 for all")
     parser.add_argument(
-        "--steps", type=int, default=10, help="timed steps of each variant, after the first (default: 10)"
+        "--steps", type=positive, default=10, help="timed steps of each variant, after the first (default: 10)"
     )
     parser.add_argument("--against", choices=("torch",), help="also time the step of another framework")
     parser.add_argument("--compiled", action="store_true", help="with --against: add the step with torch.compile")

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize, special, stats
 
+from ha2g_jax.cli.values import positive
 from ha2g_jax.study.user_study import bradley_terry
 from ha2g_jax.study.user_study.crossed import Estimate
 from ha2g_jax.study.user_study.differences import system_differences
@@ -140,7 +141,7 @@ def _bounds(found: Estimate, at: int) -> tuple[float, float]:
 def main() -> None:
     """Print the table of docs/user_study_analysis.md."""
     parser = argparse.ArgumentParser(description="Measure how often intervals of user studies hold the truth.")
-    parser.add_argument("--studies", type=int, default=1000, metavar="N", help="studies of each design (default: 1000)")
+    parser.add_argument("--studies", type=positive, default=1000, metavar="N", help="studies a design (default: 1000)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
     rows = []

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ha2g_jax.cli.values import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.motion.motion import Motion
@@ -34,9 +35,9 @@ def main() -> int:
     parser.add_argument(
         "--motion", type=pathlib.Path, help="an .npz (default: motion of the demo model for the speech)"
     )
-    parser.add_argument("--size", type=int, nargs=2, default=(1920, 1080), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--workers", type=int, default=_CORES)
-    parser.add_argument("--repeat", type=int, default=3, help="repetitions, of which the fastest counts (default: 3)")
+    parser.add_argument("--size", type=positive, nargs=2, default=(1920, 1080), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--workers", type=positive, default=_CORES)
+    parser.add_argument("--repeat", type=positive, default=3, help="repetitions; the fastest counts (default: 3)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:

@@ -9,8 +9,8 @@ import pathlib
 from typing import Any
 
 from ha2g_jax.cli import data_imports
-from ha2g_jax.cli.data_imports import positive
 from ha2g_jax.cli.parser import read_seed
+from ha2g_jax.cli.values import positive
 from ha2g_jax.errors import UserError
 
 _SPLITS = ("train", "val", "test")

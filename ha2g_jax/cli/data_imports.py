@@ -5,11 +5,12 @@ import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
+from ha2g_jax.cli.values import positive, text
+
 if TYPE_CHECKING:
     from ha2g_jax.data.import_report import Report
     from ha2g_jax.data.mocap.options import ImportOptions
 
-_MAX_DIGITS = 9
 _SKELETONS = ("ted_expressive", "ted_gesture")
 
 
@@ -17,22 +18,6 @@ def add_commands(data: Any) -> None:
     """Add the commands that import data to the subcommands of `ha2g data`."""
     for add in (_add_import_ted, _add_import_bvh, _add_import_smplx, _add_build_video, _add_install_pose):
         add(data)
-
-
-def positive(text: str) -> int:
-    """Parse a positive integer of the command line."""
-    if not text.isdecimal() or not int(text[:_MAX_DIGITS]) >= 1 or len(text) > _MAX_DIGITS:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from 1 to {'9' * _MAX_DIGITS}")
-    return int(text)
-
-
-def text(value: str) -> str:
-    """Parse a text of the command line that is stored in the corpus, so that it must be UTF-8."""
-    try:
-        value.encode()
-    except UnicodeEncodeError as error:
-        raise argparse.ArgumentTypeError("the text is not UTF-8") from error
-    return value
 
 
 def _add_import_ted(data: Any) -> None:

@@ -5,9 +5,9 @@ import json
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.data import positive
 from ha2g_jax.cli.generate import add_style, read_style
 from ha2g_jax.cli.parser import add_reading, read_seed
+from ha2g_jax.cli.values import positive
 from ha2g_jax.errors import UserError
 
 

@@ -4,7 +4,7 @@ import argparse
 import os
 from typing import Any
 
-from ha2g_jax.cli.data import positive
+from ha2g_jax.cli.values import positive
 from ha2g_jax.serve.settings import Settings
 
 _DEFAULT = Settings()

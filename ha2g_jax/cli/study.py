@@ -5,8 +5,8 @@ import pathlib
 from typing import Any
 
 from ha2g_jax.cli import study_analysis
-from ha2g_jax.cli.data import positive
 from ha2g_jax.cli.parser import add_reading, read_seed
+from ha2g_jax.cli.values import positive
 
 _PARTS = ("rating", "preference", "mismatch")
 

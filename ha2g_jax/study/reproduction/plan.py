@@ -101,12 +101,10 @@ def plan_row(
         row: name of the row, for the names of runs with changes.
 
     Raises:
-        UserError: there is no such setting or corpus, or a seed is given twice.
+        UserError: there is no such setting or corpus.
     """
     if not (corpus / "dataset.json").is_file():
         raise UserError(f"no corpus in {corpus}: dataset.json is missing; see docs/data.md for how to bring in data")
-    if not request.seeds or len(set(request.seeds)) < len(request.seeds):
-        raise UserError(f"the seeds are {list(request.seeds)}; give one or more, each once")
     return tuple(_run(request, corpus, method, changes, row, seed) for seed in request.seeds)
 
 

@@ -67,13 +67,16 @@ def parse_seeds(text: str) -> tuple[int, ...]:
         The seeds.
 
     Raises:
-        UserError: the text has another form.
+        UserError: the text has another form, or gives no seed or one twice.
     """
     parts = text.split(",")
     if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
         raise UserError(f"--seeds {text} is neither a number of seeds nor a list such as 0,5,7")
     numbers = tuple(int(part) for part in parts if part.strip())
-    return numbers if "," in text else tuple(range(numbers[0]))
+    seeds = numbers if "," in text else tuple(range(numbers[0]))
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise UserError(f"--seeds {text} gives {'a seed twice' if seeds else 'no seed'}; give one or more, each once")
+    return seeds
 
 
 def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
