@@ -1,4 +1,4 @@
-"""The PyTorch steps in a process of their own, so that neither library pays for the memory that the other returns."""
+"""The PyTorch steps in a process of their own, so that neither library waits for memory that the other has returned."""
 
 import multiprocessing
 from collections.abc import Sequence

@@ -106,6 +106,9 @@ def _perform(operator: bpy.types.Operator, context: bpy.types.Context, armature:
 def _load(motion: Motion, armature: bpy.types.Object | None, stage: bpy.types.Scene) -> str:
     settings = stage.ha2g
     names = bone_names.read_names(bpy.path.abspath(settings.names)) if settings.names else None
+    sound = pathlib.Path(bpy.path.abspath(settings.sound)) if settings.sound else None
+    if sound:
+        scene.check_sound(sound)
     # The armature comes first: if its names do not fit, nothing else has changed.
     rate = scene.rate(stage) if settings.keep_rate else motion.fps
     if armature is None:
@@ -114,6 +117,6 @@ def _load(motion: Motion, armature: bpy.types.Object | None, stage: bpy.types.Sc
         used = keys.apply_motion(motion, armature, names=names, start=settings.start, rate=rate)
         text = f"{armature.name}: {len(used)} bones move"
     scene.set_time(stage, motion, start=settings.start, keep_rate=settings.keep_rate)
-    if settings.sound:
-        scene.add_sound(stage, pathlib.Path(bpy.path.abspath(settings.sound)), settings.start)
+    if sound:
+        scene.add_sound(stage, sound, settings.start)
     return f"{text}, {motion.num_frames} frames"

@@ -80,6 +80,19 @@ def set_time(scene: bpy.types.Scene, motion: Motion, *, start: int = 0, keep_rat
     scene.frame_end = max(start, start + round(motion.num_frames / motion.fps * rate(scene)) - 1)
 
 
+def check_sound(path: pathlib.Path) -> None:
+    """Check that there is a file of sound.
+
+    Args:
+        path: audio file.
+
+    Raises:
+        MotionError: there is no such file.
+    """
+    if not path.is_file():
+        raise MotionError(f"no sound at {path}; give an audio file")
+
+
 def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> None:
     """Add the speech to the sequencer of a scene, and synchronise playback with it.
 
@@ -91,8 +104,7 @@ def add_sound(scene: bpy.types.Scene, path: pathlib.Path, start: int = 0) -> Non
     Raises:
         MotionError: there is no such file.
     """
-    if not path.is_file():
-        raise MotionError(f"no sound at {path}; give an audio file")
+    check_sound(path)
     strips = _strips(scene)
     channel = 1 + max((strip.channel for strip in strips), default=0)
     strips.new_sound(path.stem, str(path.resolve()), channel, start)
