@@ -21,7 +21,7 @@ class Discriminator(nn.Module):
     """
 
     hidden_dim: int = 64
-    layers: int = 1
+    layers: int = 4
     dropout: float = 0.3
     slope: float = 0.2
 
