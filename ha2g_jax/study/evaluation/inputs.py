@@ -13,6 +13,7 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.study.evaluation import beat2
 from ha2g_jax.study.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.study.evaluation.evaluate import evaluate
@@ -122,6 +123,7 @@ def evaluate_checkpoint(
         UserError: the checkpoint, the corpus, a split or the auto-encoder cannot be used.
     """
     from ha2g_jax import synthesis
+    from ha2g_jax.study.generation import model_windows
     from ha2g_jax.study.talk.known_causes import has_known_causes, score_known_causes
 
     features = _features(autoencoder)
@@ -146,6 +148,7 @@ def evaluate_checkpoint(
             autoencoder=features,
             legacy=legacy,
             seed=seed,
+            notes=_given(model_windows(model).seed_frames) if look_ahead is None else (),
         )
     if has_known_causes(corpus):
         known = score_known_causes(model, corpus, limits, seed, look_ahead)
@@ -155,6 +158,16 @@ def evaluate_checkpoint(
     if look_ahead is not None:
         inputs["look_ahead"] = f"{look_ahead} frames"
     return make_results(inputs, sections)
+
+
+def _given(seed_frames: int) -> list[str]:
+    """Return a sentence if frames are scored whose true poses the model was given, as with more than four of them."""
+    if seed_frames <= SEED_FRAMES:
+        return []
+    return [
+        f"the model is given the true poses of the first {seed_frames} frames, but scores begin at frame "
+        f"{SEED_FRAMES}: the first {seed_frames - SEED_FRAMES} scored frames of each clip are true"
+    ]
 
 
 def evaluate_recording(
