@@ -90,6 +90,7 @@ DEBUG = (
     (r" /shared/", " shared/"),
     (r"^data inspect .*", r"\g<0> --samples 1"),
     (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
+    (r"^average .*", "average runs/talk runs/talk -o average"),
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
     (r"^study make .*", r"\g<0> --size 64"),
     (r"^video .*", r"\g<0> --size 64x64"),

@@ -1,4 +1,4 @@
-"""The commands `ha2g runs` and `ha2g plot`, which show training runs: arguments only."""
+"""The commands `ha2g runs`, `ha2g plot` and `ha2g average`, for what training has written: arguments only."""
 
 import argparse
 import json
@@ -9,7 +9,7 @@ _SORTS = ("name", "step", "best", "state", "changed")
 
 
 def add_commands(commands: Any) -> None:
-    """Add `runs` and `plot` to the commands of a parser.
+    """Add `runs`, `plot` and `average` to the commands of a parser.
 
     Args:
         commands: subparsers of the parser of `ha2g`.
@@ -58,6 +58,19 @@ def add_commands(commands: Any) -> None:
     )
     plot.set_defaults(run=_plot)
 
+    average = commands.add_parser("average", help="write the average of the weights of several models as one model")
+    average.description = (
+        "Write a model whose weights are the mean of those of models that were trained from the same weights. "
+        "See docs/training.md."
+    )
+    average.add_argument(
+        "models", nargs="+", metavar="MODEL", help="workdir of ha2g train, checkpoint in it, or model folder"
+    )
+    average.add_argument(
+        "-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER", help="folder of the model to write"
+    )
+    average.set_defaults(run=_average)
+
 
 def _runs(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study.training import listing
@@ -70,3 +83,9 @@ def _plot(arguments: argparse.Namespace) -> None:
     from ha2g_jax.study.training.report import write_report
 
     print(write_report(arguments.runs, arguments.out, smoothing=arguments.smooth, num_clips=arguments.samples))
+
+
+def _average(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.averaging import average_models
+
+    print(average_models(arguments.models, arguments.out))
