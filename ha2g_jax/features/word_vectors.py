@@ -166,6 +166,8 @@ def _word2vec_rows(
     float32."""
     count, width = (int(field) for field in file.readline(100).split())
     _check_width(path, width, dim)
+    if count < 0:
+        raise ValueError(f"a count of {count} words")
     for _ in range(count):
         name = bytearray()
         while (letter := file.read(1)) != b" ":

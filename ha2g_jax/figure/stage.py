@@ -20,7 +20,7 @@ from ha2g_jax.figure.view import DEFAULT_VIEW, View
 from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)
-_MIN_SCALE = 0.5  # of the size of a name that is too long for its panel; what does not fit then is cut
+_NAME_SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the size of a name, of which the first that fits its panel is taken
 _RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722  # weights of BT.709
 
 
@@ -206,15 +206,15 @@ def _cut(name: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: f
 
 
 def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
-    """Write a name into the upper left corner of its panel, where the figure seldom is, at twice the size;
-    a long one smaller."""
+    """Write a name into the upper left corner of its panel, where the figure seldom is, a long one smaller."""
     if not name:
         return
     side = 2 * min(panel.width, panel.height)
     width = 2 * panel.width - side / 12
-    font = ImageFont.load_default(side / 18)
-    if (length := font.getlength(name)) > width:
-        font = ImageFont.load_default(max(width / length, _MIN_SCALE) * side / 18)
+    fonts = (ImageFont.load_default(scale * side / 18) for scale in _NAME_SCALES)
+    font = next((font for font in fonts if font.getlength(name) <= width), None)
+    if font is None:
+        font = ImageFont.load_default(_NAME_SCALES[-1] * side / 18)
         name = _cut(name, font, width)
     place = 2 * panel.left + side / 24, 2 * panel.top + side / 24
     ImageDraw.Draw(canvas).text(place, name, fill=round(to_yuv(_INK)[0]), font=font, anchor="lt")

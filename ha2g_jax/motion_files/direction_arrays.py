@@ -44,7 +44,7 @@ def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -
     Raises:
         UserError: the array has no numbers, or its lengths are those of neither.
     """
-    if array.dtype.kind not in "fiu" or not (np.abs(array) <= _MAX_VALUE).all():
+    if array.dtype.kind not in "fiu" or not (np.abs(array.astype(np.float64)) <= _MAX_VALUE).all():
         raise UserError(f"{shown(path)} holds values that are not numbers or are too large; expected direction vectors")
     whole = array.astype(np.float64).reshape(len(array), skeleton.num_bones, 3)
     added = whole + skeleton.mean_directions

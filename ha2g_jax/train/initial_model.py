@@ -2,16 +2,15 @@
 
 from typing import Any
 
-import numpy as np
 from flax import traverse_util
 
 from ha2g_jax.checkpoint import loading, weights
+from ha2g_jax.checkpoint.word_tables import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.text import PADDING, UNKNOWN, Vocabulary
+from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.methods.method import Spec
 
-_TABLE = "/embedding/embedding"  # end of the name of a table of words or of speakers
 _IDENTITY = "identity"  # name of the network E_ID
 
 
@@ -40,7 +39,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
         raise UserError(f"{source} has skeleton {model.spec.skeleton.name}, but the config has {spec.skeleton.name}")
     found = weights.flatten(model.variables)
     for name in filter(is_word_table, found):
-        found[name] = _word_table(found[name], model.assets.vocabulary, vocabulary)
+        found[name] = in_vocabulary(found[name], model.assets.vocabulary, vocabulary)
     has_same_kind = model.spec.identity == spec.identity
     expected = {name: leaf.shape for name, leaf in weights.flatten(variable_shapes(spec)).items()}
     found, expected = (
@@ -54,18 +53,7 @@ def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[s
     return traverse_util.unflatten_dict(found, sep="/")
 
 
-def is_word_table(name: str) -> bool:
-    """Return whether a variable is a table of words; each level of a released model has one of its own."""
-    return name.endswith(f"/text{_TABLE}")
-
-
 def _is_new(name: str, has_same_kind: bool) -> bool:
     """Return whether a variable belongs to the speakers of one corpus, and so starts anew on another."""
     is_identity = name.split("/")[1] == _IDENTITY
-    return (name.endswith(_TABLE) and not is_word_table(name)) or (is_identity and not has_same_kind)
-
-
-def _word_table(table: np.ndarray, before: Vocabulary, after: Vocabulary) -> np.ndarray:
-    """Return the rows of a table of words in the order of another vocabulary; rows beyond the words stay at its end."""
-    rows = [PADDING, UNKNOWN, *map(before.encode, after.words), *range(len(before), len(table))]
-    return table[rows]
+    return (name.endswith(TABLE) and not is_word_table(name)) or (is_identity and not has_same_kind)

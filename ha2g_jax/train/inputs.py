@@ -7,6 +7,7 @@ import numpy as np
 from flax import traverse_util
 
 from ha2g_jax.checkpoint import weights
+from ha2g_jax.checkpoint.word_tables import is_word_table
 from ha2g_jax.config import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
@@ -19,7 +20,7 @@ from ha2g_jax.features.word_vectors import read_word_vectors
 from ha2g_jax.methods import whisper_weights
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.methods.method import Spec
-from ha2g_jax.train.initial_model import initial_variables, is_word_table
+from ha2g_jax.train.initial_model import initial_variables
 
 VALIDATION = "val"
 

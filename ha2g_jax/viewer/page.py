@@ -86,8 +86,10 @@ def view(
     """
     motions = {"": motions} if isinstance(motions, Motion) else dict(motions)
     _check(motions)
-    if audio is not None and (np.ndim(audio) != 1 or not np.isfinite(audio).all()):
-        raise UserError(f"the sound of shape {np.shape(audio)} is not (samples,) of finite values; mix it to mono")
+    if audio is not None and np.ndim(audio) != 1:
+        raise UserError(f"the sound has shape {np.shape(audio)}; mix it to mono, (samples,)")
+    if audio is not None and not np.isfinite(audio).all():
+        raise UserError("the sound has samples that are not finite; read or compute it again")
     duration = max(motion.num_frames / motion.fps for motion in motions.values())
     content = {
         "motions": [{"name": name, **pack_motion(motion)} for name, motion in motions.items()],

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.checkpoint.averaging import average_models
+from ha2g_jax.checkpoint.word_tables import is_word_table
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.features.text import UNKNOWN, Vocabulary
 
 
 @pytest.fixture
@@ -18,9 +19,8 @@ def save(debug_model, tmp_path):
     """A function that saves the debug model with weights and styles times a factor."""
 
     def save(name, factor=1.0, config=debug_model.config, **changes):
-        assets = debug_model.assets
-        speakers = {speaker: factor * style for speaker, style in assets.speakers.items()}
-        assets = dataclasses.replace(assets, speakers=speakers, **changes)
+        speakers = {speaker: factor * style for speaker, style in reversed(debug_model.assets.speakers.items())}
+        assets = dataclasses.replace(debug_model.assets, **({"speakers": speakers} | changes))
         variables = jax.tree.map(lambda leaf: factor * np.asarray(leaf), debug_model.variables)
         return model_folder.save(tmp_path / name, config, assets, variables)
 
@@ -34,9 +34,22 @@ def test_weights_and_styles_are_the_mean(debug_model, save, tmp_path, capsys):
     mean = loading.load(tmp_path / "mean")
     expected = jax.tree.map(lambda leaf: 2.5 * np.asarray(leaf), debug_model.variables)
     jax.tree.map(lambda *leaves: np.testing.assert_allclose(*leaves, rtol=1e-6), mean.variables, expected)
+    assert list(mean.assets.speakers) == list(loading.load(models[0]).assets.speakers)
     for speaker, style in debug_model.assets.speakers.items():
         np.testing.assert_allclose(mean.assets.speakers[speaker], 2.5 * style, rtol=1e-6)
     assert mean.assets.hash not in {loading.load(model).assets.hash for model in models}
+
+
+def test_words_meet_by_name(debug_model, save, tmp_path):
+    words = debug_model.assets.vocabulary.words
+    other = Vocabulary((*reversed(words[1:]), "new"))
+    average_models([save("a"), save("b", vocabulary=other)], tmp_path / "mean")
+    (name,) = filter(is_word_table, weights.flatten(debug_model.variables))
+    table = np.asarray(weights.flatten(debug_model.variables)[name])
+    mean = weights.flatten(loading.load(tmp_path / "mean").variables)[name]
+    index = debug_model.assets.vocabulary.encode
+    np.testing.assert_allclose(mean[index(words[-1])], (table[index(words[-1])] + table[2]) / 2, rtol=1e-6)
+    np.testing.assert_allclose(mean[index(words[0])], (table[index(words[0])] + table[UNKNOWN]) / 2, rtol=1e-6)
 
 
 def test_models_of_other_training_are_refused(debug_model, save, tmp_path):
@@ -44,16 +57,19 @@ def test_models_of_other_training_are_refused(debug_model, save, tmp_path):
     skeleton = debug_model.assets.skeleton
     other = debug_model.config.copy_and_resolve_references()
     other.model.inferer.dropout = 0.5
+    longer = debug_model.config.copy_and_resolve_references()
+    longer.data.fps = 30
     cases = {
-        "words": {"vocabulary": Vocabulary(tuple(reversed(debug_model.assets.vocabulary.words)))},
-        "been trained on different motion": {
-            "skeleton": dataclasses.replace(skeleton, mean_directions=skeleton.mean_directions + 0.01)
+        "the mean pose of their data": {
+            "skeleton": dataclasses.replace(skeleton, mean_directions=skeleton.mean_directions + 0.2)
         },
-        "different settings of the model": {"config": other},
+        r"model\.inferer\.dropout, 0\.0 and 0\.5": {"config": other},
+        "fps, 15 and 30": {"config": longer},
+        "their speakers": {"speakers": {f"new {name}": style for name, style in debug_model.assets.speakers.items()}},
     }
     for number, (difference, changes) in enumerate(cases.items()):
         second = save(f"second-{number}", **changes)
-        with pytest.raises(UserError, match=f"^[^\n]*{difference}; average models of one config and one corpus$"):
+        with pytest.raises(UserError, match=f"^[^\n]* differ in {difference}; average models that were trained"):
             average_models([first, second], tmp_path / "mean")
     with pytest.raises(UserError, match="give two or more"):
         average_models([first], tmp_path / "mean")

@@ -162,7 +162,7 @@ BAD = {
     "wide fasttext.bin": (fasttext_model(["two"], [[1, 2, 3, 4]]), "vectors of 4 values"),
     "prose.txt": (b"it was a dark night\nindeed\n", "vectors of 4 values"),
     "foreign.txt": (b"dos 1 2 3\n", "none of the 3 words"),
-    "negative.bin": (b"-1 3\n" + BINARY, "none of the 3 words"),
+    "negative.bin": (b"-1 3\n" + BINARY, "a count of -1 words"),
     "uneven.txt": (b"two 1 2 3\none 1 2\n", "line 2"),
     "letters.txt": (b"two a b c\n", "could not convert"),
     "nan.txt": (b"two 1 nan 3\n", "'two' that is not finite"),

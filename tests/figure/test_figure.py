@@ -110,3 +110,7 @@ def test_a_name_is_written_as_small_as_it_must_be():
         widths.append(np.flatnonzero(written.any(axis=0)))
     assert widths[0].max() < 80
     assert all(250 < columns.max() < 319 for columns in widths[1:])
+    first, second = (
+        stage.set_stage([f"a run with a name of this length, seed {n}"], background, 320, 160) for n in (0, 1)
+    )
+    assert (first.clean[0] != second.clean[0]).any()  # its end is not cut

@@ -265,7 +265,7 @@ def test_a_bomb_is_not_unpacked(refused, tmp_path):
     [
         (DEEP.encode(), "nested too deep"),
         (json.dumps(TABLE | {"fps": 1e-300}).encode(), "expected 0.1 to 1000"),
-        (json.dumps(TABLE | {"borders": [1e300]}).encode(), "borders that are not from 0 to 6"),
+        (json.dumps(TABLE | {"borders": [1e300]}).encode(), "borders that are not whole numbers from 0 to 6"),
         (json.dumps(TABLE | {"joint_names": ["x\n\ud800"] * 10}).encode(), "lacks spine"),
         (json.dumps(TABLE | {"positions": [[[10**400] * 3] * 10]}).encode(), "holds no motion"),
         (

@@ -8,11 +8,12 @@ import pytest
 
 from ha2g_jax import cli, presets
 from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint.word_tables import is_word_table
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.initial_model import _is_new, initial_variables, is_word_table
+from ha2g_jax.train.initial_model import _is_new, initial_variables
 
 WORDS = "params/text/embedding/embedding"
 

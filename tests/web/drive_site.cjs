@@ -151,8 +151,15 @@ async function files(browser) {
     await page.click("#save summary");
     seen.saved.push(await download(page, () => page.click(`[data-format=${format}]`)));
   }
+  await page.evaluate(() => { // a file that takes longer to read than a change of the style waits
+    const { arrayBuffer } = Blob.prototype;
+    Blob.prototype.arrayBuffer = async function () {
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+      return arrayBuffer.call(this);
+    };
+  });
   await page.setInputFiles("#picker", at("speech.mp3"));
-  await page.fill("#seed", "9"); // while the file is read
+  await page.fill("#seed", "9");
   seen.compressed = await says(page, "speech.mp3: ");
   await page.waitForFunction(() => !site.isBusy && site.take.sound.name === "speech.mp3" && site.take.motion.meta.seed === 9);
   await page.context().close();

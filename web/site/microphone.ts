@@ -46,7 +46,10 @@ export class Microphone {
   /** Takes the sound from now on; `take` gets samples at 16 kHz, `onend` is called when no more can come. */
   begin(take: (samples: Float32Array) => void, onend: (reason: string) => void): void {
     const { context } = this;
-    for (const track of this.stream.getTracks()) track.onended = () => onend(ENDED);
+    for (const track of this.stream.getTracks()) {
+      track.onended = () => onend(ENDED);
+      if (track.readyState === "ended") queueMicrotask(() => onend(ENDED)); // it ended before this was called
+    }
     const start = Math.ceil((context.currentTime + 0.1) * context.sampleRate);
     const size = Math.round(PIECE * context.sampleRate);
     const resampler = new RunningResampler(context.sampleRate);

@@ -39,9 +39,11 @@ export class Page {
   private readonly energy = new Energy(
     (motion) => this.showMotion(motion),
     (motion) => {
+      this.motion = motion;
+      if (this.run) return;
       this.settings.resetEnergy();
-      this.showMotion(motion);
-      say("The energy cannot be changed; load the page again.", true);
+      this.showTake();
+      say("The energy of the motion could not be changed; move the slider again.", true);
     },
   );
   private job: AbortController | null = null;
@@ -110,14 +112,15 @@ export class Page {
         const gesturer = await this.model.loaded();
         const { settings } = this;
         const { description } = gesturer;
-        const style = { values: settings.values(description), energy: settings.energy };
-        const stream = await gesturer.stream({ lookAhead: settings.lookAhead, seed: settings.seed, ...style });
+        const style = () => ({ values: settings.values(description), energy: settings.energy });
+        const stream = await gesturer.stream({ lookAhead: settings.lookAhead, seed: settings.seed, ...style() });
         if (signal.aborted) stream.close();
         signal.throwIfAborted();
         press(find("#rest"), false);
         press(find("#record"), false);
         const onfail = (reason: string) => void this.stop(reason, true);
         this.run = new LiveRun(source, stream, this.model.figure as ShownFigure, onfail);
+        stream.change(style()); // it may have changed meanwhile
       } catch (error) {
         source.close();
         throw error;

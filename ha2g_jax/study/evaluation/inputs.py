@@ -161,12 +161,12 @@ def evaluate_checkpoint(
 
 
 def _given(seed_frames: int) -> list[str]:
-    """Return a sentence if frames are scored whose true poses the model was given, as with more than four of them."""
+    """Return a sentence if frames are scored whose poses the model was given, which are more than four then."""
     if seed_frames <= SEED_FRAMES:
         return []
     return [
         f"the model is given the true poses of the first {seed_frames} frames, but scores begin at frame "
-        f"{SEED_FRAMES}: the first {seed_frames - SEED_FRAMES} scored frames of each clip are true"
+        f"{SEED_FRAMES}: it knew those of the first {seed_frames - SEED_FRAMES} scored frames of each clip"
     ]
 
 

@@ -6,4 +6,4 @@ from ha2g_jax.study.evaluation import inputs
 def test_scored_frames_that_were_given_are_named():
     assert inputs._given(4) == inputs._given(1) == []
     (note,) = inputs._given(7)
-    assert "first 7 frames" in note and "first 3 scored frames of each clip are true" in note
+    assert "first 7 frames" in note and "knew those of the first 3 scored frames" in note
