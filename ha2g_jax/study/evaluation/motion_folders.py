@@ -271,13 +271,13 @@ def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> li
     notes = []
     for which, count in left_out.items():
         if count:
-            notes.append(f"{count} files of {which} have no counterpart and are left out")
+            notes.append(f"files of {which} that have no counterpart and are left out: {count}")
     for which, index, pairs in (("motion", 0, read), ("reference", 1, once)):
         rates = collections.Counter(pair.rates[index] for pair in pairs if pair.rates[index] != FPS)
         for rate, count in sorted(rates.items()):
-            notes.append(f"{which} of {count} clips resampled from {rate:.6g} to {FPS:g} frames per second")
+            notes.append(f"clips whose {which} was resampled from {rate:.6g} to {FPS:g} frames per second: {count}")
     if cut := sum(pair.is_cut_to_sound for pair in once):
-        notes.append(f"reference of {cut} clips cut to the length of their sound")
+        notes.append(f"clips whose reference was cut to the length of the sound: {cut}")
     return notes
 
 

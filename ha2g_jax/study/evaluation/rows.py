@@ -115,19 +115,20 @@ def _common(
             f"all {len(shared)} clips have less than {MIN_FRAMES} frames, {shared[0].fps:g} a second; give longer ones"
         )
     if missing := len(reference) - len(shared):
-        notes.append(f"{missing} clips of the reference have no motion by some method and are left out")
+        notes.append(f"clips of the reference that lack the motion of a method and are left out: {missing}")
     if short := len(shared) - len(kept):
-        notes.append(f"{short} clips of less than {MIN_FRAMES} frames are left out")
+        notes.append(f"clips of less than {MIN_FRAMES} frames, which are left out: {short}")
     cut = [clip.num_frames - lengths[clip.id] for clip in kept if clip.num_frames > lengths[clip.id]]
     if cut:
+        seconds = sum(cut) / kept[0].fps
         notes.append(
-            f"reference of {len(cut)} clips cut to the length of their motion, {sum(cut) / kept[0].fps:.1f} s in all"
+            f"clips whose reference was cut to the length of the motion: {len(cut)}, by {seconds:.1f} s in all"
         )
     kept_ids = {clip.id for clip in kept}
     for name, clips in methods.items():
         longer = sum(clip.num_frames > lengths[clip.id] for clip in clips if clip.id in kept_ids)
         if longer:
-            notes.append(f"{name}: motion of {longer} clips cut to the length of the shortest")
+            notes.append(f"{name}: clips whose motion was cut to the length of the shortest: {longer}")
     return kept, lengths
 
 

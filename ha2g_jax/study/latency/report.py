@@ -84,7 +84,7 @@ def as_markdown(results: Results, chart: str | None = None) -> str:
     """
     lines = ["# How much of the speech must be heard before a gesture?", ""]
     if count := sum(map(len, results.failures.values())):
-        lines += [f"**Incomplete: {count} of {len(results.runs)} runs have no scores yet, see *Missing*.**", ""]
+        lines += [f"**Incomplete: runs without scores: {count} of {len(results.runs)}, see *Missing*.**", ""]
     lines += [SETTING, "", "## Questions", "", QUESTIONS, ""]
     if chart:
         lines += ["## Answers", "", *answers(results), "", NEEDS, ""]

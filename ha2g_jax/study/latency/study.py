@@ -57,7 +57,7 @@ def study_latency(
     missing = [run for run in runs if _scores(run, folder, split) is None]
     failures = {} if request.has_training else {run.name: "not trained" for run in missing if not is_finished(run)}
     missing = [run for run in missing if run.name not in failures]
-    message = f"{len(missing)} runs to train or score, {len(runs) - len(missing) - len(failures)} are there already"
+    message = f"runs to train or score: {len(missing)}; there already: {len(runs) - len(missing) - len(failures)}"
     tqdm.tqdm.write(message, file=sys.stderr)
     perform = perform or functools.partial(perform_in_process, command=_WORKER, options={"split": split})
     failures |= run_all(request, folder, missing, perform, stop, "look-ahead")

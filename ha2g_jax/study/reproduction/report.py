@@ -107,9 +107,9 @@ def caveats(results: Results) -> list[str]:
         found.append(f"Budgets differ: {', '.join(f'{count:,}' for count in budgets)} windows of training.")
     unfinished = [run for run in results.runs if run.scored_step is not None and run.last_step < run.steps]
     if unfinished:
-        found.append(f"{len(unfinished)} runs are unfinished and scored as they are.")
+        found.append(f"Runs that are unfinished and scored as they are: {len(unfinished)}.")
     if failed := sum(map(len, results.failures.values())):
-        found.append(f"{failed} of {len(results.runs)} runs have no scores, see below.")
+        found.append(f"Runs without scores: {failed} of {len(results.runs)}, see below.")
     count = (len(table.rows) - 1) * len(_claimed(results)) * len(results.splits)
     if count > 1 and results.name not in ("table12", "figure3"):
         found.append(

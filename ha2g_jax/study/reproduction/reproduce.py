@@ -122,7 +122,7 @@ def _fill(request: Request, plan: Plan, perform: Perform, stop: Stop) -> dict[st
     there = len({run.name for run in plan.runs}) - len(runs)
     for row, reason in plan.left_out.items():
         tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)
-    tqdm.tqdm.write(f"{len(missing)} runs to train or score, {there} are there already", file=sys.stderr)
+    tqdm.tqdm.write(f"runs to train or score: {len(missing)}; there already: {there}", file=sys.stderr)
     return failures | run_all(request, plan.corpus, missing, perform, stop, request.table)
 
 

@@ -221,9 +221,9 @@ def test_motion_is_cut_to_the_common_length_and_counted(skeleton, perform):
     short, long = perform(6, 60), perform(6, 120)
     results = evaluate({"short": short}, long, skeleton, draws=2)
     assert results["data"]["seconds"] == 6 * 4
-    assert "reference of 6 clips cut to the length of their motion, 24.0 s in all" in results["notes"]
+    assert "clips whose reference was cut to the length of the motion: 6, by 24.0 s in all" in results["notes"]
     results = evaluate({"long": long}, short, skeleton, draws=2)
-    assert "long: motion of 6 clips cut to the length of the shortest" in results["notes"]
+    assert "long: clips whose motion was cut to the length of the shortest: 6" in results["notes"]
 
 
 def test_several_performances_of_a_clip_are_all_scored(skeleton, perform):

@@ -41,7 +41,7 @@ def test_a_number_behind_the_name_makes_one_of_several_motions(write):
     folders = from_folders(motion, reference)
     assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1"]
     assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
-    assert folders.notes == ["1 files of motion have no counterpart and are left out"]
+    assert folders.notes == ["files of motion that have no counterpart and are left out: 1"]
 
 
 def write_sound(path, seconds=SECONDS):
@@ -64,9 +64,9 @@ def test_files_are_paired_by_name_whatever_their_kind(write):
     assert all(clip.num_frames == SECONDS * 15 for clip in folders.reference)
     assert all(clip.onsets is not None and len(clip.onsets) >= 5 for clip in folders.reference)
     assert folders.notes == [
-        "1 files of motion have no counterpart and are left out",
-        "2 files of reference have no counterpart and are left out",
-        "reference of 2 clips resampled from 30 to 15 frames per second",
+        "files of motion that have no counterpart and are left out: 1",
+        "files of reference that have no counterpart and are left out: 2",
+        "clips whose reference was resampled from 30 to 15 frames per second: 2",
     ]
 
 
@@ -84,7 +84,7 @@ def test_a_reference_is_as_long_as_its_sound(write):
     write_sound(reference / "a.wav", 3)
     folders = from_folders(motion, reference)
     assert folders.reference[0].num_frames == 45
-    assert "reference of 1 clips cut to the length of their sound" in folders.notes
+    assert "clips whose reference was cut to the length of the sound: 1" in folders.notes
 
 
 def test_subfolders_are_recordings(write):

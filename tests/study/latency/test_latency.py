@@ -112,7 +112,7 @@ def test_the_page_has_questions_before_numbers(results):
     assert len(rows) == 3 and page.count("| file | all | - |") == 3 and page.count("| *ground truth* |") == 3
     empty = as_markdown(results._replace(curves={}, failures={HIDDEN: {0: "not trained"}}))
     assert (
-        "**Incomplete: 1 of 0 runs have no scores yet" in empty
+        "**Incomplete: runs without scores: 1 of 0" in empty
         and "## Answers" not in empty
         and "- hidden ends, seed 0: not trained" in empty
     )

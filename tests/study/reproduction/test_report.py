@@ -124,7 +124,7 @@ def test_known_causes_are_only_talk_s():
         ({"size": "debug"}, "its numbers say nothing about the methods"),
         ({"seeds": 1}, "1 seed a row: too few"),
         ({"steps": {"Trimodal": 5000}}, "Budgets differ: 400, 20,000 windows of training."),
-        ({"failures": {"Trimodal": {0: "bad"}}}, "1 of 21 runs have no scores"),
+        ({"failures": {"Trimodal": {0: "bad"}}}, "Runs without scores: 1 of 21"),
         ({}, "24 differences are looked at; those of each table of claims are corrected"),
     ],
 )
