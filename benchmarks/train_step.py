@@ -9,8 +9,8 @@ The data are random; their numbers of words and speakers are about those of TED.
 combinations as variants; the speed is relative to the first variant.
 
 With `--against torch` there is one variant, and the step of `torch_peer`, in a process of its own, takes turns with
-ours, on the same batch and as many threads as there are cores; both keep the memory of a step. The ratio of a row is
-its seconds over ours: above 1 ours is faster.
+ours, on the same batch and as many threads as there are cores; both keep the memory of a step. On a GPU both multiply
+in TensorFloat-32. The ratio of a row is its seconds over ours: above 1 ours is faster.
 """
 
 import argparse
@@ -38,6 +38,8 @@ from ha2g_jax.train.measure import TimedStep
 from ha2g_jax.train.memory import keep_memory
 
 _SETTINGS = ("batch_size", "dtype", "accumulate", "devices")
+# Backend of JAX -> device on which PyTorch runs the same step.
+_TORCH_DEVICES = {"cpu": "cpu", "gpu": "cuda"}
 _COUNTS = {1: "one pass", 3: "three passes"}
 
 
@@ -109,12 +111,14 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
         One row for each step of PyTorch, the published one first, and one for ours, with medians and ratios.
 
     Raises:
-        UserError: PyTorch is not installed, JAX computes on an accelerator, or PyTorch has no step for the config.
+        UserError: PyTorch is not installed, JAX computes on an accelerator other than a GPU, or PyTorch has no step for
+            the config.
     """
     if importlib.util.find_spec("torch") is None:
         raise UserError("PyTorch is not installed; install the extra: pip install 'ha2g-jax[torch]'")
-    if jax.default_backend() != "cpu":
-        raise UserError(f"JAX computes on {jax.default_backend()}, PyTorch here on the CPU; set JAX_PLATFORMS=cpu")
+    device = _TORCH_DEVICES.get(jax.default_backend())
+    if device is None:
+        raise UserError(f"JAX computes on {jax.default_backend()}, where PyTorch has no step; set JAX_PLATFORMS=cpu")
     variants = settings_of_variants(config, arguments)
     if len(variants) > 1:
         raise UserError(f"--against compares one variant, not {len(variants)}; give each setting one value")
@@ -126,10 +130,11 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     torch_peer.check(config)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     print("compiling", variants[0], file=sys.stderr)
-    ours = TimedStep(config)
+    with jax.default_matmul_precision("tensorfloat32"):  # without effect on a CPU
+        ours = TimedStep(config)
     choices = [torch_peer.Choice(3, False), torch_peer.Choice(1, False)]
     choices += [torch_peer.Choice(1, True)] * arguments.compiled
-    with contextlib.closing(torch_peer.TorchProcess(config, choices, cores)) as process:
+    with contextlib.closing(torch_peer.TorchProcess(config, choices, cores, device)) as process:
         theirs = [functools.partial(process.run, number) for number in range(len(choices))]
         medians = in_turns([ours.run, *theirs], arguments.steps)
     version = importlib.metadata.version("torch")

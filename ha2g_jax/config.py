@@ -199,6 +199,15 @@ def small(config: Config) -> Config:
     return config
 
 
+def medium(config: Config) -> Config:
+    """Return the config with the sizes of the demo model; a step takes more than twice as long as a small one."""
+    config = small(config)
+    config.model.audio.resnet_se.blocks = (2, 2, 2, 1)
+    config.model.audio.resnet_se.channels = (32, 64, 128, 192)
+    config.model.inferer.hidden_dim = 128
+    return config
+
+
 def study(config: Config) -> Config:
     """Return the config with sizes for dozens of runs in some hours on two CPU cores, to compare methods."""
     config = small(config)
@@ -237,7 +246,7 @@ def debug(config: Config) -> Config:
     return config
 
 
-SIZES = {"paper": lambda config: config, "small": small, "study": study, "debug": debug}
+SIZES = {"paper": lambda config: config, "medium": medium, "small": small, "study": study, "debug": debug}
 
 
 def sized(config: Config, size: str) -> Config:

@@ -81,7 +81,7 @@ DEBUG = (
     (r"\bCORPUS\b", "talk"),
     (r"^((train|doctor) --config \S*talk)\S*", r"\1:debug"),
     (r"^doctor --gradients \S+", "doctor --gradients seq2seq:talk:debug"),  # its terms compile sooner
-    (r"^(train --config bvh:)small( .*init_from=)", r"\1debug\2"),
+    (r"^(train --config bvh:)medium( .*init_from=)", r"\1debug\2"),
     (r" (--config\.train\.init_from=)demo", r" \1runs/talk"),
     (r" --config\.train\.(steps|devices|batch_size)=\d+", ""),  # the debug size has its own
     (r"^(train .*--workdir) \S+", r"\1 trained"),

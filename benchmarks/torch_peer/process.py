@@ -28,12 +28,13 @@ class TorchProcess:
         config: config of the step.
         choices: steps to make.
         threads: number of threads of PyTorch.
+        device: device of PyTorch, "cpu" or "cuda"; a GPU multiplies in TensorFloat-32.
     """
 
-    def __init__(self, config: Config, choices: Sequence[Choice], threads: int):
+    def __init__(self, config: Config, choices: Sequence[Choice], threads: int, device: str = "cpu"):
         context = multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
-        arguments = (other, config.to_dict(), list(choices), threads)
+        arguments = (other, config.to_dict(), list(choices), threads, device)
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         other.close()
@@ -60,7 +61,7 @@ class TorchProcess:
         self._process.join()
 
 
-def _serve(connection: Connection, values: dict, choices: Sequence[Choice], threads: int) -> None:
+def _serve(connection: Connection, values: dict, choices: Sequence[Choice], threads: int, device: str) -> None:
     from ha2g_jax.train.memory import keep_memory
 
     keep_memory()
@@ -73,11 +74,15 @@ def _serve(connection: Connection, values: dict, choices: Sequence[Choice], thre
     from torch_peer.step import TorchStep
 
     torch.set_num_threads(threads)
+    torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
+    torch.backends.cudnn.benchmark = True  # the fastest convolutions of those that there are
     config = configs.from_json(values)
     torch.manual_seed(config.seed)
     objective = build_objective(config, load_skeleton(config.skeleton), NUM_WORDS, NUM_SPEAKERS)
     batch = random_batch(objective.spec, config.train.batch_size, NUM_WORDS, NUM_SPEAKERS)
-    steps = [TorchStep(config, objective, passes=each.passes, compiled=each.compiled) for each in choices]
+    steps = [
+        TorchStep(config, objective, passes=each.passes, compiled=each.compiled, device=device) for each in choices
+    ]
     tensors = steps[0].tensors(batch)
     while True:
         try:

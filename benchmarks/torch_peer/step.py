@@ -47,27 +47,31 @@ def check(config: Config) -> None:
 
 
 class TorchStep:
-    """Networks, optimisers and the training step, on the CPU in float32.
+    """Networks, optimisers and the training step, with arrays of float32.
 
     Args:
         config: settings; read for the optimisers alone.
         objective: objective of our package, whose networks, terms and weights the step has.
         passes: number of runs of the cascade, see the top of the file.
         compiled: whether `torch.compile` compiles the networks and the terms.
+        device: device of PyTorch, "cpu" or "cuda".
 
     Attributes:
         generator, discriminator: networks.
     """
 
-    def __init__(self, config: Config, objective: Objective, *, passes: int = 1, compiled: bool = False):
+    def __init__(
+        self, config: Config, objective: Objective, *, passes: int = 1, compiled: bool = False, device: str = "cpu"
+    ):
         check(config)
-        self.spec, self.passes = objective.spec, passes
+        self.spec, self.passes, self._device = objective.spec, passes, torch.device(device)
         self._weights, self._settings, self._gan = dict(objective.weights), objective.settings, objective.gan
         self._clip_norm = config.train.clip_norm
-        self.generator = Generator(self.spec).to(memory_format=torch.channels_last)
-        self.discriminator = Discriminator(self.spec.discriminator, self.spec)
-        self._physical = losses.Physical(self.spec.skeleton)
-        self._mean = torch.tensor(self.spec.skeleton.mean_directions).flatten()
+        with self._device:
+            self.generator = Generator(self.spec).to(memory_format=torch.channels_last)
+            self.discriminator = Discriminator(self.spec.discriminator, self.spec)
+            self._physical = losses.Physical(self.spec.skeleton)
+            self._mean = torch.tensor(self.spec.skeleton.mean_directions).flatten()
         self._optimizers = [
             torch.optim.Adam(network.parameters(), lr=float(rate(0)), betas=tuple(config.train.betas), fused=True)
             for network, rate in (
@@ -80,17 +84,19 @@ class TorchStep:
         self._judge, self._terms = wrap(self.discriminator), wrap(self.terms)
 
     def tensors(self, batch: Mapping[str, Any]) -> dict[str, torch.Tensor]:
-        """Return a batch of our package as tensors; the indices become 64-bit, as an embedding takes them."""
+        """Return a batch of our package on the device; the indices become 64-bit, as an embedding takes them."""
         arrays = {name: np.asarray(array) for name, array in batch.items()}
         return {
-            name: torch.from_numpy(array.astype(np.int64) if array.dtype == np.int32 else array.copy())
+            name: torch.from_numpy(array.astype(np.int64) if array.dtype == np.int32 else array.copy()).to(self._device)
             for name, array in arrays.items()
         }
 
     def run(self, batch: Mapping[str, torch.Tensor]) -> float:
         """Run one step and return its seconds."""
         started = time.perf_counter()
-        self.step(batch)  # on the CPU it returns when everything is computed
+        self.step(batch)
+        if self._device.type == "cuda":
+            torch.cuda.synchronize()  # on the CPU the step returns when everything is computed
         return time.perf_counter() - started
 
     def step(self, batch: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

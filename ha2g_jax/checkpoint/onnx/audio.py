@@ -1,7 +1,8 @@
 """The audio encoder E_a of `layers.resnet_se` as nodes of ONNX, channels first.
 
-A batch normalisation after a convolution, or before a linear map, becomes part of it. One before a convolution with
-padding cannot: beyond the border there are zeros, not normalised values.
+A batch normalisation after a convolution becomes part of it. One before a convolution with padding cannot: beyond the
+border there are zeros, not normalised values. Before the linear map of a head its factors stay apart: that of a channel
+that is nearly constant is in the hundreds, and int8 weights that contained it would leave no precision to the others.
 """
 
 from typing import Any
@@ -93,7 +94,8 @@ def _add_head(
     rows = factor * size[0] - kernel_size + 1
     scale, shift = (np.repeat(it, rows) for it in _factor_and_shift(params["norm"], stats["norm"]))
     kernel, bias = np.asarray(params["linear"]["kernel"]), np.asarray(params["linear"]["bias"])
-    x = graph.add("MatMul", x, graph.weight(kernel * scale[:, None], f"{name}.linear", axis=1))
+    x = graph.add("Mul", x, graph.constant(scale, f"{name}.scale"))
+    x = graph.add("MatMul", x, graph.weight(kernel, f"{name}.linear", axis=1))
     return graph.add("Add", x, graph.constant(bias + shift @ kernel), name=f"f_{name}")
 
 
