@@ -49,5 +49,5 @@ def test_every_debug_config_gives_a_step(spec):
 
 
 def test_an_unknown_size_is_named():
-    with pytest.raises(UserError, match="'huge'; expected one of paper, small, study, debug"):
+    with pytest.raises(UserError, match="'huge'; expected one of paper, medium, small, study, debug"):
         configs.sized(configs.paper("ted_gesture"), "huge")

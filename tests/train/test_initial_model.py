@@ -18,10 +18,10 @@ from ha2g_jax.train.initial_model import _is_new, initial_variables
 WORDS = "params/text/embedding/embedding"
 
 
-def spec_for(*words: str, data="talk", method="ha2g", kind="images", hidden_dim=64):
+def spec_for(*words: str, data="talk", method="ha2g", kind="images", hidden_dim=128):
     """Return the vocabulary of some words and networks for it, by default of the demo's size."""
     changes = {"model.identity.kind": kind, "model.inferer.hidden_dim": hidden_dim}
-    config = presets.make(data, "small", method, changes)
+    config = presets.make(data, "medium", method, changes)
     vocabulary = Vocabulary(words)
     return vocabulary, build(config, load_skeleton(config.skeleton), len(vocabulary), 3)
 
