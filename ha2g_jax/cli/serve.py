@@ -39,7 +39,7 @@ def add_command(commands: Any) -> None:
         "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: 1)"
     )
     limits = serve.add_argument_group("limits", "Each worker has these limits; N workers take N times as much.")
-    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 8)")
+    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 6)")
     limits.add_argument(
         "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
     )

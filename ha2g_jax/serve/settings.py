@@ -36,7 +36,7 @@ class Settings:
     token: str | None = None
     origins: tuple[str, ...] = ()
     workers: int = 1
-    sessions: int = 8
+    sessions: int = 6
     requests: int = 2
     rate: float = 120
     max_bytes: int = 64 << 20

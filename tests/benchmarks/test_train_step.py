@@ -34,3 +34,11 @@ def test_compares_one_variant(run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda *_: True)
     code, error = run("--against", "torch", "--batch-size", "2", "4")
     assert (code, error) == (2, "train_step: --against compares one variant, not 2; give each setting one value\n")
+
+
+def test_needs_a_device_that_pytorch_has(run, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda *_: True)
+    monkeypatch.setattr("jax.default_backend", lambda: "tpu")
+    code, error = run("--against", "torch")
+    expected = "train_step: JAX computes on tpu, where PyTorch has no step; set JAX_PLATFORMS=cpu\n"
+    assert (code, error) == (2, expected)

@@ -1,7 +1,7 @@
 """The audio encoder E_a of `layers.resnet_se` as nodes of ONNX, channels first.
 
 A batch normalisation after a convolution becomes part of it. One before a convolution with padding cannot: beyond the
-border there are zeros, not normalised values. Before the linear map of a head its factors stay apart: that of a channel
+border there are zeros, not normalised values. One before the linear map of a head stays apart: the factor of a channel
 that is nearly constant is in the hundreds, and int8 weights that contained it would leave no precision to the others.
 """
 
@@ -95,8 +95,9 @@ def _add_head(
     scale, shift = (np.repeat(it, rows) for it in _factor_and_shift(params["norm"], stats["norm"]))
     kernel, bias = np.asarray(params["linear"]["kernel"]), np.asarray(params["linear"]["bias"])
     x = graph.add("Mul", x, graph.constant(scale, f"{name}.scale"))
+    x = graph.add("Add", x, graph.constant(shift, f"{name}.shift"))
     x = graph.add("MatMul", x, graph.weight(kernel, f"{name}.linear", axis=1))
-    return graph.add("Add", x, graph.constant(bias + shift @ kernel), name=f"f_{name}")
+    return graph.add("Add", x, graph.constant(bias), name=f"f_{name}")
 
 
 def _convolve(

@@ -92,6 +92,24 @@ def test_windows_are_those_of_jax_in_a_batch_of_any_size(debug, weights):
     np.testing.assert_allclose(one, poses[1:2], atol=1e-5)
 
 
+def test_a_constant_channel_leaves_int8_weights_their_precision():
+    """Its factor in the normalisation of a head is hundreds of times those of the other channels."""
+    loaded = draw(presets.make("talk", "debug"))
+    variables = jax.tree.map(np.array, loaded.variables)
+    head, stats = variables["params"]["audio"]["low"], variables["batch_stats"]["audio"]["low"]["norm"]
+    head["conv"]["kernel"][..., 0], head["conv"]["bias"][0] = 0, 1
+    stats["mean"][0], stats["variance"][0] = 1, 0
+    inputs, features = inputs_of(loaded, 1), {}
+    for weights in ("float32", "int8"):
+        model = build(loaded._replace(variables=variables), weights=weights)
+        model.graph.output[0].name = "f_low"
+        del model.graph.output[0].type.tensor_type.shape.dim[:]
+        session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+        features[weights] = np.asarray(session.run(["f_low"], inputs)[0])
+    error = np.abs(features["int8"] - features["float32"]).max()
+    assert error < 0.1 * features["float32"].std()
+
+
 def other_config():
     """Return a config with a choice other than the default wherever the networks have one."""
     config = configs.debug(configs.paper("ted_gesture"))
