@@ -178,7 +178,9 @@ def test_each_folder_of_motion_is_a_row(folders, split, tmp_path, capsys):
     section = json.loads(capsys.readouterr().out)["sections"]["true"]
     assert section["methods"] == ["mine", "theirs"]
     assert "theirs - mine" in section["differences"]
-    assert any("theirs: files of reference that have no counterpart and are left out: 1" in note for note in section["notes"])
+    assert any(
+        "theirs: files of reference that have no counterpart and are left out: 1" in note for note in section["notes"]
+    )
 
 
 def test_a_folder_of_motion_given_twice_is_refused(folders, capsys):
