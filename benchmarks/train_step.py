@@ -116,6 +116,7 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     """
     if importlib.util.find_spec("torch") is None:
         raise UserError("PyTorch is not installed; install the extra: pip install 'ha2g-jax[torch]'")
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # the memory of a GPU is shared with PyTorch
     device = _TORCH_DEVICES.get(jax.default_backend())
     if device is None:
         raise UserError(f"JAX computes on {jax.default_backend()}, where PyTorch has no step; set JAX_PLATFORMS=cpu")
@@ -130,8 +131,10 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     torch_peer.check(config)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     print("compiling", variants[0], file=sys.stderr)
-    with jax.default_matmul_precision("tensorfloat32"):  # without effect on a CPU
+    with jax.default_matmul_precision("tensorfloat32") if device == "cuda" else contextlib.nullcontext():
         ours = TimedStep(config)
+    if device == "cuda" and ours.num_devices > 1:
+        raise UserError(f"our step runs on {ours.num_devices} GPUs, that of PyTorch on one; give --devices 1")
     choices = [torch_peer.Choice(3, False), torch_peer.Choice(1, False)]
     choices += [torch_peer.Choice(1, True)] * arguments.compiled
     with contextlib.closing(torch_peer.TorchProcess(config, choices, cores, device)) as process:
@@ -150,6 +153,7 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
             "step_seconds": median,
             "windows_per_second": ours.batch_size / median,
             "batch_size": ours.batch_size,
+            "device": jax.devices()[0].device_kind,
             "threads": cores,
         }
         for name, median in zip(names, medians, strict=True)
@@ -181,7 +185,9 @@ def comparison_table(rows: list[dict]) -> str:
         f"{row['step']:40} {row['ratio']:6.2f} {row['step_seconds']:9.4f} {row['windows_per_second']:10.1f}"
         for row in rows
     ]
-    return "\n".join([*lines, "", f"batch of {rows[0]['batch_size']}, {rows[0]['threads']} threads"])
+    return "\n".join(
+        [*lines, "", f"batch of {rows[0]['batch_size']}, {rows[0]['device']}, {rows[0]['threads']} threads"]
+    )
 
 
 def as_table(rows: list[dict]) -> str:

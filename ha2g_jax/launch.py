@@ -25,7 +25,7 @@ usage: {program} --config CONFIG --workdir DIR [--config.KEY=VALUE ...] [--profi
 
 Train the model of a config. The same command continues a run that was stopped.
 
-  --config CONFIG        one of these three, the size being paper (default), small, study or debug:
+  --config CONFIG        one of these three, the size being paper (default), medium, small, study or debug:
       DATA[:SIZE]            HA2G on the data {data}
       METHOD:DATA[:SIZE]     another method: {methods}
       FILE[:SIZE]            a Python file with a function get_config(size); it is executed

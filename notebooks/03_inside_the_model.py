@@ -52,7 +52,7 @@ print(f"{len(samples) / audio.SAMPLE_RATE:.1f} s:", " ".join(word.text for word 
 # The encoder E_a is one ResNet with three heads (Tables 6 and 7 of the paper): f_low comes from an early block,
 # f_high from the last one. Each level has 32 values at each frame of the motion. Below the spectrogram, each level is
 # shown as an image, one row for each value, scaled to its own mean and spread. The pauses stand out, most on the
-# middle level; what a single value means cannot be seen, so the next section asks what a level knows.
+# lowest level; what a single value means cannot be seen, so the next section asks what a level knows.
 
 # %%
 seconds = 5.0
@@ -169,6 +169,6 @@ axis.set_xlabel("bones, by the level that adds them")
 plt.show()
 
 # %% [markdown]
-# Above the diagonal a stage does not have the bones yet, and the mean pose is 10° to 30° off. On the diagonal a stage
-# has just added them, and below it later stages correct them by a few degrees. The rows "Holistic", "w/o hand
+# Above the diagonal a stage does not have the bones yet, and the mean pose is up to about 50° off. On the diagonal a
+# stage has just added them, and below it later stages correct them by a few degrees. The rows "Holistic", "w/o hand
 # hierarchy" and "w/o body hierarchy" of Table 4 leave levels out (`config.model.inferer.levels`).

@@ -152,7 +152,7 @@ plt.show()
 # |---|---|---|
 # | `talk:debug` | two cores | a minute: every part runs |
 # | `talk:small` | two cores | hours |
-# | `talk:medium` | a GPU | minutes: the size of the demo model |
+# | `talk:medium` | a GPU | minutes: the size of the demo model, whose card has the command |
 # | `ted_expressive` (the paper) | a GPU | see `docs/performance.md` |
 #
 # The same command continues a run that was stopped (`docs/training.md`). `06_your_data` trains on your own

@@ -91,8 +91,8 @@ plt.show()
 #   true motion, and about five times its jerk.
 #
 # The demo has a higher BC than the true motion for the same reason: it stops too often. Smoothing brings its beats
-# and its BC to those of the true motion, its beat gain up, and its jerk too far down. So BC is read beside beats per
-# second, jerk and beat gain, or not at all.
+# and its BC near those of the true motion, and its jerk too far down; its beat gain is not shown to change. So BC is
+# read beside beats per second, jerk and beat gain, or not at all.
 #
 # The evaluation says this itself, in its flags:
 

@@ -65,6 +65,7 @@ def _serve(connection: Connection, values: dict, choices: Sequence[Choice], thre
     from ha2g_jax.train.memory import keep_memory
 
     keep_memory()
+    import jax
     import torch
 
     from ha2g_jax import config as configs
@@ -73,6 +74,7 @@ def _serve(connection: Connection, values: dict, choices: Sequence[Choice], thre
     from ha2g_jax.train.objective import build_objective
     from torch_peer.step import TorchStep
 
+    jax.config.update("jax_platforms", "cpu")  # here it only describes the step
     torch.set_num_threads(threads)
     torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
     torch.backends.cudnn.benchmark = True  # the fastest convolutions of those that there are
