@@ -1,5 +1,6 @@
 """Assets that training adds to a model: calm start poses, and the styles of the speakers."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -56,4 +57,5 @@ def speaker_identities(
         images = windows.reference_images(speaker, limit=_CLIPS_PER_SPEAKER)
         return np.mean([encode_identity(spec, variables, image) for image in images], axis=0)
 
-    return {name: identity(speaker) for speaker, name in enumerate(names)}
+    with ThreadPoolExecutor() as pool:  # threads decode images in parallel
+        return dict(zip(names, pool.map(identity, range(len(names))), strict=True))
