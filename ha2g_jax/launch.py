@@ -13,7 +13,7 @@ from absl import flags
 from ml_collections import config_flags
 
 from ha2g_jax import config_renames, presets
-from ha2g_jax.config import Config, check_fps
+from ha2g_jax.config import SIZES, Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, reason, shown
 from ha2g_jax.limits import MAX_PROGRAM_BYTES, MAX_SETTING
@@ -25,7 +25,7 @@ usage: {program} --config CONFIG --workdir DIR [--config.KEY=VALUE ...] [--profi
 
 Train the model of a config. The same command continues a run that was stopped.
 
-  --config CONFIG        one of these three, the size being paper (default), medium, small, study or debug:
+  --config CONFIG        one of these three, the size being one of {sizes} (default: paper):
       DATA[:SIZE]            HA2G on the data {data}
       METHOD:DATA[:SIZE]     another method: {methods}
       FILE[:SIZE]            a Python file with a function get_config(size); it is executed
@@ -68,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv if argv is None else argv)
     if {"--help", "-help", "-h"} & set(argv[1:]):
         methods = ", ".join(name for name in presets.METHODS if name != "ha2g")
-        sys.stdout.write(_USAGE.format(program=argv[0], data=", ".join(presets.DATA), methods=methods))
+        data, sizes = ", ".join(presets.DATA), ", ".join(SIZES)
+        sys.stdout.write(_USAGE.format(program=argv[0], sizes=sizes, data=data, methods=methods))
         return 0
     arguments = _parse(argv)
 

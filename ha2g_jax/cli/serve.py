@@ -26,7 +26,7 @@ def add_command(commands: Any) -> None:
         "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
     )
     serve.add_argument("--host", default=_DEFAULT.host, help="address to listen at (default: this machine only)")
-    serve.add_argument("--port", type=int, default=_DEFAULT.port, help="port, 0 for a free one (default: 8000)")
+    serve.add_argument("--port", type=int, default=_DEFAULT.port, help="port, 0 for a free one (default: %(default)g)")
     serve.add_argument(
         "--token",
         help="secret that requests must have, needed for a --host that other machines reach (default: the variable "
@@ -36,30 +36,50 @@ def add_command(commands: Any) -> None:
         "--origin", action="append", default=[], metavar="URL", help="web page of another host that may use the service"
     )
     serve.add_argument(
-        "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: 1)"
+        "--workers", type=positive, default=_DEFAULT.workers, help="processes, one for each core (default: %(default)g)"
     )
     limits = serve.add_argument_group("limits", "Each worker has these limits; N workers take N times as much.")
-    limits.add_argument("--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: 6)")
     limits.add_argument(
-        "--requests", type=positive, default=_DEFAULT.requests, help="requests for motion at a time (default: 2)"
+        "--sessions", type=positive, default=_DEFAULT.sessions, help="streams at a time (default: %(default)g)"
     )
     limits.add_argument(
-        "--rate", type=float, default=_DEFAULT.rate, help="requests a minute of one client, 0 for any (default: 120)"
+        "--requests",
+        type=positive,
+        default=_DEFAULT.requests,
+        help="requests for motion at a time (default: %(default)g)",
     )
     limits.add_argument(
-        "--max-mebibytes", type=positive, default=_DEFAULT.max_bytes // _MEBIBYTE, help="size of a file (default: 64)"
+        "--rate",
+        type=float,
+        default=_DEFAULT.rate,
+        help="requests a minute of one client, 0 for any (default: %(default)g)",
     )
     limits.add_argument(
-        "--max-seconds", type=float, default=_DEFAULT.max_seconds, help="length of the sound (default: 600)"
+        "--max-mebibytes",
+        type=positive,
+        default=_DEFAULT.max_bytes // _MEBIBYTE,
+        help="size of a file (default: %(default)g)",
     )
     limits.add_argument(
-        "--session-seconds", type=float, default=_DEFAULT.session_seconds, help="length of a stream (default: 3600)"
+        "--max-seconds", type=float, default=_DEFAULT.max_seconds, help="length of the sound (default: %(default)g)"
     )
     limits.add_argument(
-        "--idle-seconds", type=float, default=_DEFAULT.idle_seconds, help="silence that ends a stream (default: 30)"
+        "--session-seconds",
+        type=float,
+        default=_DEFAULT.session_seconds,
+        help="length of a stream (default: %(default)g)",
     )
     limits.add_argument(
-        "--grace", type=float, default=_DEFAULT.grace, help="seconds for running requests after SIGTERM (default: 30)"
+        "--idle-seconds",
+        type=float,
+        default=_DEFAULT.idle_seconds,
+        help="silence that ends a stream (default: %(default)g)",
+    )
+    limits.add_argument(
+        "--grace",
+        type=float,
+        default=_DEFAULT.grace,
+        help="seconds for running requests after SIGTERM (default: %(default)g)",
     )
     serve.set_defaults(run=_serve)
 
