@@ -10,7 +10,8 @@ combinations as variants; the speed is relative to the first variant.
 
 With `--against torch` there is one variant, and the step of `torch_peer`, in a process of its own, takes turns with
 ours, on the same batch and as many threads as there are cores; both keep the memory of a step. On a GPU both multiply
-in TensorFloat-32. The ratio of a row is its seconds over ours: above 1 ours is faster.
+in TensorFloat-32. Where the extra `onednn` is installed, the last two rows are our step without it and with it. The
+ratio of a row is its seconds over those of the last one: above 1 the last one is faster.
 """
 
 import argparse
@@ -33,6 +34,7 @@ from ha2g_jax import launch
 from ha2g_jax.cli.values import positive
 from ha2g_jax.config import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.layers.onednn.library import use_onednn, used_version
 from ha2g_jax.train.machine import gib
 from ha2g_jax.train.measure import TimedStep
 from ha2g_jax.train.memory import keep_memory
@@ -78,6 +80,7 @@ def measure(config, arguments: argparse.Namespace) -> list[dict]:
     Returns:
         One row for each variant with its settings, medians and memory.
     """
+    use_onednn()
     variants = settings_of_variants(config, arguments)
     steps = []
     for variant in variants:
@@ -108,7 +111,8 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
         arguments: arguments of the script.
 
     Returns:
-        One row for each step of PyTorch, the published one first, and one for ours, with medians and ratios.
+        One row for each step of PyTorch, the published one first, and for ours, with medians and ratios; the last row
+        is ours as `ha2g train` runs it, with oneDNN where that is installed.
 
     Raises:
         UserError: PyTorch is not installed, JAX computes on an accelerator other than a GPU, or PyTorch has no step for
@@ -132,33 +136,39 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     print("compiling", variants[0], file=sys.stderr)
     with jax.default_matmul_precision("tensorfloat32") if device == "cuda" else contextlib.nullcontext():
-        ours = TimedStep(config)
-    if device == "cuda" and ours.num_devices > 1:
-        raise UserError(f"our step runs on {ours.num_devices} GPUs, that of PyTorch on one; give --devices 1")
+        ours = {"ha2g_jax, one pass": TimedStep(config)}
+        use_onednn()  # from here on
+        if used_version():
+            ours = {"ha2g_jax, one pass, oneDNN": TimedStep(config)} | ours
+    first = next(iter(ours.values()))
+    if device == "cuda" and first.num_devices > 1:
+        raise UserError(f"our step runs on {first.num_devices} GPUs, that of PyTorch on one; give --devices 1")
     choices = [torch_peer.Choice(3, False), torch_peer.Choice(1, False)]
     choices += [torch_peer.Choice(1, True)] * arguments.compiled
     with contextlib.closing(torch_peer.TorchProcess(config, choices, cores, device)) as process:
         theirs = [functools.partial(process.run, number) for number in range(len(choices))]
-        medians = in_turns([ours.run, *theirs], arguments.steps)
+        medians = in_turns([*(step.run for step in ours.values()), *theirs], arguments.steps)
     version = importlib.metadata.version("torch")
-    names = ["ha2g_jax, one pass"]
-    names += [
-        f"PyTorch {version}, {'compiled' if choice.compiled else 'eager'}, {_COUNTS[choice.passes]}"
-        for choice in choices
+    names = [
+        *ours,
+        *(
+            f"PyTorch {version}, {'compiled' if choice.compiled else 'eager'}, {_COUNTS[choice.passes]}"
+            for choice in choices
+        ),
     ]
     rows = [
         {
             "step": name,
             "ratio": median / medians[0],
             "step_seconds": median,
-            "windows_per_second": ours.batch_size / median,
-            "batch_size": ours.batch_size,
+            "windows_per_second": first.batch_size / median,
+            "batch_size": first.batch_size,
             "device": jax.devices()[0].device_kind,
             "threads": cores,
         }
         for name, median in zip(names, medians, strict=True)
     ]
-    return [*rows[1:], rows[0]]
+    return [*rows[len(ours) :], *reversed(rows[: len(ours)])]
 
 
 def settings_of_variants(config: Config, arguments: argparse.Namespace) -> list[dict[str, Any]]:

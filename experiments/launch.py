@@ -3,8 +3,8 @@
 import sys
 
 from ha2g_jax import cli
-from ha2g_jax.train.memory import keep_memory
+from ha2g_jax.train.process import prepare_process
 
 if __name__ == "__main__":
-    keep_memory()
+    prepare_process()
     sys.exit(cli.main(["train", *sys.argv[1:]]))

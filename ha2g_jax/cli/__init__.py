@@ -16,7 +16,7 @@ from ha2g_jax.cli.termination import termination
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.compile_cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.train.memory import keep_memory
+from ha2g_jax.train.process import prepare_process
 
 _TRAINING = (["train"], ["doctor"], ["benchmark"])  # commands that run training steps
 
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(argv: list[str] | None) -> int:
     if argv is None and sys.argv[1:2] in _TRAINING:
-        keep_memory()
+        prepare_process()
     argv = sys.argv[1:] if argv is None else argv
     _print_any_path()
     try:

@@ -1,8 +1,9 @@
 """Two-dimensional convolutions with faster programs than those of XLA on CPUs.
 
-Wide convolutions of 3 x 3 are Winograd's, with their gradients (`winograd`). For other wide kernels the gradient of the
-kernel is a matrix product: XLA computes it as a convolution whose window is a whole image, which is 1.5 to 10 times
-slower at the size of the paper (docs/performance.md). Small kernels, and accelerators, keep the programs of XLA.
+With the extra `ha2g-jax[onednn]`, training computes them with oneDNN (`onednn`). Without it, wide convolutions of
+3 x 3 are Winograd's, with their gradients (`winograd`). For other wide kernels the gradient of the kernel is a matrix
+product: XLA computes it as a convolution whose window is a whole image, which is 1.5 to 10 times slower at the size of
+the paper (docs/performance.md). Small kernels, and accelerators, keep the programs of XLA.
 """
 
 import functools
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import chunks, initializers, winograd
+from ha2g_jax.layers.onednn import calls, library
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
@@ -60,6 +62,8 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
     Returns:
         (B, (H + 2 padding - height) // stride + 1, ..., channels).
     """
+    if library.is_used_for(x, kernel):
+        return calls.conv(x, kernel, stride, padding)
     return _conv(x, kernel, stride, padding)
 
 

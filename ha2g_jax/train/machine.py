@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import jax
 
+from ha2g_jax.layers.onednn.library import used_version
+
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "numpy")
 _CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")
 # Files by which JAX itself detects a GPU: those of a driver, of a container and of WSL.
@@ -67,6 +69,8 @@ def _python() -> Finding:
 def _packages() -> Finding:
     versions = {name: _version(name) for name in _PACKAGES}
     missing = " ".join(name for name, version in versions.items() if version is None)
+    if onednn := used_version():
+        versions["onednn"] = onednn
     found = ", ".join(f"{name} {version}" for name, version in versions.items() if version is not None)
     return Finding("packages", found, f"pip install {missing}" if missing else "", versions)
 

@@ -24,6 +24,7 @@ from ha2g_jax.config import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
+from ha2g_jax.layers.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
 from ha2g_jax.train.writing import replacing, writing
 
@@ -154,6 +155,8 @@ def _versions() -> dict[str, str]:
     for name in _PACKAGES:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # missing in a partial installation
             installed[name] = importlib.metadata.version(name)
+    if version := used_version():
+        installed["onednn"] = version
     return installed
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from ha2g_jax.errors import UserError
 from ha2g_jax.study.reproduction.plan import Run, is_finished, make_plan
 from ha2g_jax.study.reproduction.request import Request
-from ha2g_jax.train.memory import keep_memory
+from ha2g_jax.train.process import prepare_process
 
 
 def main(work: Callable[[dict[str, Any]], None]) -> int:
@@ -19,7 +19,7 @@ def main(work: Callable[[dict[str, Any]], None]) -> int:
     Args:
         work: function that trains and scores the run of a task.
     """
-    keep_memory()
+    prepare_process()
     task = json.load(sys.stdin)
     if task["cores"]:
         os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores

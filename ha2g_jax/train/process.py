@@ -1,0 +1,16 @@
+"""What a process that trains sets up before its first computation."""
+
+from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.train.memory import keep_memory
+
+
+def prepare_process() -> None:
+    """Let this process keep its compiled programs and its memory, and use oneDNN where that is installed.
+
+    Call this in the main thread before JAX is imported; see `keep_programs`, `keep_memory` and `use_onednn`.
+    """
+    keep_programs()
+    keep_memory()
+    from ha2g_jax.layers.onednn.library import use_onednn  # here, since it imports JAX, which `keep_programs` precedes
+
+    use_onednn()
