@@ -36,8 +36,15 @@ struct Convolution {
             (y[2] - 1) * column_stride + kernel[1] - x[2] - padding};
   }
   dnnl::convolution_forward::primitive_desc forward(int64_t images) const {
-    return {cpu(),     dnnl::prop_kind::forward_training, kAlgorithm, x_desc(images), kernel_desc(Tag::any),
-            y_desc(images), strides(), before(), after()};
+    return {cpu(),
+            dnnl::prop_kind::forward_training,
+            kAlgorithm,
+            x_desc(images),
+            kernel_desc(Tag::any),
+            y_desc(images),
+            strides(),
+            before(),
+            after()};
   }
 };
 
@@ -58,8 +65,8 @@ ffi::Error conv(ffi::ThreadPool pool, Array x, Array kernel, Result y, int64_t r
 
 ffi::Error input_gradient(ffi::ThreadPool pool, Array kernel, Array cotangent, Result gradient, int64_t row_stride,
                           int64_t column_stride, int64_t padding) {
-  const Convolution shape{gradient->dimensions(), kernel.dimensions(), cotangent.dimensions(),
-                          row_stride,             column_stride,       padding};
+  const Convolution shape{
+      gradient->dimensions(), kernel.dimensions(), cotangent.dimensions(), row_stride, column_stride, padding};
   return for_each_part(pool, shape.x[0], [&](const Part& part) {
     dnnl::stream stream(cpu());
     const dnnl::convolution_backward_data::primitive_desc desc(
@@ -87,10 +94,9 @@ ffi::Error kernel_gradient(ffi::ThreadPool pool, Array x, Array cotangent, Resul
         shape.strides(), shape.before(), shape.after(), shape.forward(part.size));
     memory sum(desc.diff_weights_desc(), cpu());
     dnnl::convolution_backward_weights(desc).execute(
-        stream,
-        {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
-         {DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
-         {DNNL_ARG_DIFF_WEIGHTS, sum}});
+        stream, {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
+                 {DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
+                 {DNNL_ARG_DIFF_WEIGHTS, sum}});
     sums[part.index].resize(shape.kernel_size());
     memory plain = view(shape.kernel_desc(Tag::hwio), sums[part.index].data());
     dnnl::reorder(sum, plain).execute(stream, sum, plain);

@@ -18,7 +18,8 @@ namespace {
 class Product {
  public:
   // If `add` is true, the product is added to the result.
-  Product(dnnl::stream& stream, int64_t rows, int64_t inner, int64_t columns, const std::vector<float>& matrix, bool add)
+  Product(dnnl::stream& stream, int64_t rows, int64_t inner, int64_t columns, const std::vector<float>& matrix,
+          bool add)
       : stream_(stream) {
     const auto type = memory::data_type::f32;
     dnnl::primitive_attr attributes;
@@ -32,15 +33,16 @@ class Product {
                                             memory::desc({rows, columns}, type, Tag::ab), attributes);
     left_ = desc.src_desc();
     result_ = desc.dst_desc();
-    matrix_ = reordered(stream, view(memory::desc({inner, columns}, type, Tag::ab), matrix.data()), desc.weights_desc());
+    matrix_ =
+        reordered(stream, view(memory::desc({inner, columns}, type, Tag::ab), matrix.data()), desc.weights_desc());
     stream.wait();
     primitive_ = dnnl::matmul(desc);
   }
 
   void operator()(const float* left, float* result) {
-    primitive_.execute(stream_, {{DNNL_ARG_SRC, view(left_, left)},
-                                 {DNNL_ARG_WEIGHTS, matrix_},
-                                 {DNNL_ARG_DST, view(result_, result)}});
+    primitive_.execute(
+        stream_,
+        {{DNNL_ARG_SRC, view(left_, left)}, {DNNL_ARG_WEIGHTS, matrix_}, {DNNL_ARG_DST, view(result_, result)}});
     stream_.wait();
   }
 
@@ -79,8 +81,8 @@ void next_state(int64_t h, const float* reset, const float* update, const float*
   }
 }
 
-ffi::Error states(ffi::ThreadPool pool, Array reset, Array update, Array fresh, Array reset_kernel,
-                  Array update_kernel, Array fresh_kernel, Array bias, Result states) {
+ffi::Error states(ffi::ThreadPool pool, Array reset, Array update, Array fresh, Array reset_kernel, Array update_kernel,
+                  Array fresh_kernel, Array bias, Result states) {
   const int64_t steps = reset.dimensions()[0], batch = reset.dimensions()[1], h = reset.dimensions()[2];
   std::vector<float> kernels(3 * h * h);  // side by side, (h, 3 h)
   for (int64_t i = 0; i < h; ++i) {
@@ -144,9 +146,29 @@ ffi::Error sums(ffi::ThreadPool pool, Array cotangent, Array of_new, Array of_up
 
 }  // namespace
 
-XLA_FFI_DEFINE_HANDLER_SYMBOL(Ha2gGruStates, states, ffi::Ffi::Bind().Ctx<ffi::ThreadPool>()
-                              .Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>()
-                              .Ret<Array>());
-XLA_FFI_DEFINE_HANDLER_SYMBOL(Ha2gGruSums, sums, ffi::Ffi::Bind().Ctx<ffi::ThreadPool>()
-                              .Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>().Arg<Array>()
-                              .Arg<Array>().Arg<Array>().Arg<Array>().Ret<Array>().Ret<Array>().Ret<Array>());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(Ha2gGruStates, states,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Ret<Array>());
+XLA_FFI_DEFINE_HANDLER_SYMBOL(Ha2gGruSums, sums,
+                              ffi::Ffi::Bind()
+                                  .Ctx<ffi::ThreadPool>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Arg<Array>()
+                                  .Ret<Array>()
+                                  .Ret<Array>()
+                                  .Ret<Array>());

@@ -25,6 +25,7 @@ _SOURCES = ("conv.cc", "gru.cc", "parallel.h")
 # Where pip and conda put oneDNN.
 _HEADERS = pathlib.Path(sys.prefix) / "include"
 _ONEDNN = pathlib.Path(sys.prefix) / "lib" / "libdnnl.so.3"
+_OPENMP = re.compile(r"#define DNNL_CPU_THREADING_RUNTIME DNNL_RUNTIME_OMP$", re.MULTILINE)
 _CPU = pathlib.Path("/proc/cpuinfo")
 
 _is_used = False
@@ -59,8 +60,9 @@ def is_used_for(*arrays: jax.Array) -> bool:
 
 
 def is_installed() -> bool:
-    """Return whether oneDNN 3 and its headers are in this environment."""
-    return _ONEDNN.exists() and (_HEADERS / "oneapi" / "dnnl" / "dnnl.hpp").exists()
+    """Return whether oneDNN 3, built for OpenMP, and its headers are in this environment."""
+    config = _HEADERS / "oneapi" / "dnnl" / "dnnl_config.h"
+    return _ONEDNN.exists() and config.exists() and _OPENMP.search(config.read_text()) is not None
 
 
 def used_version() -> str | None:
