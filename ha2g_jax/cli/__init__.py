@@ -40,11 +40,12 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(argv: list[str] | None) -> int:
-    if argv is None and sys.argv[1:2] in _TRAINING:
-        prepare_process()
+    trains = argv is None and sys.argv[1:2] in _TRAINING
     argv = sys.argv[1:] if argv is None else argv
     _print_any_path()
     try:
+        if trains:
+            prepare_process()
         keep_programs()
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value
             from ha2g_jax import launch

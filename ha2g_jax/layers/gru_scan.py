@@ -41,6 +41,8 @@ def gru_scan(
     is the chain from state to state; the gradient of a kernel is one product over all steps. There are gradients of any
     order in reverse mode, but none in forward mode (`jax.jvp`).
 
+    With the extra `ha2g-jax[onednn]`, training computes both scans with oneDNN (`onednn`), unless there is padding.
+
     Args:
         gates: for each GRU and gate (N, B, h), W x_t + b of every frame, with c_r and c_z already added.
         hidden_kernels: for each GRU and gate (h, h), the transpose of U.

@@ -1,6 +1,7 @@
 """Examine the machine of a run: packages, devices, cores and memory."""
 
 import collections
+import contextlib
 import importlib.metadata
 import os
 import pathlib
@@ -69,8 +70,9 @@ def _python() -> Finding:
 def _packages() -> Finding:
     versions = {name: _version(name) for name in _PACKAGES}
     missing = " ".join(name for name, version in versions.items() if version is None)
-    if onednn := used_version():
-        versions["onednn"] = onednn
+    with contextlib.suppress(RuntimeError):  # JAX finds no device, which `_devices` reports
+        if onednn := used_version():
+            versions["onednn"] = onednn
     found = ", ".join(f"{name} {version}" for name, version in versions.items() if version is not None)
     return Finding("packages", found, f"pip install {missing}" if missing else "", versions)
 

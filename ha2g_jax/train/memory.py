@@ -9,6 +9,11 @@ _TRIM_THRESHOLD, _MMAP_MAX = -1, -4
 _ACCELERATORS = ("jax_plugins", "libtpu")  # packages with which JAX computes on GPUs and TPUs
 
 
+def has_accelerator_plugin() -> bool:
+    """Return whether JAX has a plugin for an accelerator here; the accelerator itself may be missing."""
+    return any(map(importlib.util.find_spec, _ACCELERATORS))
+
+
 def keep_memory() -> None:
     """Let this process keep the memory that it frees, so that a training step on a CPU does not wait for new pages.
 
@@ -23,7 +28,7 @@ def keep_memory() -> None:
     Call this in the main thread before the first computation, and train in that thread. Nothing changes where JAX has a
     plugin for an accelerator, which has memory of its own, and on systems without glibc.
     """
-    if sys.platform != "linux" or any(map(importlib.util.find_spec, _ACCELERATORS)):
+    if sys.platform != "linux" or has_accelerator_plugin():
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt:  # musl has none

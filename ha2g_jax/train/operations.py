@@ -5,6 +5,8 @@ from typing import Any
 
 from jax.extend import core
 
+from ha2g_jax.layers.onednn import calls
+
 
 def count_operations(jaxpr: core.Jaxpr) -> int:
     """Count the operations of the matrix products and convolutions of a traced function.
@@ -28,6 +30,9 @@ def _of_equation(equation: core.JaxprEqn) -> int:
             return _of_product(equation)
         case "conv_general_dilated":
             return _of_convolution(equation)
+        case "ffi_call":
+            shapes = [_shape(variable) for variable in (*equation.invars, *equation.outvars)]
+            return calls.count_operations(equation.params["target_name"], shapes)
     counts = [count_operations(jaxpr) for jaxpr in core.jaxprs_in_params(equation.params)]
     if equation.primitive.name == "cond":
         return max(counts)

@@ -1,7 +1,7 @@
 """What a process that trains sets up before its first computation."""
 
 from ha2g_jax.files.compile_cache import keep_programs
-from ha2g_jax.train.memory import keep_memory
+from ha2g_jax.train.memory import has_accelerator_plugin, keep_memory
 
 
 def prepare_process() -> None:
@@ -11,6 +11,8 @@ def prepare_process() -> None:
     """
     keep_programs()
     keep_memory()
+    if has_accelerator_plugin():
+        return
     from ha2g_jax.layers.onednn.library import use_onednn  # here, since it imports JAX, which `keep_programs` precedes
 
     use_onednn()

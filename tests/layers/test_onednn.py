@@ -1,6 +1,8 @@
 """What oneDNN computes is what XLA computes, with the same gradients, and training uses it where it is installed."""
 
+import importlib.metadata
 import os
+import re
 import subprocess
 import sys
 from typing import Any
@@ -15,8 +17,12 @@ from hypothesis import strategies as st
 from ha2g_jax.layers import conv as convolution
 from ha2g_jax.layers.gru_scan import Gates, gru_scan
 from ha2g_jax.layers.onednn import calls, library
+from ha2g_jax.train.operations import count_operations
 
-pytestmark = pytest.mark.skipif(not library.is_installed(), reason="oneDNN is not installed")
+try:
+    importlib.metadata.version("onednn-cpu-gomp")
+except importlib.metadata.PackageNotFoundError:
+    pytest.skip("the extra onednn is not installed", allow_module_level=True)
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of convolutions of the networks.
 SHAPES: list[tuple[Any, ...]] = [
@@ -39,7 +45,7 @@ def calls_of_onednn():
 
 @pytest.fixture
 def use(monkeypatch):
-    """Return a function that says whether functions traced from now on use oneDNN, as if there were one device."""
+    """Return a function that sets whether functions traced from now on use oneDNN, as if there were one device."""
     monkeypatch.setattr(jax, "device_count", lambda: 1)
     return lambda is_used: monkeypatch.setattr(library, "_is_used", is_used)
 
@@ -91,70 +97,146 @@ def test_convolutions_of_the_networks(shape):
     padding=st.integers(0, 3),
 )
 def test_gradients_of_gradients_of_any_shape(batch, edges, values, kernel, stride, padding):
-    programs, arguments = both(batch, edges, *values, kernel, stride, padding)
+    programs, arguments = both(batch, edges, values[0], values[1], kernel, stride, padding)
     conv, native = (jax.jit(gradients(gradients(program))) for program in programs)
     assert_close(conv(*arguments), native(*arguments), 1e-4)
 
 
-@pytest.mark.parametrize(("steps", "batch", "width"), [(4, 3, 5), (7, 9, 64), (34, 2, 300)])
-def test_recurrence_and_its_gradients_of_both_orders(steps, batch, width, use):
+def recurrence(steps, batch, width):
+    """Return the arguments of `gru_scan` for two GRUs."""
+
     def two(*shape):
-        return tuple(drawn(*shape, seed=seed) for seed in range(2))
+        return tuple(drawn(*shape, seed=seed) / np.sqrt(width) for seed in range(2))
 
     def gates(*shape):
         return tuple(Gates(*it) for it in two(3, *shape))
 
-    arguments = (gates(steps, batch, width), gates(width, width), two(width))
-    arguments = jax.tree.map(lambda it: it / np.sqrt(width), arguments)
-    for order, tolerance in ((0, 2e-6), (1, 2e-5), (2, 2e-4)):
-        results = []
-        for is_used in (True, False):
-            use(is_used)
-            function: Any = lambda *arguments: gru_scan(*arguments)  # noqa: E731 - jax.jit knows a function by its object
-            for _ in range(order):
-                function = gradients(function)
-            results.append(jax.jit(function)(*arguments))
-        assert_close(results[0], results[1], tolerance)
+    return gates(steps, batch, width), gates(width, width), two(width)
 
 
-def test_other_types_and_several_devices_keep_the_programs_of_xla(use, monkeypatch):
-    def text(dtype):
-        x, kernel = drawn(2, 8, 8, 4).astype(dtype), drawn(3, 3, 4, 4).astype(dtype)
-        return jax.jit(lambda: convolution.conv(x, kernel, (1, 1), 1)).lower().as_text()
+def results(function, arguments, use):
+    """Return the results with oneDNN and without it; a new function for each, since JAX keeps what it has traced."""
+    found = []
+    for is_used in (True, False):
+        use(is_used)
+        found.append(jax.jit(lambda *arguments: function(*arguments))(*arguments))
+    return found
 
+
+def calls_in(function, *arguments):
+    """Return the names of the calls of oneDNN in a function."""
+    return set(re.findall(r"Ha2g\w+", jax.jit(lambda *it: function(*it)).lower(*arguments).as_text()))
+
+
+@pytest.mark.parametrize(("steps", "batch", "width"), [(4, 3, 5), (7, 9, 64), (34, 2, 300)])
+def test_recurrence_and_its_gradients_of_both_orders(steps, batch, width, use):
+    arguments, function = recurrence(steps, batch, width), gru_scan
+    for tolerance in (2e-6, 2e-5, 2e-4):
+        found, true = results(function, arguments, use)
+        assert_close(found, true, tolerance)
+        function = gradients(function)
+
+
+def test_recurrence_under_transformations(use):
+    arguments = recurrence(4, 3, 5)
+    batches = jax.tree.map(lambda leaf: jnp.stack([leaf, -leaf]), arguments)
+    assert_close(*results(jax.vmap(gru_scan), batches, use))
+    assert_close(*results(gradients(jax.checkpoint(gru_scan)), arguments, use))
+
+
+def test_a_state_that_is_not_finite_stays_so(use):
+    gates, *others = recurrence(3, 2, 5)
+    gates = jax.tree.map(lambda leaf: leaf.at[1, 0].set(jnp.array([np.nan, np.inf, -np.inf, 1e30, -1e30])), gates)
+    found, true = results(gru_scan, (gates, *others), use)
+    for one, other in zip(found, true, strict=True):
+        np.testing.assert_array_equal(np.isfinite(one), np.isfinite(other))
+
+
+def test_repeated_gradients_are_the_same_bits(use):
+    (conv, _), arguments = both(5, (16, 9), 64, 64, (3, 3), (1, 1), 1)
     use(True)
-    assert "Ha2gConv" in text(jnp.float32)
-    assert "Ha2gConv" not in text(jnp.bfloat16)
+    for function, values in ((conv, arguments), (gru_scan, recurrence(7, 9, 64))):
+        step = jax.jit(gradients(function))
+        first = jax.tree.leaves(step(*values))
+        for _ in range(5):
+            assert all(map(np.array_equal, first, jax.tree.leaves(step(*values))))
+
+
+def test_what_is_computed_with_onednn(use, monkeypatch):
+    def conv(x, kernel):
+        return convolution.conv(x, kernel, (1, 1), 1)
+
+    x, kernel = drawn(2, 8, 8, 4), drawn(3, 3, 4, 4)
+    gates, kernels, biases = recurrence(4, 3, 5)
+    half = [it.astype(jnp.bfloat16) for it in (x, kernel)]
+    is_real = (jnp.ones((4, 3, 1), bool),) * 2
+    use(True)
+    all_of_conv = {"Ha2gConv", "Ha2gConvInputGradient", "Ha2gConvKernelGradient"}
+    assert calls_in(lambda *it: (conv(*it), gradients(conv)(*it)), x, kernel) == all_of_conv
+    assert calls_in(gradients(gru_scan), gates, kernels, biases) == {"Ha2gGruStates", "Ha2gGruSums"}
+    assert not calls_in(conv, *half)
+    assert not calls_in(conv, x[:0], kernel) and not calls_in(conv, x[:, :0], kernel)  # no output
+    assert not calls_in(lambda *it: gru_scan(*it, is_real), gates, kernels, biases)  # padding
+    with library.without_onednn():
+        assert not calls_in(conv, x, kernel)
     monkeypatch.setattr(jax, "device_count", lambda: 8)
-    assert "Ha2gConv" not in text(jnp.float32)
+    assert not calls_in(conv, x, kernel)
 
 
-def version_in_a_new_process(tmp_path, **variables):
-    """Return the version of oneDNN that a process uses which prepares itself for training, and its standard error."""
+def test_operations_are_counted_as_those_of_xla(use):
+    programs, arguments = both(3, (9, 8), 5, 4, (3, 3), (1, 1), 1)
+    use(True)
+    assert [count(gradients(it), *arguments) for it in programs] == [3 * 2 * (3 * 9 * 8) * (3 * 3 * 5 * 4)] * 2
+    values = recurrence(4, 3, 5)
+    with_onednn = count(gradients(gru_scan), *values)
+    use(False)
+    assert with_onednn == count(gradients(gru_scan), *values) > 0
+
+
+def count(function, *arguments):
+    return count_operations(jax.jit(lambda *it: function(*it)).trace(*arguments).jaxpr.jaxpr)
+
+
+def new_process(tmp_path, **variables):
+    """Prepare a new process for training; return the version of oneDNN, the number of cores and the standard error."""
     program = """
+import os
 from ha2g_jax.train.process import prepare_process
 prepare_process()
+import jax
+assert not jax._src.xla_bridge.backends_are_initialized()  # else processes could not join each other
 from ha2g_jax.layers.onednn.library import used_version
-print(used_version())
+print(used_version(), len(os.sched_getaffinity(0)))
 """
-    environment = os.environ | {"HA2G_ONEDNN": "1", "HA2G_CACHE": str(tmp_path), **variables}
+    flags = {"XLA_FLAGS": "", "HA2G_ONEDNN": "1", "HA2G_CACHE": str(tmp_path)}
     command = [sys.executable, "-c", program]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    return done.stdout.strip(), done.stderr
+    done = subprocess.run(command, env=os.environ | flags | variables, capture_output=True, text=True, check=True)
+    version, cores = done.stdout.split()
+    return version, int(cores), done.stderr
 
 
 def test_the_calls_are_compiled_once(tmp_path):
-    version, message = version_in_a_new_process(tmp_path)
+    cores = len(os.sched_getaffinity(0))
+    version, _, message = new_process(tmp_path)
     assert version[0] == "3" and "compiling" in message
-    assert version_in_a_new_process(tmp_path) == (version, "")
-    assert version_in_a_new_process(tmp_path, HA2G_ONEDNN="0") == ("None", "")
+    assert new_process(tmp_path) == (version, cores, "")
+    assert new_process(tmp_path, OMP_PROC_BIND="true") == (version, cores, "")
+    assert new_process(tmp_path, XLA_FLAGS="--xla_force_host_platform_device_count=2") == ("None", cores, "")
+    assert new_process(tmp_path, HA2G_ONEDNN="0") == ("None", cores, "")
 
 
 @pytest.mark.parametrize(
-    ("compiler", "reason"), [("no-such-compiler", "no C++ compiler no-such-compiler"), ("false", "does not compile")]
+    ("variables", "why"),
+    [
+        ({"CXX": "no-such-compiler"}, "no C++ compiler no-such-compiler"),
+        ({"CXX": "false"}, "does not compile"),
+        ({"CXX": "g++ '"}, "CXX is not a command"),
+        ({"HA2G_CACHE": "/dev/null/cache"}, "cannot"),
+    ],
+    ids=str,
 )
-def test_training_goes_on_where_the_calls_cannot_be_compiled(tmp_path, compiler, reason):
-    version, message = version_in_a_new_process(tmp_path, CXX=compiler)
+def test_training_goes_on_where_the_calls_cannot_be_made(tmp_path, variables, why):
+    version, _, message = new_process(tmp_path, **variables)
     assert version == "None"
-    assert reason in message and len(message.splitlines()) <= 2
+    assert why in message and message.splitlines()[-1].startswith("ha2g: without oneDNN: ")
     assert not list(tmp_path.glob("onednn/*.so"))

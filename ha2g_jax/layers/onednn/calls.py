@@ -4,6 +4,7 @@ Arrays are float32. `layers.conv` and `layers.gru_scan` explain the functions an
 """
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -96,6 +97,23 @@ def gru_sums(
     call = jax.ffi.ffi_call("Ha2gGruSums", [like] * 3, vmap_method="sequential")
     reset, update, new = call(cotangents, *slopes, *kernels)
     return reset, update, new
+
+
+def count_operations(target: str, shapes: Sequence[tuple[int, ...]]) -> int:
+    """Return the floating-point operations of the products of a call, from the shapes of its arguments and results."""
+    match target:
+        case "Ha2gConv":
+            _, kernel, y = shapes
+        case "Ha2gConvInputGradient":
+            kernel, y, _ = shapes
+        case "Ha2gConvKernelGradient":
+            _, y, kernel = shapes
+        case "Ha2gGruStates" | "Ha2gGruSums":
+            steps, batch, width = shapes[0]
+            return 2 * 3 * steps * batch * width**2
+        case _:
+            return 0
+    return 2 * math.prod(y) * math.prod(kernel[:3])
 
 
 def differentiated_as(program: Callable[..., Any], call: Callable[..., Any]) -> Callable[..., Any]:

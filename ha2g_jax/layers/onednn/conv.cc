@@ -51,15 +51,17 @@ struct Convolution {
 ffi::Error conv(ffi::ThreadPool pool, Array x, Array kernel, Result y, int64_t row_stride, int64_t column_stride,
                 int64_t padding) {
   const Convolution shape{x.dimensions(), kernel.dimensions(), y->dimensions(), row_stride, column_stride, padding};
-  return for_each_part(pool, shape.x[0], [&](const Part& part) {
-    dnnl::stream stream(cpu());
-    const auto desc = shape.forward(part.size);
-    const memory plain = view(shape.kernel_desc(Tag::hwio), kernel.typed_data());
-    dnnl::convolution_forward(desc).execute(
-        stream, {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
-                 {DNNL_ARG_WEIGHTS, reordered(stream, plain, desc.weights_desc())},
-                 {DNNL_ARG_DST, view(desc.dst_desc(), y->typed_data() + part.first * shape.y_size())}});
-    stream.wait();
+  return guarded([&] {
+    for_each_part(pool, shape.x[0], [&](const Part& part) {
+      dnnl::stream stream(cpu());
+      const auto desc = shape.forward(part.size);
+      const memory plain = view(shape.kernel_desc(Tag::hwio), kernel.typed_data());
+      dnnl::convolution_forward(desc).execute(
+          stream, {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
+                   {DNNL_ARG_WEIGHTS, reordered(stream, plain, desc.weights_desc())},
+                   {DNNL_ARG_DST, view(desc.dst_desc(), y->typed_data() + part.first * shape.y_size())}});
+      stream.wait();
+    });
   });
 }
 
@@ -67,18 +69,20 @@ ffi::Error input_gradient(ffi::ThreadPool pool, Array kernel, Array cotangent, R
                           int64_t column_stride, int64_t padding) {
   const Convolution shape{
       gradient->dimensions(), kernel.dimensions(), cotangent.dimensions(), row_stride, column_stride, padding};
-  return for_each_part(pool, shape.x[0], [&](const Part& part) {
-    dnnl::stream stream(cpu());
-    const dnnl::convolution_backward_data::primitive_desc desc(
-        cpu(), kAlgorithm, shape.x_desc(part.size), shape.kernel_desc(Tag::any), shape.y_desc(part.size),
-        shape.strides(), shape.before(), shape.after(), shape.forward(part.size));
-    const memory plain = view(shape.kernel_desc(Tag::hwio), kernel.typed_data());
-    dnnl::convolution_backward_data(desc).execute(
-        stream,
-        {{DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
-         {DNNL_ARG_WEIGHTS, reordered(stream, plain, desc.weights_desc())},
-         {DNNL_ARG_DIFF_SRC, view(desc.diff_src_desc(), gradient->typed_data() + part.first * shape.x_size())}});
-    stream.wait();
+  return guarded([&] {
+    for_each_part(pool, shape.x[0], [&](const Part& part) {
+      dnnl::stream stream(cpu());
+      const dnnl::convolution_backward_data::primitive_desc desc(
+          cpu(), kAlgorithm, shape.x_desc(part.size), shape.kernel_desc(Tag::any), shape.y_desc(part.size),
+          shape.strides(), shape.before(), shape.after(), shape.forward(part.size));
+      const memory plain = view(shape.kernel_desc(Tag::hwio), kernel.typed_data());
+      dnnl::convolution_backward_data(desc).execute(
+          stream,
+          {{DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
+           {DNNL_ARG_WEIGHTS, reordered(stream, plain, desc.weights_desc())},
+           {DNNL_ARG_DIFF_SRC, view(desc.diff_src_desc(), gradient->typed_data() + part.first * shape.x_size())}});
+      stream.wait();
+    });
   });
 }
 
@@ -86,28 +90,29 @@ ffi::Error kernel_gradient(ffi::ThreadPool pool, Array x, Array cotangent, Resul
                            int64_t column_stride, int64_t padding) {
   const Convolution shape{x.dimensions(), gradient->dimensions(), cotangent.dimensions(),
                           row_stride,     column_stride,          padding};
-  std::vector<std::vector<float>> sums(count_parts(pool, shape.x[0]));
-  ffi::Error error = for_each_part(pool, shape.x[0], [&](const Part& part) {
-    dnnl::stream stream(cpu());
-    const dnnl::convolution_backward_weights::primitive_desc desc(
-        cpu(), kAlgorithm, shape.x_desc(part.size), shape.kernel_desc(Tag::any), shape.y_desc(part.size),
-        shape.strides(), shape.before(), shape.after(), shape.forward(part.size));
-    memory sum(desc.diff_weights_desc(), cpu());
-    dnnl::convolution_backward_weights(desc).execute(
-        stream, {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
-                 {DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
-                 {DNNL_ARG_DIFF_WEIGHTS, sum}});
-    sums[part.index].resize(shape.kernel_size());
-    memory plain = view(shape.kernel_desc(Tag::hwio), sums[part.index].data());
-    dnnl::reorder(sum, plain).execute(stream, sum, plain);
-    stream.wait();
+  return guarded([&] {
+    std::vector<std::vector<float>> sums(count_parts(pool, shape.x[0]));
+    for_each_part(pool, shape.x[0], [&](const Part& part) {
+      dnnl::stream stream(cpu());
+      const dnnl::convolution_backward_weights::primitive_desc desc(
+          cpu(), kAlgorithm, shape.x_desc(part.size), shape.kernel_desc(Tag::any), shape.y_desc(part.size),
+          shape.strides(), shape.before(), shape.after(), shape.forward(part.size));
+      memory sum(desc.diff_weights_desc(), cpu());
+      dnnl::convolution_backward_weights(desc).execute(
+          stream,
+          {{DNNL_ARG_SRC, view(desc.src_desc(), x.typed_data() + part.first * shape.x_size())},
+           {DNNL_ARG_DIFF_DST, view(desc.diff_dst_desc(), cotangent.typed_data() + part.first * shape.y_size())},
+           {DNNL_ARG_DIFF_WEIGHTS, sum}});
+      sums[part.index].resize(shape.kernel_size());
+      memory plain = view(shape.kernel_desc(Tag::hwio), sums[part.index].data());
+      dnnl::reorder(sum, plain).execute(stream, sum, plain);
+      stream.wait();
+    });
+    float* total = gradient->typed_data();
+    std::copy(sums[0].begin(), sums[0].end(), total);
+    for (size_t part = 1; part < sums.size(); ++part)
+      for (int64_t i = 0; i < shape.kernel_size(); ++i) total[i] += sums[part][i];
   });
-  if (error.failure()) return error;
-  float* total = gradient->typed_data();
-  std::copy(sums[0].begin(), sums[0].end(), total);
-  for (size_t part = 1; part < sums.size(); ++part)
-    for (int64_t i = 0; i < shape.kernel_size(); ++i) total[i] += sums[part][i];
-  return error;
 }
 
 auto binding() {

@@ -1,15 +1,20 @@
 """The library of calls of oneDNN: compiled once on the machine at hand, and registered with JAX."""
 
+import contextlib
 import ctypes
+import functools
 import hashlib
+import importlib.metadata
 import os
 import pathlib
+import platform
 import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -17,15 +22,17 @@ import jaxlib.version
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reason, shown
 
 _TARGETS = ("Ha2gConv", "Ha2gConvInputGradient", "Ha2gConvKernelGradient", "Ha2gGruStates", "Ha2gGruSums")
 _FOLDER = pathlib.Path(__file__).parent
 _SOURCES = ("conv.cc", "gru.cc", "parallel.h")
-# Where pip and conda put oneDNN.
-_HEADERS = pathlib.Path(sys.prefix) / "include"
-_ONEDNN = pathlib.Path(sys.prefix) / "lib" / "libdnnl.so.3"
+_FLAGS = ("-std=c++17", "-O3", "-march=native", "-fopenmp", "-fPIC", "-shared", "-w")
+_CONFIG, _LIBRARY = "oneapi/dnnl/dnnl_config.h", "libdnnl.so.3"
+# Packages of pip -> one file of each, with which the others are found.
+_PACKAGES = {"onednn-devel-cpu-gomp": _CONFIG, "onednn-cpu-gomp": _LIBRARY}
 _OPENMP = re.compile(r"#define DNNL_CPU_THREADING_RUNTIME DNNL_RUNTIME_OMP$", re.MULTILINE)
+_VERSION = re.compile(r"DNNL_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)")
 _CPU = pathlib.Path("/proc/cpuinfo")
 
 _is_used = False
@@ -34,9 +41,10 @@ _is_used = False
 def use_onednn() -> None:
     """Let this process compute convolutions and GRUs with oneDNN from now on, if it is installed.
 
-    Call this before the first computation. The first call on a machine compiles the C++ of this folder, which takes
-    about ten seconds, and keeps the result in the cache folder. Nothing changes if HA2G_ONEDNN is 0 or oneDNN is not
-    installed. If the compilation fails, a line on the standard error says so, and the programs of XLA stay.
+    Functions that were traced before keep the programs of XLA. The first call on a machine compiles the C++ of this
+    folder, which takes about ten seconds, and keeps the result in the cache folder. Nothing changes if HA2G_ONEDNN is 0
+    or oneDNN is not installed. If the library cannot be made or loaded, a line on the standard error says so, and the
+    programs of XLA stay.
     """
     global _is_used
     if os.environ.get("HA2G_ONEDNN") == "0" or not is_installed():
@@ -44,9 +52,20 @@ def use_onednn() -> None:
     try:
         register()
     except UserError as error:
-        sys.stderr.write(f"ha2g: without oneDNN: {error}\n")
+        sys.stderr.write(f"ha2g: without oneDNN: {error}; HA2G_ONEDNN=0 hides this line\n")
     else:
         _is_used = True
+
+
+@contextlib.contextmanager
+def without_onednn() -> Iterator[None]:
+    """Let functions that are traced in this context have the programs of XLA."""
+    global _is_used
+    before, _is_used = _is_used, False
+    try:
+        yield
+    finally:
+        _is_used = before
 
 
 def is_used_for(*arrays: jax.Array) -> bool:
@@ -59,67 +78,95 @@ def is_used_for(*arrays: jax.Array) -> bool:
     )
 
 
+def used_version() -> str | None:
+    """Return the version of oneDNN that this process computes with, such as "3.2.0"; None if it does not."""
+    return ".".join(_VERSION.findall(_version_header())) if is_used_for() else None
+
+
 def is_installed() -> bool:
     """Return whether oneDNN 3, built for OpenMP, and its headers are in this environment."""
-    config = _HEADERS / "oneapi" / "dnnl" / "dnnl_config.h"
-    return _ONEDNN.exists() and config.exists() and _OPENMP.search(config.read_text()) is not None
-
-
-def used_version() -> str | None:
-    """Return the version of oneDNN, such as "3.2.0"; None if this process does not use it."""
-    return ".".join(re.findall(r"DNNL_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", _version_header())) if _is_used else None
+    include, library = _places()
+    config = include / _CONFIG
+    return library.exists() and config.exists() and _OPENMP.search(config.read_text()) is not None
 
 
 def register() -> None:
     """Register the calls with JAX, and compile them if this machine has not done so yet.
 
     Raises:
-        UserError: there is no C++ compiler or it fails, or the cache folder cannot be written.
+        UserError: there is no C++ compiler or it fails, the cache folder cannot be written, or the library cannot be
+            loaded.
     """
-    path = cache_folder() / "onednn" / f"{_fingerprint()}.so"
-    if not path.exists():
-        with one_maker(path):
-            if not path.exists():  # another process may have made it
-                _compile(path)
     try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise UserError(f"cannot load {shown(path)} ({error}); delete it to compile it again") from error
-    for name in _TARGETS:
-        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(library, name)), platform="cpu")
+        path = cache_folder() / "onednn" / f"{_fingerprint()}.so"
+        if not path.exists():
+            with one_maker(path):
+                if not path.exists():  # another process may have made it
+                    _compile(path)
+        library = _load(path)
+        for name in _TARGETS:
+            jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(getattr(library, name)), platform="cpu")
+    except (OSError, AttributeError, NotImplementedError) as error:  # also a file system without locks
+        why = reason(error).lower() if isinstance(error, OSError) and error.strerror else str(error)
+        raise UserError(f"the library of its calls cannot be made or loaded ({why})") from error
+
+
+@functools.cache
+def _places() -> tuple[pathlib.Path, pathlib.Path]:
+    """Return the folder of the headers of oneDNN and its library, which may not exist."""
+    found = {}
+    for package, name in _PACKAGES.items():
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            for file in importlib.metadata.files(package) or ():
+                if str(file).endswith(name):
+                    found[name] = pathlib.Path(os.path.normpath(str(file.locate())))
+    prefix = pathlib.Path(sys.prefix)  # where conda installs it
+    config = found.get(_CONFIG, prefix / "include" / _CONFIG)
+    return config.parents[2], found.get(_LIBRARY, prefix / "lib" / _LIBRARY)
+
+
+def _load(path: pathlib.Path) -> ctypes.CDLL:
+    cores = os.sched_getaffinity(0)
+    try:
+        return ctypes.CDLL(str(path))
+    finally:
+        os.sched_setaffinity(0, cores)  # with OMP_PROC_BIND, OpenMP has limited this thread to one core
 
 
 def _compile(path: pathlib.Path) -> None:
-    compiler = _compiler()
+    compiler, (include, onednn) = _compiler(), _places()
     if shutil.which(compiler[0]) is None:
         raise UserError(f"there is no C++ compiler {compiler[0]}; install g++, or name another one with CXX")
     sys.stderr.write("ha2g: compiling the calls of oneDNN, once on this machine\n")
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = pathlib.Path(folder) / path.name
-        command = [*compiler, "-std=c++17", "-O3", "-march=native", "-fopenmp", "-fPIC", "-shared", "-w"]
-        command += [f"-I{_HEADERS}", f"-I{jax.ffi.include_dir()}"]
-        command += [str(_FOLDER / name) for name in _SOURCES if name.endswith(".cc")]
-        command += [str(_ONEDNN), f"-Wl,-rpath,{_ONEDNN.parent}", "-o", str(made)]
-        result = subprocess.run(command, capture_output=True, text=True, errors="replace")
+        sources = [str(_FOLDER / name) for name in _SOURCES if name.endswith(".cc")]
+        libraries = [str(onednn), f"-Wl,-rpath,{onednn.parent}"]
+        command = [*compiler, *_FLAGS, f"-I{include}", f"-I{jax.ffi.include_dir()}", *sources, *libraries]
+        result = subprocess.run([*command, "-o", str(made)], capture_output=True, text=True, errors="replace")
         if result.returncode:
             lines = result.stderr.strip().splitlines() or [f"exit code {result.returncode}"]
             first = next((line for line in lines if "error" in line), lines[0])
-            raise UserError(f"{compiler[0]} does not compile the calls of oneDNN ({first})")
+            raise UserError(f"{shown(compiler[0])} does not compile its calls ({first})")
         made.replace(path)
 
 
 def _compiler() -> list[str]:
-    return shlex.split(os.environ.get("CXX", "")) or ["c++"]
+    try:
+        return shlex.split(os.environ.get("CXX", "")) or ["c++"]
+    except ValueError as error:
+        raise UserError(f"CXX is not a command ({error})") from error
 
 
 def _fingerprint() -> str:
-    """Return a hash of all that a compiled library depends on: sources, versions, compiler and processor."""
+    """Return a hash of what a compiled library depends on: sources, flags, versions, compiler and processor."""
     parts = [(_FOLDER / name).read_text() for name in _SOURCES]
-    parts += [_version_header(), jaxlib.version.__version__, str(_ONEDNN), *_compiler()]
+    parts += [_version_header(), jaxlib.version.__version__, *map(str, _places()), *_compiler(), *_FLAGS]
     # Homes are shared between machines, and -march=native takes the instructions of one.
-    parts += sorted({line for line in _CPU.read_text().splitlines() if line.startswith(("flags", "Features"))})
+    lines = _CPU.read_text().splitlines() if _CPU.exists() else []
+    parts += [platform.machine(), *sorted({line for line in lines if line.startswith(("flags", "Features"))})]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 def _version_header() -> str:
-    return (_HEADERS / "oneapi" / "dnnl" / "dnnl_version.h").read_text()
+    return (_places()[0] / "oneapi" / "dnnl" / "dnnl_version.h").read_text()

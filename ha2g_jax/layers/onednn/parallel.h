@@ -50,40 +50,58 @@ inline int64_t count_parts(const xla::ffi::ThreadPool& pool, int64_t batch) {
 
 // Divides a batch into parts of about the same size and calls work(part) for each, in this thread and in those threads
 // of XLA that are free. oneDNN uses one thread within each call. This thread takes every part that no other has taken,
-// so that it never waits for a thread that waits itself.
+// so that it never waits for a thread that waits itself. Throws what `work` has thrown, after all parts have ended.
 template <typename Work>
-xla::ffi::Error for_each_part(xla::ffi::ThreadPool& pool, int64_t batch, const Work& work) {
+void for_each_part(xla::ffi::ThreadPool& pool, int64_t batch, const Work& work) {
   struct State {
     std::atomic<int64_t> next{0};
     std::mutex mutex;
     std::condition_variable changed;
     int64_t finished = 0;
-    std::string error;
+    std::exception_ptr error;
   };
   const int64_t parts = count_parts(pool, batch);
   auto state = std::make_shared<State>();
   auto run = [state, parts, batch, &work] {
     for (int64_t i; (i = state->next++) < parts;) {
       const int64_t first = batch * i / parts;
-      std::string error;
+      std::exception_ptr error;
       const int threads = omp_get_max_threads();
       omp_set_num_threads(1);
       try {
         work(Part{i, first, batch * (i + 1) / parts - first});
-      } catch (const std::exception& caught) {
-        error = std::string("oneDNN: ") + caught.what();
+      } catch (...) {
+        error = std::current_exception();
       }
       omp_set_num_threads(threads);
       std::lock_guard<std::mutex> lock(state->mutex);
-      if (!error.empty()) state->error = error;
+      if (error) state->error = error;
       if (++state->finished == parts) state->changed.notify_all();
     }
   };
-  for (int64_t i = 1; i < parts; ++i) pool.Schedule(decltype(run)(run));
+  for (int64_t i = 1; i < parts; ++i) {
+    try {
+      pool.Schedule(decltype(run)(run));
+    } catch (...) {  // this thread takes the part
+    }
+  }
   run();
   std::unique_lock<std::mutex> lock(state->mutex);
   state->changed.wait(lock, [&] { return state->finished == parts; });
-  return state->error.empty() ? xla::ffi::Error::Success() : xla::ffi::Error::Internal(state->error);
+  if (state->error) std::rethrow_exception(state->error);
+}
+
+// Calls body() and returns what it throws as an error of XLA, which knows no exceptions.
+template <typename Body>
+xla::ffi::Error guarded(const Body& body) {
+  try {
+    body();
+  } catch (const std::exception& error) {
+    return xla::ffi::Error::Internal(std::string("oneDNN: ") + error.what());
+  } catch (...) {
+    return xla::ffi::Error::Internal("oneDNN: an unknown error");
+  }
+  return xla::ffi::Error::Success();
 }
 
 #endif  // HA2G_PARALLEL_H_
