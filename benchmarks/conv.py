@@ -5,7 +5,7 @@ python benchmarks/conv.py --batch-size 64 --size small --json
 
 A ratio is the median time of XLA's program over that of the program that a training step takes, which follows from the
 shapes and is named in the last column; above 1 it is faster, and 1 where it is XLA's. The gradient of an input has the
-time of a convolution.
+time of a convolution. oneDNN is timed, and used, where the extra is installed.
 """
 
 import argparse
@@ -13,12 +13,15 @@ import functools
 import json
 import statistics
 import time
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 
 from ha2g_jax.cli.values import positive
 from ha2g_jax.layers import conv, winograd
+from ha2g_jax.layers.onednn import calls
+from ha2g_jax.layers.onednn.library import use_onednn, used_version
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of each kind of convolution.
 SHAPES = {
@@ -39,7 +42,7 @@ SHAPES = {
         (4, 9, 128, 128, (3, 3), (1, 1), 1),
     ],
 }
-PROGRAMS = ("XLA", "products", "Winograd")
+PROGRAMS = ("XLA", "products", "Winograd", "oneDNN")
 
 
 def main() -> None:
@@ -49,6 +52,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=positive, default=7, help="timed calls of each program (default: 7)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    use_onednn()
     rows = [row for shape in SHAPES[arguments.size] for row in measure(arguments.batch_size, arguments.rounds, *shape)]
     print(json.dumps(rows, indent=1) if arguments.json else as_table(rows))
 
@@ -63,20 +67,26 @@ def measure(batch: int, rounds: int, height, width, inputs, channels, kernel, st
         dimension_numbers=("NHWC", "HWIO", "NHWC"),
     )
     cotangent = jnp.ones_like(native(x, weights))
-    convolutions = {"XLA": native}
-    gradients = {
+    convolutions: dict[str, Callable[..., jax.Array]] = {"XLA": native}
+    gradients: dict[str, Callable[..., jax.Array]] = {
         "XLA": lambda x, cotangent: jax.linear_transpose(lambda kernel: native(x, kernel), weights)(cotangent)[0],
         "products": functools.partial(conv.kernel_gradient, size=kernel, stride=stride, padding=padding),
     }
     if kernel == (3, 3) and stride == (1, 1):
         convolutions["Winograd"] = functools.partial(winograd.conv, padding=padding)
         gradients["Winograd"] = functools.partial(winograd.kernel_gradient, padding=padding)
+    if used_version():
+        settings = {"stride": stride, "padding": padding}
+        convolutions["oneDNN"] = lambda x, weights: calls.conv(x, weights, **settings)
+        gradients["oneDNN"] = lambda x, cotangent: calls.conv_kernel_gradient(x, cotangent, kernel, **settings)
     is_winograd = conv.is_faster_with_winograd(x, weights, stride, padding)
     is_products = conv.is_faster_with_products(x.shape, weights.shape, cotangent.shape)
     used = {
         "convolution": "Winograd" if is_winograd else "XLA",
         "kernel gradient": "Winograd" if is_winograd else "products" if is_products else "XLA",
     }
+    if used_version():
+        used = dict.fromkeys(used, "oneDNN")
     medians = {
         "convolution": time_in_turns(convolutions, rounds, x, weights),
         "kernel gradient": time_in_turns(gradients, rounds, x, cotangent),
