@@ -110,7 +110,7 @@ def caveats(results: Results) -> list[str]:
         found.append(f"Runs that are unfinished and scored as they are: {len(unfinished)}.")
     if failed := sum(map(len, results.failures.values())):
         found.append(f"Runs without scores: {failed} of {len(results.runs)}, see below.")
-    count = (len(table.rows) - 1) * len(_claimed(results)) * len(results.splits)
+    count = (len(table.rows) - 1 - len(results.left_out)) * len(_claimed(results)) * len(results.splits)
     if count > 1 and results.name not in ("table12", "figure3"):
         found.append(
             f"{count} differences are looked at; those of each table of claims are corrected for their number, those "
