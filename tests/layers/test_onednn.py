@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import re
+import shutil
 import subprocess
 import sys
 from typing import Any
@@ -23,6 +24,8 @@ try:
     importlib.metadata.version("onednn-cpu-gomp")
 except importlib.metadata.PackageNotFoundError:
     pytest.skip("the extra onednn is not installed", allow_module_level=True)
+if shutil.which("c++") is None:
+    pytest.skip("there is no C++ compiler", allow_module_level=True)
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of convolutions of the networks.
 SHAPES: list[tuple[Any, ...]] = [
