@@ -87,7 +87,8 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
         for "new" and each source. The last term is "total".
 
     Raises:
-        UserError: the data or a source cannot be used, or a source is of another method or for other words or speakers.
+        UserError: the data or a source cannot be used, a source is of another method or for other words or speakers, or
+            the gradients fail, for example for lack of memory.
     """
     corpus = inputs.open_corpus(config)
     models = [{"name": "new"} | _measure(config, corpus, None)]
@@ -129,8 +130,12 @@ def _measure(config: Config, corpus: Corpus, trained: tuple[str, dict[str, Any]]
             raise UserError(f"{source} was trained for other words or speakers than those of {corpus.path}")
         state = state.replace(generator=state.generator.replace(**jax.tree.map(jnp.asarray, variables)))
     sys.stderr.write("compiling the gradients of the terms, which takes a minute or more\n")
-    found = term_gradients(objective, state, batch, key)
-    return {field: values.tolist() for field, values in found._asdict().items()}
+    try:
+        found = term_gradients(objective, state, batch, key)
+        return {field: values.tolist() for field, values in found._asdict().items()}
+    except jax.errors.JaxRuntimeError as error:
+        why = str(error).splitlines()[0]
+        raise UserError(f"the gradients fail ({why}): take a smaller size, or a config with a smaller batch") from error
 
 
 def as_table(result: dict[str, Any]) -> str:

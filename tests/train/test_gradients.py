@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli
+from ha2g_jax.train import gradients
 from ha2g_jax.train.gradients import as_table, term_gradients
 
 
@@ -80,3 +81,13 @@ def test_options_that_do_not_go_together_are_refused(arguments, message, capsys)
 def test_a_source_of_another_method_is_refused(config_file, capsys):
     assert cli.main(["doctor", "--gradients", config_file, "--checkpoint", "demo"]) == 2
     assert "demo is a model of ha2g, but the config of seq2seq" in capsys.readouterr().err
+
+
+def test_a_lack_of_memory_is_one_line(config_file, capsys, monkeypatch):
+    def fail(*_):
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 38419067776 bytes.")
+
+    monkeypatch.setattr(gradients, "term_gradients", fail)
+    assert cli.main(["doctor", "--gradients", str(config_file)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("ha2g: the gradients fail (RESOURCE_EXHAUSTED") and error.endswith("a smaller batch")
