@@ -6,28 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fixtures.direct_conv import direct_conv
+from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from flax import linen as nn
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from jax.sharding import NamedSharding, PartitionSpec
 
 from ha2g_jax.layers import conv as convolution
 from ha2g_jax.layers.conv import Conv, conv, kernel_gradient
 from ha2g_jax.train import sharding
-
-# Height, width and inputs of the map, channels, kernel, stride and padding of the convolutions of the networks.
-SHAPES = [
-    (128, 70, 1, 32, (3, 3), (1, 1), 1),  # stem of E_a
-    (128, 70, 1, 16, (3, 3), (4, 1), 1),  # the same at small size
-    (128, 70, 32, 32, (3, 3), (1, 1), 1),
-    (128, 70, 32, 64, (3, 3), (2, 2), 1),
-    (128, 70, 32, 64, (1, 1), (2, 2), 0),
-    (64, 36, 16, 16, (3, 3), (1, 1), 0),  # head
-    (64, 35, 64, 64, (2, 2), (1, 1), 0),  # head
-    (16, 9, 256, 256, (3, 3), (1, 1), 1),
-    (56, 56, 3, 16, (7, 7), (2, 2), 3),  # stem of E_ID
-]
 
 
 def arrays(height, width, inputs, channels, kernel, stride, padding, batch=2):
@@ -62,14 +48,7 @@ def test_gradient_of_each_shape_of_the_networks(shape, devices, monkeypatch):
 
 
 @settings(max_examples=15, deadline=None)
-@given(
-    batch=st.integers(1, 9),
-    edges=st.tuples(st.integers(4, 12), st.integers(4, 12)),
-    values=st.tuples(st.integers(1, 5), st.integers(1, 5)),
-    kernel=st.tuples(st.integers(1, 4), st.integers(1, 4)),
-    stride=st.tuples(st.integers(1, 3), st.integers(1, 3)),
-    padding=st.integers(0, 3),
-)
+@given(**ANY_SHAPE)
 def test_gradient_of_any_shape(batch, edges, values, kernel, stride, padding):
     x, cotangent = arrays(edges[0], edges[1], values[0], values[1], kernel, stride, padding, batch)
     zeros = jnp.zeros((*kernel, *values))

@@ -6,15 +6,13 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fixtures.direct_conv import direct_conv
+from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ha2g_jax.layers import conv as convolution
 from ha2g_jax.layers.gru_scan import Gates, gru_scan
@@ -27,19 +25,6 @@ except importlib.metadata.PackageNotFoundError:
     pytest.skip("the extra onednn is not installed", allow_module_level=True)
 if shutil.which("c++") is None:
     pytest.skip("there is no C++ compiler", allow_module_level=True)
-
-# Height, width and inputs of the map, channels, kernel, stride and padding of convolutions of the networks.
-SHAPES: list[tuple[Any, ...]] = [
-    (128, 70, 1, 32, (3, 3), (1, 1), 1),  # stem of E_a
-    (128, 70, 1, 16, (3, 3), (4, 1), 1),  # the same at small size
-    (128, 70, 32, 32, (3, 3), (1, 1), 1),
-    (128, 70, 32, 64, (3, 3), (2, 2), 1),
-    (128, 70, 32, 64, (1, 1), (2, 2), 0),
-    (64, 36, 16, 16, (3, 3), (1, 1), 0),  # head
-    (64, 35, 64, 64, (2, 2), (1, 1), 0),  # head
-    (16, 9, 256, 256, (3, 3), (1, 1), 1),
-    (56, 56, 3, 16, (7, 7), (2, 2), 3),  # stem of E_ID
-]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -92,14 +77,7 @@ def test_convolutions_of_the_networks(shape):
 
 
 @settings(max_examples=15, deadline=None)
-@given(
-    batch=st.integers(1, 9),
-    edges=st.tuples(st.integers(4, 12), st.integers(4, 12)),
-    values=st.tuples(st.integers(1, 5), st.integers(1, 5)),
-    kernel=st.tuples(st.integers(1, 4), st.integers(1, 4)),
-    stride=st.tuples(st.integers(1, 3), st.integers(1, 3)),
-    padding=st.integers(0, 3),
-)
+@given(**ANY_SHAPE)
 def test_gradients_of_gradients_of_any_shape(batch, edges, values, kernel, stride, padding):
     (conv, _), arguments = both(batch, edges, values[0], values[1], kernel, stride, padding)
     true = gradients(gradients(lambda x, kernel: direct_conv(x, kernel, stride, padding)))
