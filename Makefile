@@ -35,11 +35,11 @@ test-torch: $(VENV)-torch/torch
 	ONEDNN_MAX_CPU_ISA=AVX2 $(VENV)-torch/bin/python -m pytest -m torch
 
 test-blender: $(VENV)/test $(VENV)-blender/bpy
-	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats tests/motion_files
+	HA2G_BLENDER_PYTHON=$(abspath $(VENV))-blender/bin/python $(VENV)/bin/python -m pytest tests/test_blender.py tests/motion/formats tests/motion/readers
 
-test-web: $(VENV)/test $(VENV)-web/node_modules web/node_modules
-	npm test --silent --prefix web
-	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/web tests/study/user_study
+test-web: $(VENV)/test $(VENV)-web/node_modules integrations/web/node_modules
+	npm test --silent --prefix integrations/web
+	NODE_PATH=$(abspath $(VENV))-web/node_modules $(VENV)/bin/python -m pytest tests/viewer tests/motion/formats tests/apps/web tests/apps/user_study
 
 web: $(VENV)/onnx
 	$(VENV)/bin/ha2g web demo --out out/site
@@ -100,12 +100,12 @@ $(VENV)-blender/bpy:
 	$(VENV)-blender/bin/python -m pip install --quiet bpy numpy
 	touch $@
 
-web/node_modules: web/package-lock.json
-	npm ci --silent --no-audit --no-fund --ignore-scripts --prefix web
+integrations/web/node_modules: integrations/web/package-lock.json
+	npm ci --silent --no-audit --no-fund --ignore-scripts --prefix integrations/web
 	touch $@
 
 $(VENV)-web/node_modules:
 	npm install --silent --no-audit --no-fund --prefix $(VENV)-web gltf-validator playwright-core axe-core
 
 clean:
-	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web web/node_modules web/build web/dist out .cache build dist
+	rm -rf $(VENV) $(VENV)-torch $(VENV)-blender $(VENV)-web integrations/web/node_modules integrations/web/build integrations/web/dist out .cache build dist

@@ -19,9 +19,10 @@ import jax
 import jax.numpy as jnp
 
 from ha2g_jax.cli.values import positive
-from ha2g_jax.layers import conv, winograd
-from ha2g_jax.layers.onednn import calls
-from ha2g_jax.layers.onednn.library import use_onednn, used_version
+from ha2g_jax.layers import conv
+from ha2g_jax.layers.cpu import winograd
+from ha2g_jax.layers.cpu.onednn import calls
+from ha2g_jax.layers.cpu.onednn.library import use_onednn, used_version
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of each kind of convolution.
 SHAPES = {

@@ -24,9 +24,9 @@ from ha2g_jax import launch
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.cli.values import positive
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.metrics.frechet import distance, moments
 from ha2g_jax.skeleton import Skeleton, normalize
-from ha2g_jax.study.evaluation.features import PoseFeatures
 
 
 def main() -> int:

@@ -20,8 +20,8 @@ from collections.abc import Iterator
 import lmdb
 
 from ha2g_jax.cli.values import duration, positive
-from ha2g_jax.data.ted import arrow_values, importer, lmdb_videos
 from ha2g_jax.errors import UserError
+from ha2g_jax.importers.ted import arrow_values, importer, lmdb_videos
 
 _LEAST_SPEED = 100
 

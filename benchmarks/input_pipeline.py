@@ -23,7 +23,7 @@ import tqdm
 
 from ha2g_jax import launch
 from ha2g_jax.cli.values import positive
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.batches import batches
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.methods.method import Spec, Variables
@@ -18,7 +18,7 @@ def random_model(config: Config) -> tuple[Spec, Variables, Assets]:
     """Return the networks of a config, random variables and assets.
 
     Args:
-        config: settings, see `ha2g_jax.config.paper`.
+        config: settings, see `ha2g_jax.config.settings.paper`.
 
     Returns:
         The spec; {"params", "batch_stats"}, kernels with a variance of 1 / (3 fan in); and the assets of ten speakers.

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize, special, stats
 
+from ha2g_jax.apps.user_study import bradley_terry
+from ha2g_jax.apps.user_study.crossed import Estimate
+from ha2g_jax.apps.user_study.differences import system_differences
+from ha2g_jax.apps.user_study.observations import Choices
+from ha2g_jax.apps.user_study.shares import share
 from ha2g_jax.cli.values import positive
-from ha2g_jax.study.user_study import bradley_terry
-from ha2g_jax.study.user_study.crossed import Estimate
-from ha2g_jax.study.user_study.differences import system_differences
-from ha2g_jax.study.user_study.observations import Choices
-from ha2g_jax.study.user_study.shares import share
 
 
 class Design(NamedTuple):

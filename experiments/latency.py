@@ -14,12 +14,13 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from ha2g_jax import config as configs
+from tables.jobs import Perform, Stopped
+from tables.latency_study import study_latency
+from tables.request import Request, parse_seeds
+
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import stop_signals
-from ha2g_jax.study.latency.study import study_latency
-from ha2g_jax.study.reproduction.jobs import Perform, Stopped
-from ha2g_jax.study.reproduction.request import Request, parse_seeds
 
 WORKDIR = pathlib.Path("runs/reproduce")
 

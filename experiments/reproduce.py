@@ -15,15 +15,16 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from ha2g_jax import config as configs
-from ha2g_jax import presets
+from tables.corpus_tables import CORPUS_TABLES
+from tables.jobs import Perform, Stopped, perform_in_process
+from tables.paper_tables import TABLES
+from tables.reproduce import reproduce
+from tables.request import Request, parse_changes, parse_seeds
+
+from ha2g_jax.config import presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import stop_signals
-from ha2g_jax.study.reproduction.corpus_tables import CORPUS_TABLES
-from ha2g_jax.study.reproduction.jobs import Perform, Stopped, perform_in_process
-from ha2g_jax.study.reproduction.paper_tables import TABLES
-from ha2g_jax.study.reproduction.reproduce import reproduce
-from ha2g_jax.study.reproduction.request import Request, parse_changes, parse_seeds
 
 WORKDIR = pathlib.Path("runs/reproduce")
 

@@ -21,7 +21,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import run_logged, stop_signals
 from ha2g_jax.files.whole_file import whole_file

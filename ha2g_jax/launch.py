@@ -12,8 +12,9 @@ import ml_collections
 from absl import flags
 from ml_collections import config_flags
 
-from ha2g_jax import config_renames, presets
-from ha2g_jax.config import SIZES, Config, check_fps
+from ha2g_jax.config import presets
+from ha2g_jax.config import renames as config_renames
+from ha2g_jax.config.settings import SIZES, Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, reason, shown
 from ha2g_jax.limits import MAX_PROGRAM_BYTES, MAX_SETTING
@@ -202,19 +203,19 @@ def _check_parts(config: Config, path: str) -> None:
     """Check that a config has the parts that all configs have."""
     for name in _PARTS:
         if not isinstance(config.get(name), ml_collections.ConfigDict):
-            raise UserError(f"{shown(path)} returns a config without the part {name}; start from ha2g_jax.config.paper")
+            raise UserError(f"{shown(path)} returns a config without the part {name}; start from config.settings.paper")
     for name in ("method", "skeleton"):
         if not isinstance(config.get(name), str):
-            raise UserError(f"{shown(path)} returns a config without a {name}; start from ha2g_jax.config.paper")
+            raise UserError(f"{shown(path)} returns a config without a {name}; start from config.settings.paper")
 
 
 def _check_numbers(part: Config, name: str) -> None:
-    """Check that no number of a config is infinite, NaN or huge; `methods.ranges` checks those of the networks."""
+    """Check that no number of a config is infinite, NaN or huge; `config.ranges` checks those of the networks."""
     for key, value in part.items():
         if isinstance(value, ml_collections.ConfigDict):
             _check_numbers(value, f"{name}.{key}")
             continue
-        if key == "seed":  # any number of 63 bits, see `train.checks`
+        if key == "seed":  # any number of 63 bits, see `config.checks`
             continue
         for number in value if isinstance(value, (tuple, list)) else (value,):
             if isinstance(number, (int, float)) and not -MAX_SETTING <= number <= MAX_SETTING:

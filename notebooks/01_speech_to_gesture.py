@@ -37,7 +37,7 @@ import ha2g_jax
 from ha2g_jax import figure
 from ha2g_jax.features import audio
 from ha2g_jax.motion import formats, video
-from ha2g_jax.motion_files import read_motion
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style
 

@@ -34,10 +34,11 @@ import numpy as np
 
 import ha2g_jax
 from ha2g_jax import figure
-from ha2g_jax.data.talk import grammar, speech, voices
-from ha2g_jax.features import audio
+from ha2g_jax.data.talk import grammar
+from ha2g_jax.evaluation import inspection
+from ha2g_jax.features import audio, voices
+from ha2g_jax.features import espeak as speech
 from ha2g_jax.skeleton import directions_to_positions
-from ha2g_jax.study import inspection
 from ha2g_jax.synthesis import Style, encode_features
 
 model = ha2g_jax.load("demo")

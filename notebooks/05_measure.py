@@ -37,13 +37,13 @@ import ha2g_jax
 from ha2g_jax import metrics
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
+from ha2g_jax.evaluation.clip_result import from_corpus
+from ha2g_jax.evaluation.evaluate import evaluate
+from ha2g_jax.evaluation.rows import mean_directions
 from ha2g_jax.metrics import beats, sanity
 from ha2g_jax.metrics.beats.consistency import low_samples
 from ha2g_jax.metrics.beats.stops import THRESHOLD
 from ha2g_jax.motion.smoothing import smooth
-from ha2g_jax.study.evaluation.clip_result import from_corpus
-from ha2g_jax.study.evaluation.evaluate import evaluate
-from ha2g_jax.study.evaluation.rows import mean_directions
 
 path = pathlib.Path(tempfile.mkdtemp()) / "talk"
 build.make_talk(path, speakers=5, minutes=5, seed=7)

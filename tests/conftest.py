@@ -37,7 +37,17 @@ ROOT = pathlib.Path(__file__).parent.parent
 
 # Folders and files whose tests wait long for other processes, then those that compile whole steps. They run first, so
 # that one worker computes while another waits, and at the end two workers share what is quick.
-SLOW = ("data/video", "train", "methods", "test_baselines.py", "test_extending.py", "test_notebooks.py", "study")
+SLOW = (
+    "importers/video",
+    "train",
+    "methods",
+    "test_baselines.py",
+    "test_extending.py",
+    "test_notebooks.py",
+    "experiments",
+    "evaluation",
+    "apps/user_study",
+)
 
 pytest_plugins = [
     "fixtures.methods",
@@ -110,8 +120,8 @@ def debug_model():
     """A model of the debug size with random weights, two speakers and three start poses."""
     import numpy as np
 
-    from ha2g_jax import config as configs
     from ha2g_jax.checkpoint.assets import Assets
+    from ha2g_jax.config import settings as configs
     from ha2g_jax.features.text import Vocabulary
     from ha2g_jax.methods.build import build, variable_shapes
     from ha2g_jax.skeleton import load_skeleton, normalize

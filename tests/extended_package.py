@@ -15,9 +15,12 @@ import numpy as np
 import soundfile
 
 import ha2g_jax
-from ha2g_jax import launch, presets
+from ha2g_jax import launch
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.config import presets
 from ha2g_jax.data.windows import Windows
+from ha2g_jax.evaluation.clip_result import ClipResult
+from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import build
 from ha2g_jax.methods.ha2g import losses
@@ -26,8 +29,6 @@ from ha2g_jax.metrics import METRICS
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton, normalize
-from ha2g_jax.study.evaluation.clip_result import ClipResult
-from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.synthesis import Model
 from ha2g_jax.train.inputs import open_corpus, open_windows
 from ha2g_jax.train.objective import build_objective, init_state

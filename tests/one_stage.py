@@ -3,8 +3,8 @@
 Half as long to trace and to compile as experiments/configs/talk.py, with images and a discriminator all the same.
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str) -> Config:

@@ -8,10 +8,10 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli, synthesis
+from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation.evaluate import evaluate as evaluate_motion
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.study.evaluation import inputs
-from ha2g_jax.study.evaluation.evaluate import evaluate as evaluate_motion
 
 
 @pytest.fixture(autouse=True)

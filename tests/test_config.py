@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from ha2g_jax import config as configs
-from ha2g_jax import launch, presets
+from ha2g_jax import launch
+from ha2g_jax.config import presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.method import example_batch
 from ha2g_jax.skeleton import load_skeleton

@@ -5,9 +5,11 @@ import json
 import ml_collections
 import pytest
 
-from ha2g_jax import config as configs
-from ha2g_jax import config_renames, launch, presets
+from ha2g_jax import launch
 from ha2g_jax.checkpoint.model_folder import config_to_json
+from ha2g_jax.config import presets
+from ha2g_jax.config import renames as config_renames
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.objective import build_objective

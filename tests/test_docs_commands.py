@@ -18,16 +18,17 @@ import soundfile
 from fixtures.simulated_study import write_study
 from fixtures.workdirs import write_run
 
-from ha2g_jax import cli, launch, presets
+from ha2g_jax import cli, launch
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.data.mocap.smplx_template import template
+from ha2g_jax.config import presets
+from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers.smplx_template import template
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.study.evaluation import inputs
-from ha2g_jax.study.evaluation.evaluate import evaluate
 from ha2g_jax.train import loop, sharding
 from ha2g_jax.train.objective import build_objective
 
@@ -38,23 +39,23 @@ PAGES = [
     ROOT / "SECURITY.md",
     ROOT / "benchmarks" / "README.md",
     ROOT / "experiments" / "README.md",
-    ROOT / "web" / "README.md",
+    ROOT / "integrations" / "web" / "README.md",
     ROOT / "ha2g_jax" / "assets" / "demo" / "MODEL_CARD.md",
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 PARSED_ONLY = {
-    "data build-video": "needs the environment of data install-pose; tests/data/video runs it",
+    "data build-video": "needs the environment of data install-pose; tests/importers/video runs it",
     "data install-pose": "needs the network and 400 MB",
     "import-weights": "needs released weights; tests/checkpoint/released imports some",
     "generate speech.wav --words speech.srt --checkpoint models/released": "needs released weights",
     "generate speech.wav --checkpoint hf://": "needs a model on the Hub; tests/checkpoint/test_hub.py fetches one",
     "publish": "needs a token of the Hub; tests/checkpoint/test_hub.py publishes",
     "live --source microphone": "needs a microphone",
-    "live --source ws": "runs until Ctrl-C; tests/live runs it",
-    "serve": "runs until it is stopped; tests/serve runs it",
-    "web": "needs node, and npm with its registry; tests/web runs it",
+    "live --source ws": "runs until Ctrl-C; tests/apps/live runs it",
+    "serve": "runs until it is stopped; tests/apps/serve runs it",
+    "web": "needs node, and npm with its registry; tests/apps/web runs it",
 }
 # Of the recipes the imports and what is done with the corpora run; training and scores are those of other pages.
 RECIPES = "docs/recipes/"

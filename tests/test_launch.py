@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from ha2g_jax import cli, launch, presets
+from ha2g_jax import cli, launch
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 
 ROOT = pathlib.Path(__file__).parent.parent

@@ -3,11 +3,11 @@
 import jax
 import pytest
 
-from ha2g_jax import presets
+from ha2g_jax.config import presets
+from ha2g_jax.config.presets import ablations
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import TRAINABLE
 from ha2g_jax.methods import build as specs
-from ha2g_jax.presets import ablations
 from ha2g_jax.skeleton import load_skeleton
 
 
@@ -79,8 +79,8 @@ def test_levels_that_do_not_end_in_the_whole_pose_are_refused(levels):
 
 
 def test_a_config_from_json_has_the_terms_of_its_method():
-    from ha2g_jax import config as configs
     from ha2g_jax.checkpoint.model_folder import config_to_json
+    from ha2g_jax.config import settings as configs
 
     config = presets.make("talk", "debug", "trimodal")
     again = configs.from_json(config_to_json(config))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import NamedTuple
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 
 
@@ -62,13 +62,13 @@ class TorchProcess:
 
 
 def _serve(connection: Connection, values: dict, choices: Sequence[Choice], threads: int, device: str) -> None:
-    from ha2g_jax.train.memory import keep_memory
+    from ha2g_jax.layers.cpu.memory import keep_memory
 
     keep_memory()
     import jax
     import torch
 
-    from ha2g_jax import config as configs
+    from ha2g_jax.config import settings as configs
     from ha2g_jax.skeleton import load_skeleton
     from ha2g_jax.train.measure import NUM_SPEAKERS, NUM_WORDS, random_batch
     from ha2g_jax.train.objective import build_objective

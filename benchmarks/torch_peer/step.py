@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.objective import Objective
 from torch_peer import losses

@@ -1,7 +1,7 @@
 """Hook of MkDocs: files of the repository outside of docs/, where pages or the navigation link to them.
 
-Links are written as GitHub reads them, `../ha2g_jax/config.py`. In the site such a file has the path that it has in the
-repository: Markdown and notebooks become pages, other text a page with its lines, and anything else is copied.
+Links are written as GitHub reads them, `../ha2g_jax/skeleton.py`. In the site such a file has the path that it has in
+the repository: Markdown and notebooks become pages, other text a page with its lines, and anything else is copied.
 
 A link to a Python file may be followed by symbols, "[`PATH`](../PATH) `NAME`, `NAME`". They become links to the lines
 on which they are defined.

@@ -4,8 +4,8 @@ ha2g data import-bvh RECORDINGS corpora/mocap && ha2g data split corpora/mocap c
 ha2g train --config bvh --workdir runs/mocap --config.data.path=corpora/mocap_split
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str = "paper") -> Config:

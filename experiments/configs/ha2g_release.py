@@ -5,8 +5,8 @@ DATA is one of talk, ted_expressive, ted_gesture, bvh and video; a size may foll
 ha2g train --config ha2g_release:DATA --workdir runs/release [--config.data.path=CORPUS]
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(data: str = "talk") -> Config:

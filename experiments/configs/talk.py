@@ -3,8 +3,8 @@
 ha2g train --config talk:small --workdir runs/talk
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str = "paper") -> Config:

@@ -4,8 +4,8 @@ ha2g data import-ted LMDB corpora/ted  # the folder that holds train, val and te
 ha2g train --config ted_gesture --workdir runs/ted --config.data.path=corpora/ted
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str = "paper") -> Config:

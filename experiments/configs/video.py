@@ -4,8 +4,8 @@ ha2g data build-video VIDEOS corpora/video && ha2g data split corpora/video corp
 ha2g train --config video --workdir runs/video --config.data.path=corpora/video_split
 """
 
-from ha2g_jax import presets
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str = "paper") -> Config:

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 from flax.errors import FlaxError
 
-from ha2g_jax import config as configs
-from ha2g_jax import config_renames
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint import weights
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import Config
+from ha2g_jax.config import renames as config_renames
+from ha2g_jax.config import settings as configs
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
 from ha2g_jax.files.whole_file import whole_file

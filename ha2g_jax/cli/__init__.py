@@ -218,7 +218,7 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 def _benchmark(arguments: argparse.Namespace) -> None:
     from ha2g_jax import launch
-    from ha2g_jax.study import benchmark
+    from ha2g_jax.evaluation import benchmark
 
     config = launch.load_config(arguments.config)
     if arguments.batch_size:

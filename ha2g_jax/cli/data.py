@@ -79,7 +79,7 @@ def _add_inspect_talk(data: Any) -> None:
 
 
 def _inspect_talk(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.corpus.talk_report import write_report
+    from ha2g_jax.evaluation.corpus.talk_report import write_report
 
     print(write_report(arguments.data, arguments.out, recording=arguments.recording))
 
@@ -93,7 +93,7 @@ def _add_stats(data: Any) -> None:
 
 
 def _stats(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.corpus.statistics import as_table, summarise
+    from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
 
     summary = summarise(arguments.data)
     print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
@@ -111,7 +111,7 @@ def _add_inspect(data: Any) -> None:
 
 
 def _inspect(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.corpus.report import write_report
+    from ha2g_jax.evaluation.corpus.report import write_report
 
     folder = arguments.data.resolve() if arguments.data.name in ("", "..") else arguments.data
     if not folder.name:

@@ -9,7 +9,7 @@ from ha2g_jax.cli.values import positive, text
 
 if TYPE_CHECKING:
     from ha2g_jax.data.import_report import Report
-    from ha2g_jax.data.mocap.options import ImportOptions
+    from ha2g_jax.importers.mocap.options import ImportOptions
 
 _SKELETONS = ("ted_expressive", "ted_gesture")
 
@@ -36,7 +36,7 @@ def _add_import_ted(data: Any) -> None:
 
 
 def _import_ted(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.ted import importer
+    from ha2g_jax.importers.ted import importer
 
     report = importer.import_ted(arguments.src, arguments.dst, split=arguments.split, workers=arguments.workers)
     _print_report(report, arguments)
@@ -61,7 +61,7 @@ def _add_import_bvh(data: Any) -> None:
 
 
 def _import_bvh(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.mocap import import_bvh
+    from ha2g_jax.importers.mocap import import_bvh
 
     report = import_bvh.import_bvh(
         arguments.src, arguments.dst, _options(arguments), joint_map=arguments.joint_map, unit=arguments.unit
@@ -92,7 +92,7 @@ def _add_import_smplx(data: Any) -> None:
 
 
 def _import_smplx(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.mocap import import_smplx
+    from ha2g_jax.importers.mocap import import_smplx
 
     report = import_smplx.import_smplx(
         arguments.src,
@@ -128,7 +128,7 @@ def _add_motion_arguments(command: argparse.ArgumentParser, src: str) -> None:
 
 
 def _options(arguments: argparse.Namespace) -> "ImportOptions":
-    from ha2g_jax.data.mocap.options import ImportOptions
+    from ha2g_jax.importers.mocap.options import ImportOptions
 
     return ImportOptions(
         skeleton=arguments.skeleton,
@@ -200,7 +200,7 @@ def _add_build_video(data: Any) -> None:
 
 
 def _build_video(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.video import settings
+    from ha2g_jax.importers.video import settings
 
     options = {"recognise": arguments.recognise, "pose_command": arguments.pose_command}
     pairs = [*arguments.set, *(f"{name}={value}" for name, value in options.items() if value)]
@@ -208,7 +208,7 @@ def _build_video(arguments: argparse.Namespace) -> None:
     chosen = settings.from_pairs(pairs, stored)  # an error in them is reported before the slow imports
 
     from ha2g_jax.data.corpus import Corpus
-    from ha2g_jax.data.video import build
+    from ha2g_jax.importers.video import build
 
     report = build.build_video(
         arguments.videos,
@@ -235,7 +235,7 @@ def _add_install_pose(data: Any) -> None:
 
 
 def _install_pose(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data.video import pose_environment
+    from ha2g_jax.importers.video import pose_environment
 
     print(pose_environment.install(python=arguments.python))
 

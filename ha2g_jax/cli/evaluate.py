@@ -114,8 +114,8 @@ def run(arguments: argparse.Namespace) -> None:
             "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE or --motion DIR "
             "--reference DIR, such as --checkpoint demo --data talk (see ha2g evaluate --help)"
         )
-    from ha2g_jax.study.evaluation import inputs
-    from ha2g_jax.study.evaluation.table import as_markdown, as_table
+    from ha2g_jax.evaluation import inputs
+    from ha2g_jax.evaluation.table import as_markdown, as_table
 
     if kind == _SPEECH:
         results = inputs.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)

@@ -74,7 +74,7 @@ def _add_motions(command: argparse.ArgumentParser) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     from ha2g_jax.motion import formats
-    from ha2g_jax.motion_files import read_motion
+    from ha2g_jax.motion.readers import read_motion
 
     check_kept([arguments.out], [arguments.motion, arguments.audio])
     motion = read_motion(arguments.motion, joint_map=arguments.joint_map, source_fps=arguments.source_fps)
@@ -106,7 +106,7 @@ def _video(arguments: argparse.Namespace) -> None:
 
 
 def _keyframes(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data import transcripts
+    from ha2g_jax.features import words as transcripts
     from ha2g_jax.motion import keyframes
 
     check_kept([arguments.out], [*arguments.motions, arguments.words])

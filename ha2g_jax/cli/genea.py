@@ -55,7 +55,7 @@ def _add_pack(parts: Any) -> None:
 
 
 def _pack(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.genea.pack import write_pack
+    from ha2g_jax.apps.genea.pack import write_pack
     from ha2g_jax.synthesis.style import RANDOM
 
     options: dict[str, Any] = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
@@ -77,7 +77,7 @@ def _pack(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from ha2g_jax.study.genea.checking import check_pack
+    from ha2g_jax.apps.genea.checking import check_pack
 
     verdict = check_pack(arguments.pack, arguments.speech)
     if arguments.json:

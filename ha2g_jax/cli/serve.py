@@ -4,8 +4,8 @@ import argparse
 import os
 from typing import Any
 
+from ha2g_jax.apps.serve.settings import Settings
 from ha2g_jax.cli.values import positive
-from ha2g_jax.serve.settings import Settings
 
 _DEFAULT = Settings()
 _MEBIBYTE = 1 << 20
@@ -85,7 +85,7 @@ def add_command(commands: Any) -> None:
 
 
 def _serve(arguments: argparse.Namespace) -> None:
-    from ha2g_jax import serve
+    from ha2g_jax.apps import serve
 
     settings = serve.Settings(
         host=arguments.host,

@@ -76,7 +76,7 @@ def _add_make(commands: Any) -> None:
 
 
 def _make(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.user_study.make import make_study
+    from ha2g_jax.apps.user_study.make import make_study
 
     names = ("speech", "protocol", "clips", "clip_seconds", "per_participant", "attention", "consent", "closing")
     names += ("post", "size", "joint_map", "source_fps", "seed")

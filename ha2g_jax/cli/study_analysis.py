@@ -37,7 +37,7 @@ def _add_analyse(commands: Any) -> None:
 
 
 def _analyse(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.user_study import analysis, writing
+    from ha2g_jax.apps.user_study import analysis, writing
 
     results = analysis.analyse(arguments.answers, arguments.study)
     page = writing.write_report(results, arguments.out) if arguments.out else None
@@ -97,9 +97,9 @@ def _power(arguments: argparse.Namespace) -> None:
         raise UserError("--sd-rest belongs to mos")
     if (arguments.pilot is None) != (arguments.study is None):
         raise UserError("--pilot and --study belong together: answers, and the folder of their study")
-    from ha2g_jax.study.user_study import sample_size
-    from ha2g_jax.study.user_study.analysis import read_study
-    from ha2g_jax.study.user_study.power import Plan, Spreads
+    from ha2g_jax.apps.user_study import sample_size
+    from ha2g_jax.apps.user_study.analysis import read_study
+    from ha2g_jax.apps.user_study.power import Plan, Spreads
 
     given = [arguments.sd_participants, arguments.sd_clips, arguments.sd_rest if is_mos else 0.0]
     equal = arguments.equal

@@ -73,14 +73,14 @@ def add_commands(commands: Any) -> None:
 
 
 def _runs(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.training import listing
+    from ha2g_jax.train.report import listing
 
     runs = listing.list_runs(arguments.folder, arguments.sort)
     print(json.dumps(listing.as_json(runs), indent=1) if arguments.json else listing.as_table(runs))
 
 
 def _plot(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.study.training.report import write_report
+    from ha2g_jax.train.report.report import write_report
 
     print(write_report(arguments.runs, arguments.out, smoothing=arguments.smooth, num_clips=arguments.samples))
 

@@ -40,6 +40,6 @@ def _web(arguments: argparse.Namespace) -> None:
     from ha2g_jax.checkpoint.onnx import reading
 
     reading.check_extra("onnx")
-    from ha2g_jax.web import write_site
+    from ha2g_jax.apps.web import write_site
 
     print(write_site(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

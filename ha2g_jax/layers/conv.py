@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.layers import chunks, initializers, winograd
-from ha2g_jax.layers.onednn import calls, library
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.cpu import chunks, winograd
+from ha2g_jax.layers.cpu.onednn import calls, library
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches

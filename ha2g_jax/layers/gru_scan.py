@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.layers.onednn import calls, library
+from ha2g_jax.layers.cpu.onednn import calls, library
 
 
 class Gates(NamedTuple):

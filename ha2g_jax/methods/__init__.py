@@ -11,5 +11,5 @@ METHODS: dict[str, GeneratingMethod] = {
     "joint_embedding": joint_embedding,
     "trimodal": trimodal,
 }
-# The auto-encoder generates no motion from speech: it measures motion, see `ha2g_jax.study.evaluation`.
+# The auto-encoder generates no motion from speech: it measures motion, see `ha2g_jax.evaluation`.
 TRAINABLE: dict[str, Method] = {**METHODS, "autoencoder": autoencoder}

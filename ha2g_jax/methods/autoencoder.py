@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import ARCHITECTURES, choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.choices import ARCHITECTURES, choice
 from ha2g_jax.methods.forward import Poses, apply
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, subtract_mean
 from ha2g_jax.skeleton import Skeleton, normalize

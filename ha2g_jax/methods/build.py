@@ -6,13 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.config import Config, check_fps
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.ranges import check_ranges
+from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SPEAKERS, MAX_VOCABULARY, MAX_WINDOW_FRAMES
 from ha2g_jax.methods import METHODS, TRAINABLE
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
-from ha2g_jax.methods.ranges import check_ranges
 from ha2g_jax.skeleton import Skeleton
 
 MIN_FRAMES = 17  # of a window, that features and networks can be derived for
@@ -22,7 +22,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the networks of a config; `config.loss` and `config.train` are not read.
 
     Args:
-        config: a ConfigDict with the fields of `ha2g_jax.config.paper`.
+        config: a ConfigDict with the fields of `ha2g_jax.config.settings.paper`.
         skeleton: skeleton with the statistics of the training split.
         vocabulary_size: number of words of the training split.
         num_speakers: number of speakers of the training split. Where windows are mirrored, a table of speakers has

@@ -2,12 +2,12 @@
 
 import jax
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import RECEPTIVE_FIELDS, TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Spec, Variables
 
 

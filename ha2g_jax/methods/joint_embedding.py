@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.frame_decoder import FrameDecoder
 from ha2g_jax.layers.gru import GRU
@@ -15,7 +16,6 @@ from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.autoencoder import PoseEncoder
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import no_identity, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import Poses, apply
 from ha2g_jax.methods.method import (

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.features.asr_mel import NUM_ASR_MELS, asr_columns
 from ha2g_jax.features.audio import NUM_MELS, window_columns, window_samples
 from ha2g_jax.features.text import MAX_PLAIN_WORDS
@@ -100,7 +100,7 @@ class Method(Protocol):
         """Build the networks that `config.model` and `config.data` describe.
 
         Args:
-            config: settings, see `ha2g_jax.config.paper`; `config.loss` and `config.train` are not read.
+            config: settings, see `ha2g_jax.config.settings.paper`; `config.loss` and `config.train` are not read.
             skeleton: skeleton with the statistics of the training split.
             vocabulary_size: number of words of the training split.
             num_speakers: number of speakers of the training split.

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import no_identity
 from ha2g_jax.methods.forward import Poses, run_generator
 from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_arguments

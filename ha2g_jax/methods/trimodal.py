@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import ARCHITECTURES, choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.frame_decoder import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.choices import ARCHITECTURES, choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g.losses import huber, kld, style

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax import lower_body
-from ha2g_jax.lower_body import LowerBody
-from ha2g_jax.motion import rotations
+from ha2g_jax.motion import lower_body, rotations
+from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 
 UP, LEFT = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from ha2g_jax.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, world
+from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.rigs import OTHER_NAMES, Rig, rest_positions
 
 PELVIS = LOWER_JOINTS[0]

@@ -9,9 +9,9 @@ from ha2g_jax.synthesis.speech import Audio, read_speech
 from ha2g_jax.synthesis.style import Style, choose_style, read_mixture
 
 if TYPE_CHECKING:
-    from ha2g_jax.synthesis.live import Stream
     from ha2g_jax.synthesis.model import Model, encode_features, generate_directions, load
     from ha2g_jax.synthesis.onnx_model import OnnxModel, load_onnx
+    from ha2g_jax.synthesis.stream import Stream
 
 __all__ = [
     "Audio",
@@ -30,7 +30,7 @@ __all__ = [
     "read_speech",
 ]
 
-_MODULES = {"Stream": "live", "OnnxModel": "onnx_model", "load_onnx": "onnx_model"}
+_MODULES = {"Stream": "stream", "OnnxModel": "onnx_model", "load_onnx": "onnx_model"}
 _MODULES |= dict.fromkeys(("Model", "encode_features", "generate_directions", "load"), "model")
 
 

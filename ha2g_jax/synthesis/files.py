@@ -175,6 +175,6 @@ def read_words(
             file=sys.stderr,
         )
         return ()
-    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
+    from ha2g_jax.features import words as transcripts
 
     return transcripts.words_of(audio, words, recognise=None)

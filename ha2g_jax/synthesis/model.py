@@ -10,7 +10,7 @@ import numpy as np
 
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.speech import Speech, prepare
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -22,8 +22,8 @@ from ha2g_jax.motion import control
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.synthesis.generator import Generator, join
-from ha2g_jax.synthesis.live import Stream
 from ha2g_jax.synthesis.scan import encode_chunks, encode_windows, sample_windows
+from ha2g_jax.synthesis.stream import Stream
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 

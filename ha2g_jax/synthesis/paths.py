@@ -130,7 +130,7 @@ def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
     Raises:
         UserError: the folder cannot be read.
     """
-    from ha2g_jax.data import transcripts  # readers of many formats; HA2G reads no words
+    from ha2g_jax.features import words as transcripts
 
     if (found := transcripts.find(speech)) == transcripts.find(speech, is_alone=False):
         return found

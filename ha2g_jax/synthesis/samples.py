@@ -8,7 +8,7 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from flax import traverse_util
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.layers.conv import Conv
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.layers.resnet import ResNet

@@ -9,16 +9,16 @@ from typing import Any
 import jax
 import tqdm
 
-from ha2g_jax import config as configs
-from ha2g_jax.config import Config
+from ha2g_jax.config import settings as configs
+from ha2g_jax.config.checks import check_settings
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.talk import speech
 from ha2g_jax.data.talk.build import talk_folder
-from ha2g_jax.data.talk.voices import Voice
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import espeak as speech
+from ha2g_jax.features.voices import Voice
 from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
-from ha2g_jax.train.checks import check_settings
 from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
 from ha2g_jax.train.measure import TimedStep
 

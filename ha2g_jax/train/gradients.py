@@ -15,7 +15,7 @@ import optax
 
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.state import TrainState
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import method_of
@@ -77,7 +77,7 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
     """Measure the gradients of a config on the first training batch of its data.
 
     Args:
-        config: settings of the run, see `ha2g_jax.config.paper`.
+        config: settings of the run, see `ha2g_jax.config.settings.paper`.
         sources: runs or model folders whose generators are measured beside that of a new run, with their own networks
             and the objective and the data of the config. The discriminator is a new one in any case.
 

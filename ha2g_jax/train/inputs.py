@@ -8,7 +8,7 @@ from flax import traverse_util
 
 from ha2g_jax.checkpoint import weights
 from ha2g_jax.checkpoint.word_tables import is_word_table
-from ha2g_jax.config import Config, check_fps
+from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
 from ha2g_jax.data.corpus import TRAIN, Corpus

@@ -18,7 +18,8 @@ import tqdm
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
-from ha2g_jax.config import Config
+from ha2g_jax.config import checks
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
@@ -26,7 +27,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import stage
-from ha2g_jax.train import checks, hosts, inputs, run_record, sharding
+from ha2g_jax.train import hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog
 from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.profiling import Profile
@@ -57,7 +58,7 @@ def train(
     the config sets `train.sample_every`. All hosts of a run call this function with the same arguments.
 
     Args:
-        config: settings, see `ha2g_jax.config.paper`.
+        config: settings, see `ha2g_jax.config.settings.paper`.
         workdir: folder of the run, the same for all hosts; created if it does not exist.
         profile: whether to write a trace of a few steps to profile/.
         draw_sample: function that writes a video of a clip, such as `ha2g_jax.synthesis.samples.write_sample`.

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ha2g_jax.layers.onednn.library import used_version
+from ha2g_jax.layers.cpu.onednn.library import used_version
 
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "numpy")
 _CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")

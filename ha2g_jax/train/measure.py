@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
@@ -43,7 +43,7 @@ class TimedStep:
     """The training step of a config, compiled for the devices of the config but not yet run.
 
     Args:
-        config: settings, see `ha2g_jax.config.paper`.
+        config: settings, see `ha2g_jax.config.settings.paper`.
         corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
 
     Attributes:

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.adversarial import GAN_KINDS
 from ha2g_jax.methods.build import build, method_of
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.method import Compute, Spec, example_batch
 from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.train.optimizers import SCHEDULES, adam, learning_rate
@@ -63,7 +63,7 @@ def build_objective(
     """Build the networks of a config and the objective that trains them.
 
     Args:
-        config: settings, with the fields of `ha2g_jax.config.paper`.
+        config: settings, with the fields of `ha2g_jax.config.settings.paper`.
         skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build.build`.
         steps_per_epoch: number of steps in an epoch, by which `config.train.warmup_epochs` becomes a number of steps.
 

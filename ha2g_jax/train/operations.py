@@ -5,7 +5,7 @@ from typing import Any
 
 from jax.extend import core
 
-from ha2g_jax.layers.onednn import calls
+from ha2g_jax.layers.cpu.onednn import calls
 
 
 def count_operations(jaxpr: core.Jaxpr) -> int:

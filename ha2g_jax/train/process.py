@@ -1,7 +1,7 @@
 """What a process that trains sets up before its first computation."""
 
 from ha2g_jax.files.compile_cache import keep_programs
-from ha2g_jax.train.memory import has_accelerator_plugin, keep_memory
+from ha2g_jax.layers.cpu.memory import has_accelerator_plugin, keep_memory
 
 
 def prepare_process() -> None:
@@ -13,6 +13,6 @@ def prepare_process() -> None:
     keep_memory()
     if has_accelerator_plugin():
         return
-    from ha2g_jax.layers.onednn.library import use_onednn  # here, since it imports JAX, which `keep_programs` precedes
+    from ha2g_jax.layers.cpu.onednn.library import use_onednn
 
     use_onednn()

@@ -20,11 +20,11 @@ import tqdm
 
 from ha2g_jax.checkpoint.loading import RUN
 from ha2g_jax.checkpoint.model_folder import config_to_json
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
-from ha2g_jax.layers.onednn.library import used_version
+from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
 from ha2g_jax.train.writing import replacing, writing
 

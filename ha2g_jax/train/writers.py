@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from ha2g_jax.checkpoint.model_folder import config_to_json
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import run_record
 from ha2g_jax.train.metrics_file import METRICS, MetricsFile

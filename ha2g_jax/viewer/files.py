@@ -4,14 +4,14 @@ import collections
 import pathlib
 from collections.abc import Sequence
 
-from ha2g_jax.data import transcripts
-from ha2g_jax.data.mocap.joint_maps import AUTO
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.whole_file import check_kept
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion_files import read_motion
+from ha2g_jax.motion.readers import read_motion
+from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.viewer.page import write_page
 
 _FPS = 30
@@ -33,7 +33,7 @@ def view_files(
         out: `.html` file to write.
         audio: audio or video file with the sound.
         words: transcript with times, or without times if there is sound that it can be aligned to.
-        joint_map: names of the joints, see `motion_files.read_motion`.
+        joint_map: names of the joints, see `motion.readers.read_motion`.
         source_fps: frames per second of files that do not say it.
 
     Returns:
@@ -59,7 +59,7 @@ def read_shown(path: pathlib.Path, *, joint_map: str = AUTO, source_fps: float |
 
     Args:
         path: file of any kind of motion, see `motion_files`.
-        joint_map: names of the joints, see `motion_files.read_motion`.
+        joint_map: names of the joints, see `motion.readers.read_motion`.
         source_fps: frames per second of a file that does not say it.
 
     Raises:

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.skeleton import load_skeleton

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax import launch
+from ha2g_jax.config import checks
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SEED, MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 from ha2g_jax.synthesis.style import read_mixture
-from ha2g_jax.train import checks
 
 _FLAGS = (
     "--config.train.steps=10",

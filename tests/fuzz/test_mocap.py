@@ -14,16 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.mocap.import_bvh import import_bvh
-from ha2g_jax.data.mocap.joint_maps import load_map
-from ha2g_jax.data.mocap.motion import read_motion
-from ha2g_jax.data.mocap.smplx import read_smplx
-from ha2g_jax.data.mocap.smplx_template import template
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
+from ha2g_jax.importers.mocap.import_bvh import import_bvh
+from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.motion.readers.joint_maps import load_map
+from ha2g_jax.motion.readers.smplx import read_smplx
+from ha2g_jax.motion.readers.smplx_template import template
 from ha2g_jax.skeleton import load_skeleton
 
-bvh_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "data" / "mocap" / "conftest.py"))
+bvh_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "importers" / "mocap" / "conftest.py"))
 
 GESTURE = load_skeleton("ted_gesture")
 ODD = "t\udcff\udce9 lk"
@@ -164,7 +164,7 @@ def write_recording(folder: pathlib.Path, stem: str) -> pathlib.Path:
 
 
 def test_a_name_that_is_not_utf8_is_imported_as_text(tmp_path, refused):
-    from ha2g_jax.data.mocap.options import ImportOptions
+    from ha2g_jax.importers.mocap.options import ImportOptions
 
     path = write_recording(tmp_path / ODD, ODD)
     import_bvh(path, tmp_path / "out", ImportOptions(skeleton="ted_gesture"))

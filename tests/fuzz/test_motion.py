@@ -20,7 +20,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.motion import keyframes
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion_files import find_skeleton, read_motion
+from ha2g_jax.motion.readers import find_skeleton, read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.viewer import view
 

@@ -13,11 +13,11 @@ from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ha2g_jax.data.ted import arrow_values
-from ha2g_jax.data.transcripts import read_words
-from ha2g_jax.data.transcripts.unspoken import without_brackets
-from ha2g_jax.data.video import pose, settings, work_folder
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.words import read_words
+from ha2g_jax.features.words.unspoken import without_brackets
+from ha2g_jax.importers.ted import arrow_values
+from ha2g_jax.importers.video import pose, settings, work_folder
 from ha2g_jax.motion import control
 from ha2g_jax.motion.control.controls import Controls, apply
 from ha2g_jax.skeleton import load_skeleton
@@ -185,7 +185,7 @@ def test_poses_of_an_estimator(data, tmp_path, answered):
     answered(lambda path: pose._read_poses(path, "the file"), (tmp_path / "p.npz").read_bytes(), "p.npz")
 
 
-ted_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "data" / "ted" / "conftest.py"))
+ted_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "importers" / "ted" / "conftest.py"))
 VIDEO = {
     "vid": "a",
     "clips": [{"words": [["a", 1.0, 2.0]], "poses": np.zeros((2, 3)), "none": None, "end": 3, "b": b"c"}],

@@ -18,10 +18,11 @@ from ha2g_jax import launch
 from ha2g_jax.checkpoint import checksums, loading, model_folder
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.state import Network, TrainState
+from ha2g_jax.config import checks
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.synthesis.files import generate_files
-from ha2g_jax.train import checks, run_record
+from ha2g_jax.train import run_record
 from ha2g_jax.train.metrics_file import read_metrics
 
 # Orbax reads arrays at once in tasks of asyncio, and leaves those behind that fail after the first.

@@ -15,8 +15,8 @@ from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from hypothesis import given, settings
 
 from ha2g_jax.layers import conv as convolution
+from ha2g_jax.layers.cpu.onednn import calls, library
 from ha2g_jax.layers.gru_scan import Gates, gru_scan
-from ha2g_jax.layers.onednn import calls, library
 from ha2g_jax.train.operations import count_operations
 
 try:
@@ -187,7 +187,7 @@ from ha2g_jax.train.process import prepare_process
 prepare_process()
 import jax
 assert not jax._src.xla_bridge.backends_are_initialized()  # else processes could not join each other
-from ha2g_jax.layers.onednn.library import used_version
+from ha2g_jax.layers.cpu.onednn.library import used_version
 print(used_version(), len(os.sched_getaffinity(0)))
 """
     flags = {"XLA_FLAGS": "", "HA2G_ONEDNN": "1", "HA2G_CACHE": str(tmp_path)}

@@ -129,7 +129,8 @@ def test_real_weights_give_what_faster_whisper_gives(tmp_path):
     model = os.environ.get("HA2G_WHISPER_MODEL")
     if model is None:
         pytest.skip("no Whisper model here (set HA2G_WHISPER_MODEL to a folder)")
-    from ha2g_jax.data.talk import speech, voices
+    from ha2g_jax.features import espeak as speech
+    from ha2g_jax.features import voices
     from ha2g_jax.features.asr_mel import asr_log_mel
     from ha2g_jax.methods import whisper_weights
 

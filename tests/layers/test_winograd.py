@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.sharding import NamedSharding, PartitionSpec
 
-from ha2g_jax.layers import winograd
+from ha2g_jax.layers.cpu import winograd
 from ha2g_jax.train import sharding
 
 # Height, width and inputs of the map, channels and padding of convolutions of the networks at the size of the paper.

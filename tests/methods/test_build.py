@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax import presets
+from ha2g_jax.config import presets
 from ha2g_jax.data.speech import prepare, window
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary

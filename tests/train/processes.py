@@ -19,8 +19,8 @@ import jax
 import numpy as np
 import optax
 
-from ha2g_jax import presets
 from ha2g_jax.checkpoint.state import TrainState
+from ha2g_jax.config import presets
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import hosts, sharding
 from ha2g_jax.train.objective import Objective, build_objective, init_state

@@ -2,15 +2,14 @@
 
 import pytest
 
-from ha2g_jax import config as configs
-from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.config import checks, presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import build
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train import checks
 
 
 @pytest.fixture

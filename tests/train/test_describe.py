@@ -2,7 +2,7 @@
 
 import json
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.train.describe import as_table, describe
 
 

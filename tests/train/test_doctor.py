@@ -5,8 +5,9 @@ import types
 
 import pytest
 
-from ha2g_jax import cli, presets
-from ha2g_jax import config as configs
+from ha2g_jax import cli
+from ha2g_jax.config import presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.train import doctor, machine
 from ha2g_jax.train.measure import Memory
 

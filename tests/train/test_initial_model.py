@@ -6,9 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from ha2g_jax import cli, presets
+from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.checkpoint.word_tables import is_word_table
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip

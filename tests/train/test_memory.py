@@ -8,7 +8,7 @@ import pytest
 
 PROGRAM = """
 import resource, sys
-from ha2g_jax.train.memory import keep_memory
+from ha2g_jax.layers.cpu.memory import keep_memory
 if sys.argv[1] == "keep":
     keep_memory()
 import jax

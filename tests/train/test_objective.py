@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax import config as configs
-from ha2g_jax import presets
 from ha2g_jax.checkpoint import weights
+from ha2g_jax.config import presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean

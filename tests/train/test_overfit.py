@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.train import inputs
 from ha2g_jax.train.objective import build_objective

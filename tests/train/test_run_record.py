@@ -9,7 +9,7 @@ import sys
 import jax
 import pytest
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import run_record

@@ -6,7 +6,7 @@ import sys
 import pytest
 from tensorboard.backend.event_processing import event_accumulator
 
-from ha2g_jax import config as configs
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.metrics_file import METRICS, read_metrics
 from ha2g_jax.train.writers import open_writers

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax import presets
 from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.released import names, table
 from ha2g_jax.checkpoint.released.conversions import FIRST_SPEAKER, FIRST_WORD, SPEAKERS, WORDS
 from ha2g_jax.checkpoint.released.mapping import DoesNotFitError, check_names, convert, left_out
 from ha2g_jax.checkpoint.released.table import DISCRIMINATOR, Row
-from ha2g_jax.config import Config
+from ha2g_jax.config import presets
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown

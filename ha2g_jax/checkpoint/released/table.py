@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from ha2g_jax.checkpoint.released.conversions import KERNEL, NORMS, SAME, SPEAKERS, TRANSPOSED, WORDS, Conversion
-from ha2g_jax.config import Config
+from ha2g_jax.config.settings import Config
 
 # Module of the discriminator's variables, which are compared and not kept.
 DISCRIMINATOR = "discriminator"

@@ -15,7 +15,7 @@ import tqdm
 from ha2g_jax.data import records, schema
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.talk import grammar, portrait, speech
+from ha2g_jax.data.talk import grammar, portrait
 from ha2g_jax.data.talk.speakers import (
     DEFAULT_SEED,
     DEFAULT_SPEAKERS,
@@ -26,6 +26,7 @@ from ha2g_jax.data.talk.speakers import (
     num_unseen,
 )
 from ha2g_jax.errors import UserError
+from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.cache_folder import cache_folder, one_maker

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import soxr
 
-from ha2g_jax.data.talk.speech import Utterance
-from ha2g_jax.data.talk.voices import FliteVoice
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.espeak import Utterance
 from ha2g_jax.features.text import Word
+from ha2g_jax.features.voices import FliteVoice
 
 _LEVEL = 0.3  # of the sound of a word that is not emphasised, so that emphasis does not clip
 _RAMP = 0.02  # seconds over which the loudness changes from word to word

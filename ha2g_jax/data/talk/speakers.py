@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data.talk import flite, speech
+from ha2g_jax.data.talk import flite
 from ha2g_jax.data.talk.style import Style, sample_style
-from ha2g_jax.data.talk.voices import FliteVoice, Voice, sample_flite_voice, sample_voice
+from ha2g_jax.features import espeak as speech
+from ha2g_jax.features.voices import FliteVoice, Voice, sample_flite_voice, sample_voice
 
 DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
 

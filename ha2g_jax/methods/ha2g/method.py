@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import ARCHITECTURES, choice, some_of
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.asr_mel import NUM_ASR_MELS
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder
@@ -15,7 +16,6 @@ from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.whisper import WhisperEncoder
-from ha2g_jax.methods.choices import ARCHITECTURES, choice, some_of
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
 from ha2g_jax.methods.forward import apply
 from ha2g_jax.methods.ha2g import losses, release

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config import Config
+from ha2g_jax.config.choices import choice
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.discriminator import Discriminator
@@ -20,7 +21,6 @@ from ha2g_jax.layers.frame_decoder import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
-from ha2g_jax.methods.choices import choice
 from ha2g_jax.methods.encoders import speaker_table, text_encoder
 from ha2g_jax.methods.ha2g.losses import AUDIO_LEVELS
 from ha2g_jax.methods.method import Spec, make_spec

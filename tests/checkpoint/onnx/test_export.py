@@ -8,14 +8,14 @@ import onnx
 import onnxruntime
 import pytest
 
-from ha2g_jax import config as configs
-from ha2g_jax import presets
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.onnx import description
 from ha2g_jax.checkpoint.onnx.description import from_metadata, to_metadata
 from ha2g_jax.checkpoint.onnx.export import build, export
+from ha2g_jax.config import presets
+from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_columns
 from ha2g_jax.features.text import Vocabulary

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 import ha2g_jax
-from ha2g_jax import presets
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.checkpoint.onnx import export
 from ha2g_jax.checkpoint.released import table
 from ha2g_jax.checkpoint.released.importing import read_released
 from ha2g_jax.checkpoint.released.mapping import DoesNotFitError
 from ha2g_jax.cli import main
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.torch_pickle import Inert
 from ha2g_jax.methods.build import build, discriminator_shapes, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.study.evaluation.features import PoseFeatures
 from ha2g_jax.synthesis import Style
 
 WORDS, SPEAKERS = ["the", "Hand", "hand"], ["a", "b"]

@@ -6,8 +6,10 @@ import re
 
 import numpy as np
 
-from ha2g_jax.data.talk import grammar, patterns, speech, voices
+from ha2g_jax.data.talk import grammar, patterns
 from ha2g_jax.data.talk.lexicon import WORD_CLASSES, word_class
+from ha2g_jax.features import espeak as speech
+from ha2g_jax.features import voices
 
 
 def sample(seed: int, count: int) -> list[str]:

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax import presets
+from ha2g_jax.config import presets
+from ha2g_jax.config.presets.ablations import POSE_INFERER
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.ha2g.model import HA2G
-from ha2g_jax.presets.ablations import POSE_INFERER
 from ha2g_jax.skeleton import load_skeleton
 
 B, N, M = 2, 10, 3

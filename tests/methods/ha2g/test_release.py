@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax import presets
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import build, discriminator_shapes, variable_shapes
 from ha2g_jax.methods.ha2g import method as ha2g

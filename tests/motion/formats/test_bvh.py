@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import bvh
+from ha2g_jax.motion.readers.bvh_joints import read_motion
 from ha2g_jax.motion.rigs import RIGS
 from ha2g_jax.skeleton import load_skeleton
 

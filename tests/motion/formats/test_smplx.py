@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ha2g_jax.data.mocap.smplx import read_smplx
-from ha2g_jax.data.mocap.smplx_template import template
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import smplx
+from ha2g_jax.motion.readers.smplx import read_smplx
+from ha2g_jax.motion.readers.smplx_template import template
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data.mocap.axes import mean_heading
-from ha2g_jax.data.mocap.bvh import read_bvh
-from ha2g_jax.data.mocap.joint_maps import choose_map
-from ha2g_jax.data.mocap.kinematics import world_motion
-from ha2g_jax.data.mocap.motion import read_motion
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import Animation, export_axes, world
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers.axes import mean_heading
+from ha2g_jax.motion.readers.bvh import read_bvh
+from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.motion.readers.joint_maps import choose_map
+from ha2g_jax.motion.readers.kinematics import world_motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 FPS = 15

@@ -1,0 +1,169 @@
+"""Scores of a model at each look-ahead, with each recording left out once, stored beside the run."""
+
+import json
+import pathlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax import metrics, synthesis
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.records import Clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.clip_result import ClipResult, check_fit, training_motion, true
+from ha2g_jax.evaluation.generation import generate_clip, model_windows
+from ha2g_jax.evaluation.identity import clip_identity
+from ha2g_jax.evaluation.rows import make_rows
+from ha2g_jax.evaluation.talk.known_causes import MODEL, has_known_causes, rows_with_chance
+from ha2g_jax.evaluation.talk.scores import Trial, known_truth, observe, semantic_floors
+from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.metrics.jackknife import Estimate
+from ha2g_jax.metrics.known_causes import CauseRow
+from ha2g_jax.metrics.row import Row
+from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.synthesis import Model
+from tables.latency_plan import (
+    ABOVE_FLOOR,
+    BEATS,
+    EVERY,
+    F1,
+    FLOOR,
+    GAIN,
+    JERK,
+    LOOK_AHEADS,
+    RECALL,
+    scores_path,
+    title,
+)
+from tables.plan import Run, read_stored
+
+_SEED = 0  # seed of all random draws, so that all runs and look-aheads are scored alike
+_TRAINING_CLIPS = 200  # clips from which the usual changes of angles are computed, for the beats per second
+
+
+def score_run(run: Run, corpus_path: pathlib.Path, split: str) -> None:
+    """Score the checkpoint of a run at all look-aheads, and store each as it is made; stored ones are not made again.
+
+    A file has {"model", "recordings", "model_scores", "truth_scores"}; scores are {name: {"value", "without"}}, where
+    "without" has the score without each recording in turn.
+
+    Args:
+        run: run with a checkpoint.
+        corpus_path: folder of the corpus.
+        split: split to score.
+
+    Raises:
+        UserError: the model cannot be read or does not fit the corpus, or the causes of its gestures are not known.
+    """
+    paths = {look_ahead: scores_path(run, corpus_path, split, look_ahead) for look_ahead in LOOK_AHEADS}
+    missing = {look_ahead: path for look_ahead, path in paths.items() if path and read_stored(path) is None}
+    if not missing:
+        return
+    corpus, model = Corpus.open(corpus_path), synthesis.load(run.workdir)
+    check_fit(model, corpus)
+    if not has_known_causes(corpus):
+        raise UserError(f"{corpus_path} does not know the causes of its gestures; give a Talk corpus")
+    clips = list(corpus.clips(split))[::EVERY]
+    training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    truth = true(corpus, split)[::EVERY]
+    performed = [positions_to_directions(corpus.skeleton, clip.positions) for clip in clips]
+    known = _causes(corpus, clips, performed, model_windows(model).seed_frames)
+    for look_ahead, path in missing.items():
+        motions = _generate(model, clips, look_ahead)
+        causes = _causes(corpus, clips, motions, model_windows(model).seed_frames)
+        results = [
+            ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps)
+            for clip, directions in zip(clips, motions, strict=True)
+        ]
+        rows = make_rows({MODEL: results}, truth, corpus.skeleton, training=training, seed=_SEED)
+        recordings = [clip.recording or clip.id for clip in clips]
+        scores = {
+            "model": model.assets.hash,
+            "recordings": sorted(set(recordings)),
+            "model_scores": leave_one_out(causes, recordings) | _of_motion(rows.rows[MODEL]),
+            "truth_scores": leave_one_out(known, recordings) | _of_motion(rows.truth),
+        }
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(scores, indent=1, allow_nan=False) + "\n")
+
+
+def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the scores of `known_scores`, of all clips and without each recording in turn.
+
+    Args:
+        row: what is found in one motion of each clip, with the chance level.
+        recordings: name of the recording of each clip.
+
+    Returns:
+        {name: {"value", "without": a number for each recording in ascending order}}.
+    """
+    of_clip = dict(zip(row.clips.tolist(), recordings, strict=True))
+    members, words = np.array(recordings), np.array([of_clip[clip] for clip in row.word_clips.tolist()])
+    times = len(row.mismatched) // max(len(row.counts), 1)
+    parts = []
+    for name in sorted(set(recordings)):
+        kept, said = members != name, words != name
+        parts.append(
+            known_scores(
+                row._replace(
+                    counts=row.counts[kept],
+                    mismatched=row.mismatched[np.repeat(kept, times)],
+                    clips=row.clips[kept],
+                    shapes=row.shapes[said],
+                    word_clips=row.word_clips[said],
+                )
+            )
+        )
+    return {
+        name: {"value": value, "without": [part[name] for part in parts]} for name, value in known_scores(row).items()
+    }
+
+
+def known_scores(row: CauseRow) -> dict[str, float | None]:
+    """Return the scores against known causes, None where undefined.
+
+    The semantic floor is the better of always showing the most frequent class and of showing the same shapes at
+    shuffled words.
+    """
+    found = {name: _value(metrics.lookup(name).measure(row)) for name in (F1, GAIN, RECALL)}
+    floors = [_value(floor[RECALL]) for floor in semantic_floors(row)] if len(row.shapes) else []
+    floor = max((value for value in floors if value is not None), default=None)
+    recall = found[RECALL]
+    above = None if floor is None or recall is None else recall - floor
+    return found | {FLOOR: floor, ABOVE_FLOOR: above}
+
+
+def _generate(model: Model, clips: Sequence[Clip], look_ahead: int | None) -> list[np.ndarray]:
+    name = f"look-ahead {title(look_ahead)}"
+    return [
+        generate_clip(model, clip, clip_identity(model, clip), _SEED + index, look_ahead=look_ahead)
+        for index, clip in enumerate(tqdm(clips, name, unit="clip", disable=None, leave=False))
+    ]
+
+
+def _causes(corpus: Corpus, clips: Sequence[Clip], motions: Sequence[np.ndarray], first_frame: int) -> CauseRow:
+    skeleton, fps = corpus.skeleton, corpus.fps
+    trials = [
+        Trial(known_truth(skeleton, clip, fps), observe(skeleton, directions, fps))
+        for clip, directions in zip(clips, motions, strict=True)
+    ]
+    return rows_with_chance(trials, fps, first_frame, _SEED)[MODEL]
+
+
+def _of_motion(row: Row) -> dict[str, dict[str, Any]]:
+    """Return jerk and beats per second, which are functions of how often each recording is drawn."""
+    found = {}
+    for name in (JERK, BEATS):
+        statistic = metrics.lookup(name).measure(row)
+        if callable(statistic):
+            every = np.ones(row.reference.num_recordings)
+            without = [_value(statistic(every - one)) for one in np.eye(len(every))]
+            found[name] = {"value": _value(statistic(every)), "without": without}
+    return found
+
+
+def _value(score: Any) -> float | None:
+    value = score.value if isinstance(score, Estimate) else score
+    return float(value) if value is not None and np.isfinite(value) else None

@@ -1,0 +1,153 @@
+"""A live run: sound of a source goes through the stream of a model, and its frames to the sinks."""
+
+import contextlib
+import importlib.metadata
+import itertools
+import math
+import sys
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.apps.live.clock import Clock, Stop, Timeline, stop_signals
+from ha2g_jax.apps.live.frames import Frame, Rigs
+from ha2g_jax.apps.live.interpolation import Interpolation
+from ha2g_jax.apps.live.meter import Meter
+from ha2g_jax.apps.live.sender import Sender
+from ha2g_jax.apps.live.sinks import Sinks
+from ha2g_jax.apps.live.sources import Source
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.limits import MAX_MOTION_SECONDS
+from ha2g_jax.motion import control
+from ha2g_jax.progress import progress_bar, stage
+from ha2g_jax.synthesis import Model, Stream, Style, choose_style
+from ha2g_jax.synthesis.style import RANDOM
+
+_LONGEST_DELAY = 10.0  # seconds
+_METER_SECONDS = 1.0  # between two values of the meter
+_REMEMBERED_SECONDS = 5.0  # of the times of the sound, beyond the latency
+
+
+def run(
+    model: Model,
+    source: Source,
+    sinks: Sinks,
+    *,
+    look_ahead: int = 3,
+    hop: int = 1,
+    style: Style = RANDOM,
+    seed: int = 0,
+    controls: control.Controls = control.NEUTRAL,
+    delay: float | None = None,
+    fps: int | None = None,
+    stop: Stop | None = None,
+) -> Meter:
+    """Generate motion for sound while it is heard, until its end or until Ctrl-C or SIGTERM.
+
+    Each frame is sent `delay` seconds after its moment of the sound is heard, or when it is computed if that is later.
+    Frames that are more than a second late are dropped. Recordings take all frames.
+
+    Args:
+        model: model that needs nothing but sound.
+        source: sound.
+        sinks: where the frames go.
+        look_ahead, hop, style, seed, controls: see `Model.stream`.
+        delay: seconds that the sound is played later than the source gives it; by default the least, the latency of
+            the stream and the delay of the interpolation, with which frames leave when they are computed.
+        fps: frames per second that are sent, by default those of the model; other rates are interpolated.
+        stop: tells afterwards by which signal the run was ended; may be asked to end it.
+
+    Returns:
+        Counts of the run.
+
+    Raises:
+        UserError: an argument cannot be used, or there was no sound.
+        KeyboardInterrupt: Ctrl-C before there was sound.
+    """
+    stop = stop or Stop()
+    with stage("compiling the model"):
+        stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
+    interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
+    latency = stream.latency + interpolation.delay
+    if delay is not None and not latency <= delay <= _LONGEST_DELAY:
+        raise UserError(
+            f"the delay is {delay:g} s; give {math.ceil(1000 * latency) / 1000:g} s, the latency of this look-ahead, "
+            f"hop and frame rate, to {_LONGEST_DELAY:g} s"
+        )
+    with stop_signals(stop):
+        meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
+    if meter.sound_seconds == 0:
+        if stop.signal:
+            raise KeyboardInterrupt
+        raise UserError(f"no sound from {source.name}; is it connected to something that speaks?")
+    meta = {
+        "version": importlib.metadata.version("ha2g-jax"),
+        "model": model.config.name,
+        "checkpoint": model.assets.hash,
+        "speech": source.name,
+        "duration": min(meter.sound_seconds, MAX_MOTION_SECONDS),
+        "style": choose_style(model.spec, model.variables, model.assets, style, seed)[1],
+        "seed": seed,
+        "look_ahead": look_ahead,
+        "hop": hop,
+    }
+    asked = control.describe(controls)
+    for recording in sinks.recordings:
+        recording.save(stream.skeleton, stream.fps, meta | ({"controls": asked} if asked else {}))
+    return meter
+
+
+def _follow(
+    stream: Stream, source: Source, sinks: Sinks, interpolation: Interpolation, delay: float, stop: Stop
+) -> Meter:
+    """Send and record the frames of all sound of a source; recordings have the frames of the model."""
+    latency, fps = stream.latency + interpolation.delay, interpolation.target
+    clock, meter = Clock(), Meter(latency)
+    rigs = Rigs(stream.skeleton, fps, [sink.rig for sink in sinks.senders])
+    timeline = Timeline(latency + _REMEMBERED_SECONDS)
+    sender = Sender(sinks.senders, fps, delay if source.is_timed else None, stream.hop / stream.fps, clock, meter)
+    numbers = itertools.count()
+    most = round(MAX_MOTION_SECONDS * stream.fps)  # frames of a recording
+
+    def emit(directions: np.ndarray) -> None:
+        for recording in sinks.recordings:
+            recording.add(directions[: max(most - meter.computed, 0)])
+        if sinks.recordings and meter.computed < most <= meter.computed + len(directions):
+            tqdm.write(f"the recording is full at {MAX_MOTION_SECONDS} s; the run goes on", file=sys.stderr)
+        meter.computed += len(directions)
+        send(interpolation.add(directions))
+
+    def send(frames: np.ndarray) -> None:
+        for pose, number in zip(frames, numbers):
+            if stop.is_asked() or not sinks.senders:
+                continue
+            seconds, before = number / fps, clock.now()
+            frame = Frame(number, seconds, timeline.heard(seconds), stream.skeleton, pose, rigs.convert(pose))
+            meter.compute_seconds += clock.now() - before
+            sender.put(frame, stop)
+
+    tqdm.write(f"listening to {source.name}", file=sys.stderr)
+    with progress_bar("live") as bar, contextlib.closing(source.chunks(clock, stop)) as chunks:
+        shown = clock.now()
+        for chunk in chunks:
+            timeline.add(len(chunk.samples), chunk.heard)
+            emit(_timed(meter, clock, stream.feed, chunk.samples))
+            meter.sound_seconds, meter.lost_seconds = timeline.num_samples / SAMPLE_RATE, source.lost_seconds
+            if clock.now() - shown >= _METER_SECONDS:
+                shown = clock.now()
+                bar.set_description_str(meter.line())
+        if timeline.num_samples:
+            emit(_timed(meter, clock, stream.flush))
+            send(interpolation.end())
+        sender.finish(stop)
+    return meter
+
+
+def _timed(meter: Meter, clock: Clock, function: Any, *arguments: np.ndarray) -> np.ndarray:
+    """Call a function and count its time as that of the computation."""
+    before = clock.now()
+    result = function(*arguments)
+    meter.compute_seconds += clock.now() - before
+    return result

@@ -1,0 +1,133 @@
+"""What every request passes first: the rate of its client, its host, its origin and its token."""
+
+import hmac
+import math
+import time
+import urllib.parse
+from collections import OrderedDict
+from collections.abc import Callable
+
+from starlette.datastructures import Headers, QueryParams
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from ha2g_jax.apps.serve.service import Service
+from ha2g_jax.apps.serve.settings import Settings
+
+OPEN = "/health"  # the route that needs nothing
+PAGE = "/"  # the route that needs no token; the page asks for it
+ROUTES = (OPEN, PAGE, "/metrics", "/openapi.json", "/v1/motion", "/v1/stream")
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+_MAX_CLIENTS = 10_000  # addresses that are remembered
+
+
+def refusal(status: int, text: str, retry_after: float | None = None) -> JSONResponse:
+    """Return the answer to a request that is refused.
+
+    Args:
+        status: status of HTTP.
+        text: reason, one line.
+        retry_after: seconds after which the client may try again.
+    """
+    headers = {} if retry_after is None else {"Retry-After": str(math.ceil(retry_after))}
+    if status == 401:
+        headers["WWW-Authenticate"] = "Bearer"
+    return JSONResponse({"error": text}, status, headers)
+
+
+class Guard:
+    """Middleware that refuses a request, or a stream before it is accepted, and counts all answers.
+
+    Args:
+        app: application behind it.
+        service: settings, and whether the process ends.
+    """
+
+    def __init__(self, app: ASGIApp, service: Service):
+        self._app, self._service = app, service
+        self._rates = Rates(service.settings.rate)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        answer = self._app if scope["path"] == OPEN else self._refusal(scope) or self._app
+        await answer(scope, receive, self._counting(scope["path"], send))
+
+    def _refusal(self, scope: Scope) -> JSONResponse | None:
+        settings, headers = self._service.settings, Headers(scope=scope)
+        wait = self._rates.wait(scope["client"][0] if scope.get("client") else "")
+        if wait:
+            return refusal(429, f"more than {settings.rate:g} requests a minute; try again later", wait)
+        host, origin = headers.get("host", ""), headers.get("origin")
+        # A page of another site may have pointed the name of its own host at this machine.
+        if settings.token is None and _name(host) not in _LOOPBACK:
+            return refusal(403, "without a token the service answers only to localhost and its addresses")
+        if origin is not None and not _is_allowed(origin, host, settings):
+            return refusal(403, "a page of this origin may not use the service; allow it with --origin")
+        token = None if scope["path"] == PAGE else settings.token
+        if token is not None and not _has_token(scope, headers, token):
+            return refusal(401, "the token is missing or wrong; send 'Authorization: Bearer TOKEN'")
+        if self._service.is_stopping:
+            return refusal(503, "the service is being stopped", settings.grace)
+        return None
+
+    def _counting(self, path: str, send: Send) -> Send:
+        route = path if path in ROUTES else "other"
+
+        async def counting(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start", "websocket.accept"):
+                self._service.counters.requests.labels(route, message.get("status", 101)).inc()
+            await send(message)
+
+        return counting
+
+
+class Rates:
+    """Requests of each address: a full minute's at once, then as many as the rate allows.
+
+    Args:
+        rate: requests a minute, 0 for any number.
+        clock: function that returns the time in seconds.
+    """
+
+    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic):
+        self._rate, self._clock = rate, clock
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # address -> requests left, at a time
+
+    def wait(self, address: str) -> float:
+        """Count a request, and return 0, or the seconds after which the next one is allowed.
+
+        Args:
+            address: address of the client.
+        """
+        if not self._rate:
+            return 0.0
+        now = self._clock()
+        most = max(self._rate, 1.0)
+        left, before = self._left.pop(address, (most, now))
+        left = min(left + (now - before) * self._rate / 60, most)
+        wait = 0.0 if left >= 1 else (1 - left) * 60 / self._rate
+        self._left[address] = (left if wait else left - 1, now)
+        if len(self._left) > _MAX_CLIENTS:
+            self._left.popitem(last=False)
+        return wait
+
+
+def _has_token(scope: Scope, headers: Headers, token: str) -> bool:
+    """Return whether a request has the token: in a header, or in the query of a stream, as browsers send no header."""
+    kind, _, given = headers.get("authorization", "").partition(" ")
+    if kind.lower() != "bearer":
+        given = QueryParams(scope["query_string"]).get("token", "") if scope["type"] == "websocket" else ""
+    return hmac.compare_digest(given.strip().encode(), token.encode())
+
+
+def _is_allowed(origin: str, host: str, settings: Settings) -> bool:
+    """Return whether a page of an origin may send requests: one of the same host, or of those of the settings."""
+    return origin in settings.origins or (bool(host) and origin in (f"http://{host}", f"https://{host}"))
+
+
+def _name(host: str) -> str:
+    """Return the name of a host without its port."""
+    try:
+        return urllib.parse.urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""

@@ -1,0 +1,74 @@
+"""Address, token and limits of the service."""
+
+import dataclasses
+import math
+
+from ha2g_jax.apps.serve.address import is_loopback
+from ha2g_jax.errors import UserError
+
+_MIN_TOKEN = 16  # characters
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """Settings of `ha2g serve`; those of an address that other machines reach need a token.
+
+    Attributes:
+        host: name or address to listen at.
+        port: port to listen at, 0 for a free one.
+        token: secret that requests must have, at least 16 characters; None for none.
+        origins: origins of web pages of other hosts that may use the service, such as "https://example.org".
+        workers: processes, each with a model of its own; the limits below are those of one of them.
+        sessions: streams at a time.
+        requests: requests for motion at a time.
+        rate: requests a minute from one address of a client, 0 for any number.
+        max_bytes: bytes of the body of a request.
+        max_seconds: seconds of the sound of a request.
+        upload_seconds: seconds that the body of a request may take to arrive.
+        message_bytes: bytes of a message of a stream.
+        session_seconds: seconds that a stream may last.
+        idle_seconds: seconds that a client of a stream may neither send nor receive.
+        grace: seconds that running requests may go on after SIGTERM.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8000
+    token: str | None = None
+    origins: tuple[str, ...] = ()
+    workers: int = 1
+    sessions: int = 6
+    requests: int = 2
+    rate: float = 120
+    max_bytes: int = 64 << 20
+    max_seconds: float = 600
+    upload_seconds: float = 60
+    message_bytes: int = 256 << 10
+    session_seconds: float = 3600
+    idle_seconds: float = 30
+    grace: float = 30
+
+
+def check(settings: Settings) -> None:
+    """Check settings.
+
+    Args:
+        settings: settings to check.
+
+    Raises:
+        UserError: a setting is not valid, or the host is not a loopback address and there is no token.
+    """
+    if not 0 <= settings.port <= 65535:
+        raise UserError(f"the port is {settings.port}; expected 0 to 65535")
+    if settings.workers < 1:
+        raise UserError(f"--workers is {settings.workers}; expected a number of at least 1")
+    for name in ("sessions", "requests", "rate", "grace"):
+        if not (math.isfinite(value := getattr(settings, name)) and value >= 0):
+            raise UserError(f"--{name} is {value}; expected a number of at least 0")
+    for name in ("max_bytes", "max_seconds", "upload_seconds", "message_bytes", "session_seconds", "idle_seconds"):
+        if not (math.isfinite(value := getattr(settings, name)) and value > 0):
+            raise UserError(f"--{name.replace('_', '-')} is {value}; expected a number above 0")
+    token = settings.token
+    if token is not None and not (len(token) >= _MIN_TOKEN and token.isascii() and token.isprintable()):
+        raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")
+    if token is None and not is_loopback(settings.host):
+        raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")

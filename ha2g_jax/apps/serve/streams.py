@@ -1,0 +1,230 @@
+"""The route `/v1/stream`: a WebSocket on which sound comes in and frames go out, see docs/serving.md.
+
+A message is computed and its frames are sent before the next one is received, so that nothing piles up: a client that
+sends faster than the machine computes, or does not read its frames, is held up by TCP.
+"""
+
+import asyncio
+import functools
+import json
+import logging
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+import soxr
+from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
+
+from ha2g_jax.apps.serve.guard import refusal
+from ha2g_jax.apps.serve.messages import Begin, Change, read_begin, read_change
+from ha2g_jax.apps.serve.service import Full, Service, Stopped
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.motion.control import Controls
+from ha2g_jax.synthesis.stream import Stream
+from ha2g_jax.synthesis.style import Style
+
+_RETRY_SECONDS = 10
+_PIECE_SECONDS = 0.2  # of sound that is computed at once, so that streams take turns
+_DECIMALS = 4
+_CLOSE_SECONDS = 5
+
+# Codes of the close of a WebSocket (RFC 6455).
+DONE, BAD_MESSAGE, LIMIT, FAULT, STOPPED = 1000, 1007, 1008, 1011, 1012
+
+_logger = logging.getLogger(__name__)
+
+
+class _Limit(Exception):
+    """A limit of a session is reached; the message says which."""
+
+
+def router(service: Service) -> APIRouter:
+    """Return the route of a service.
+
+    Args:
+        service: model and limits.
+    """
+    routes = APIRouter()
+
+    @routes.websocket("/v1/stream")
+    async def stream(websocket: WebSocket) -> None:
+        try:
+            with service.sessions.take():
+                await websocket.accept()
+                await _converse(service, websocket)
+        except Full:
+            await websocket.send_denial_response(_full(service))
+
+    @routes.get("/v1/stream", include_in_schema=False)
+    async def reason() -> Response:
+        """Tell why a stream would be refused, as pages do not see the answer to a WebSocket that is refused."""
+        if service.sessions.are_taken:
+            return _full(service)
+        answer = refusal(426, "this is the address of a WebSocket")
+        answer.headers["Upgrade"] = "websocket"
+        return answer
+
+    return routes
+
+
+def _full(service: Service) -> Response:
+    return refusal(503, f"{service.settings.sessions} streams are running; try again later", _RETRY_SECONDS)
+
+
+class Session(NamedTuple):
+    """A stream and the sound that goes into it.
+
+    Attributes:
+        stream: stream of the model.
+        resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
+        asked: first message of the client.
+    """
+
+    stream: Stream
+    resampler: soxr.ResampleStream | None
+    asked: Begin
+
+    @classmethod
+    def begin(cls, service: Service, asked: Begin) -> "Session":
+        """Begin a session; the generator is compiled before this returns.
+
+        Raises:
+            UserError: the model cannot be streamed from, or a value cannot be used.
+        """
+        return cls._of(service, asked, asked.style.style(), asked.controls.controls(), asked.muted)
+
+    @classmethod
+    def _of(cls, service: Service, asked: Begin, style: Style, controls: Controls, muted: bool) -> "Session":
+        stream = service.model.stream(
+            look_ahead=asked.look_ahead, hop=asked.hop, seed=asked.seed, style=style, controls=controls
+        )
+        stream.muted = muted
+        is_equal = asked.rate == SAMPLE_RATE
+        resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
+        return cls(stream, resampler, asked)
+
+    def cleared(self, service: Service) -> "Session":
+        """Return a session without the sound so far, with the present style and controls."""
+        return self._of(service, self.asked, self.stream.style, self.stream.controls, self.stream.muted)
+
+    def feed(self, pcm: np.ndarray) -> np.ndarray:
+        """Return the frames that became final with samples (samples,) of 16 bits."""
+        samples = pcm.astype(np.float32) / 32768
+        return self.stream.feed(samples if self.resampler is None else self.resampler.resample_chunk(samples))
+
+    def flush(self) -> np.ndarray:
+        """Return the rest of the frames."""
+        if self.resampler is None:
+            return self.stream.flush()
+        rest = self.stream.feed(self.resampler.resample_chunk(np.zeros(0, np.float32), last=True))
+        return np.concatenate([rest, self.stream.flush()])
+
+    def change(self, asked: Change) -> None:
+        """Change style and controls.
+
+        Raises:
+            UserError: a value cannot be used.
+        """
+        if asked.style is not None:
+            self.stream.style = asked.style.style()
+        if asked.controls is not None:
+            self.stream.controls = asked.controls.controls()
+        if asked.muted is not None:
+            self.stream.muted = asked.muted
+
+
+async def _converse(service: Service, websocket: WebSocket) -> None:
+    """Serve a stream to its end, and close it with a code that says how it ended."""
+    code, text = DONE, None
+    try:
+        async with asyncio.timeout(service.settings.session_seconds):
+            await service.run(_run(service, websocket))
+    except WebSocketDisconnect:
+        return
+    except UserError as error:
+        code, text = BAD_MESSAGE, str(error)
+    except _Limit as error:
+        code, text = LIMIT, str(error)
+    except TimeoutError:
+        code, text = LIMIT, f"the stream has lasted {service.settings.session_seconds:g} s; begin another one"
+    except Stopped:
+        code, text = STOPPED, "the service has been stopped; begin another stream later"
+    except Exception:
+        _logger.exception("a stream has failed")
+        code, text = FAULT, "a fault of the service; begin another stream"
+    if text is not None:
+        service.counters.errors.labels(code).inc()
+    try:
+        async with asyncio.timeout(_CLOSE_SECONDS):
+            if text is not None:
+                await websocket.send_text(json.dumps({"error": text}))
+            await websocket.close(code)
+    except (TimeoutError, RuntimeError, WebSocketDisconnect):  # the client is gone, or does not read
+        return
+
+
+async def _run(service: Service, websocket: WebSocket) -> None:
+    first = await _receive(service, websocket)
+    if isinstance(first, bytes):
+        raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
+    asked = read_begin(first)
+    session = await service.compute(lambda: Session.begin(service, asked))
+    stream, sent = session.stream, 0  # frames that were sent since the last clear
+    facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
+    timing = {"look_ahead": stream.look_ahead, "hop": stream.hop, "latency": round(stream.latency, 4)}
+    await _send(service, websocket, facts | timing)
+    while True:
+        message = await _receive(service, websocket)
+        if isinstance(message, str):
+            change = read_change(message)
+            await service.compute(functools.partial(session.change, change))
+            if change.clear:
+                session, sent = await service.compute(functools.partial(session.cleared, service)), 0
+                await _send(service, websocket, {"cleared": True})
+            if change.end:
+                break
+            continue
+        if len(message) % 2:
+            raise UserError(f"a message of {len(message)} bytes; expected whole samples of 16 bits")
+        pcm = np.frombuffer(message, "<i2")
+        length = round(asked.rate * _PIECE_SECONDS)
+        for start in range(0, len(pcm), length):
+            begun = time.monotonic()
+            frames = await service.compute(functools.partial(session.feed, pcm[start : start + length]))
+            service.counters.feed_seconds.observe(time.monotonic() - begun)
+            sent = await _send_frames(service, websocket, sent, frames)
+    sent = await _send_frames(service, websocket, sent, await service.compute(session.flush))
+    await _send(service, websocket, {"end": True, "count": sent})
+
+
+async def _receive(service: Service, websocket: WebSocket) -> str | bytes:
+    """Return the next message."""
+    idle = service.settings.idle_seconds
+    try:
+        async with asyncio.timeout(idle):
+            message = await websocket.receive()
+    except TimeoutError:
+        raise _Limit(f"no message for {idle:g} s; send silence to keep a stream") from None
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message.get("code", 1005))
+    text = message.get("text")
+    return message["bytes"] if text is None else text
+
+
+async def _send(service: Service, websocket: WebSocket, message: dict[str, Any]) -> None:
+    idle = service.settings.idle_seconds
+    try:
+        async with asyncio.timeout(idle):
+            await websocket.send_text(json.dumps(message, separators=(",", ":")))
+    except TimeoutError:
+        raise _Limit(f"frames were not read for {idle:g} s") from None
+
+
+async def _send_frames(service: Service, websocket: WebSocket, sent: int, frames: np.ndarray) -> int:
+    """Send frames (n, bones, 3) if there are any, and return the number of all that were sent."""
+    if len(frames):
+        rows = np.round(frames.reshape(len(frames), -1).astype(np.float64), _DECIMALS).tolist()
+        await _send(service, websocket, {"first": sent, "frames": rows})
+        service.counters.frames.inc(len(frames))
+    return sent + len(frames)

@@ -1,0 +1,189 @@
+"""Several workers at one address: this process takes the connections and gives each to the worker with the fewest.
+
+It loads no model. The workers are processes of their own, see `worker`; one that has ended is replaced.
+"""
+
+import asyncio
+import pathlib
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import NoReturn
+
+from tqdm import tqdm
+
+from ha2g_jax.apps.serve.address import bound, url
+from ha2g_jax.apps.serve.child import Child
+from ha2g_jax.apps.serve.settings import Settings, check
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason
+from ha2g_jax.progress import stage
+
+_FIRST_WAIT, _MOST_WAIT = 1.0, 30.0  # seconds before a worker is replaced
+_LASTING_SECONDS = 60.0  # after which the next wait is the first again
+_BACKLOG = 2048
+_TICK = 0.1  # seconds between two looks for a worker that takes a connection
+MARGIN = 10.0  # seconds after the grace in which workers end by themselves
+
+
+def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
+    """Start the workers, then share the connections among them until SIGTERM or Ctrl-C.
+
+    Args:
+        checkpoint: model, see `synthesis.load`.
+        settings: address, token, limits and number of workers.
+
+    Raises:
+        UserError: the settings or the model cannot be used, the address is taken, or a first worker has failed.
+        KeyboardInterrupt: Ctrl-C, after the running requests.
+    """
+    check(settings)
+    if not hasattr(socket, "send_fds"):
+        raise UserError("this system cannot share connections among processes; leave out --workers")
+    with (
+        bound(settings.host, settings.port) as listener,
+        tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True) as folder,
+    ):
+        number = asyncio.run(Workers(str(checkpoint), settings, listener, folder).run())
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+
+
+def next_wait(wait: float, lasted: float) -> float:
+    """Return the seconds before a worker is replaced, so that one that ends soon is started ever more rarely.
+
+    Args:
+        wait: seconds before this one was started.
+        lasted: seconds from its start to its end.
+    """
+    return _FIRST_WAIT if lasted > _LASTING_SECONDS else min(max(2 * wait, _FIRST_WAIT), _MOST_WAIT)
+
+
+class Workers:
+    """The workers of a service.
+
+    Args:
+        checkpoint: model.
+        settings: settings of the service.
+        listener: socket with its address.
+        folder: folder for temporary files.
+    """
+
+    def __init__(self, checkpoint: str, settings: Settings, listener: socket.socket, folder: str):
+        self._checkpoint, self._settings, self._folder = checkpoint, settings, folder
+        self._listener, self._is_open = listener, False
+        self._children: set[Child] = set()
+        self._connections: asyncio.Queue[socket.socket] = asyncio.Queue()
+        self._signals: asyncio.Queue[int] = asyncio.Queue()
+
+    @property
+    def _num_ready(self) -> int:
+        return sum(child.is_ready for child in self._children)
+
+    async def run(self) -> int:
+        """Run until a signal, and return its number when the workers have ended.
+
+        Raises:
+            UserError: a first worker has failed, or the model cannot be loaded again and no worker is left.
+        """
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._signals.put_nowait, number)
+        keepers = [self._keep(is_first=number == 0) for number in range(self._settings.workers)]
+        tasks = [asyncio.ensure_future(task) for task in (self._listen(), self._share(), *keepers)]
+        stopped = asyncio.ensure_future(self._signals.get())
+        try:
+            done, _ = await asyncio.wait([stopped, *tasks], return_when=asyncio.FIRST_COMPLETED)
+            return done.pop().result()  # of the others, none ends but by an error
+        finally:
+            self._listener.close()
+            for task in (stopped, *tasks):
+                task.cancel()
+            await asyncio.wait([stopped, *tasks])
+            await self._end()
+
+    async def _keep(self, *, is_first: bool) -> NoReturn:
+        """Keep a worker running: start it, and another one when it has ended."""
+        if not is_first:  # the first one compiles the programs that the others then read
+            await self._until(lambda: self._num_ready > 0)
+        wait = 0.0
+        while True:
+            began = time.monotonic()
+            try:
+                ending = await self._life()
+            except UserError as error:
+                if not (self._is_open and self._num_ready):
+                    raise
+                ending = str(error)
+            if not self._is_open:
+                raise UserError(f"{ending} before it was ready; if memory is short, give fewer --workers")
+            wait = next_wait(wait, time.monotonic() - began)
+            tqdm.write(f"ha2g: {ending}; another one starts in {wait:g} s", file=sys.stderr)
+            await asyncio.sleep(wait)
+
+    async def _life(self) -> str:
+        """Start a worker, and return how it ended.
+
+        Raises:
+            UserError: it cannot begin.
+        """
+        try:
+            child = await Child.start(self._checkpoint, self._settings, self._folder)
+        except OSError as error:
+            return f"a worker cannot be started ({reason(error).lower()})"
+        self._children.add(child)
+        ending = await child.watch()
+        self._children.discard(child)
+        for connection in child.unreceived:  # nothing of them was read
+            self._connections.put_nowait(connection)
+        return ending
+
+    async def _listen(self) -> NoReturn:
+        """Take connections when all workers are ready."""
+        with stage("loading and compiling the model"):
+            await self._until(lambda: self._num_ready == self._settings.workers)
+        self._listener.listen(_BACKLOG)
+        self._listener.setblocking(False)
+        self._is_open = True
+        tqdm.write(f"ha2g: ready at {url(self._listener)}", file=sys.stderr)
+        while True:
+            await self._until(lambda: self._num_ready > 0)
+            try:
+                connection, _ = await asyncio.get_running_loop().sock_accept(self._listener)
+            except OSError:  # the client is gone, or this process has too many open files
+                await asyncio.sleep(_TICK)
+            else:
+                self._connections.put_nowait(connection)
+
+    async def _share(self) -> NoReturn:
+        """Give each connection to a worker."""
+        while True:
+            connection = await self._connections.get()
+            while not any(child.give(connection) for child in sorted(self._children, key=lambda child: child.rank)):
+                await asyncio.sleep(_TICK)
+
+    async def _until(self, condition: Callable[[], bool]) -> None:
+        while not condition():
+            await asyncio.sleep(_TICK)
+
+    async def _end(self) -> None:
+        """Stop all workers; a second signal ends what they do, and those that do not end are killed."""
+        if not self._children:
+            return
+        self._signal(signal.SIGTERM)
+        ended = asyncio.gather(*(child.end() for child in self._children))
+        again = asyncio.ensure_future(self._signals.get())
+        await asyncio.wait([ended, again], timeout=self._settings.grace + MARGIN, return_when=asyncio.FIRST_COMPLETED)
+        self._signal(signal.SIGTERM if again.done() else signal.SIGKILL)
+        again.cancel()
+        try:
+            await asyncio.wait_for(ended, MARGIN)
+        except TimeoutError:
+            self._signal(signal.SIGKILL)
+
+    def _signal(self, number: int) -> None:
+        for child in self._children:
+            child.signal(number)

@@ -1,0 +1,193 @@
+"""The analysis of a user study: from answer files to numbers of JSON."""
+
+import importlib
+import itertools
+import math
+import pathlib
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ha2g_jax.apps.user_study import bradley_terry
+from ha2g_jax.apps.user_study.agreement import agreement
+from ha2g_jax.apps.user_study.answers import Answers, read_answers
+from ha2g_jax.apps.user_study.crossed import LEVEL, Estimate, mean
+from ha2g_jax.apps.user_study.differences import pairs, system_differences
+from ha2g_jax.apps.user_study.key import KINDS, Key, read_key
+from ha2g_jax.apps.user_study.observations import Choices, Ratings, mismatches_of, preferences_of, ratings_of
+from ha2g_jax.apps.user_study.shares import Share, share
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.intervals import number
+from ha2g_jax.metrics.multiple_tests import holm
+
+KEY_FILE = "key.json"
+"""Name of the key in the folder of a study."""
+
+
+def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any]:
+    """Read answer files and compute all statistics of a study.
+
+    Args:
+        paths: answer files, and folders of them.
+        study: folder of `ha2g study make`, which has `key.json`, or that file.
+
+    Returns:
+        "study", "title", "level"; "participants", "excluded" and "answers" (what was counted); "opinion", "preference"
+        and "mismatch", each None without such answers; "agreement"; "comments". Numbers that are undefined are None,
+        and a bound that has no end is "inf" or "-inf".
+
+    Raises:
+        UserError: there is no key or no answer file, or the package of the extra user-study is missing.
+    """
+    check_extra()
+    key = read_study(study)
+    return results_of(read_answers(paths, key), key)
+
+
+def check_extra() -> None:
+    """Check that the package of the extra user-study is installed.
+
+    Raises:
+        UserError: it is missing.
+    """
+    try:
+        importlib.import_module("choix")
+    except ImportError as error:
+        raise UserError("the analysis of a study needs choix: pip install 'ha2g-jax[user-study]'") from error
+
+
+def read_study(study: pathlib.Path) -> Key:
+    """Read the key of a study.
+
+    Args:
+        study: folder of `ha2g study make`, or the `key.json` in it.
+
+    Raises:
+        UserError: there is no key, or it is damaged.
+    """
+    return read_key(study / KEY_FILE if study.is_dir() else study)
+
+
+def results_of(answers: Answers, key: Key) -> dict[str, Any]:
+    """Compute all statistics of answers that were read; see `analyse`."""
+    kept = answers.participants
+    ratings, preferences, mismatches = ratings_of(kept, key), preferences_of(kept, key), mismatches_of(kept, key)
+    kinds = Counter(answer.item.kind for one in kept for answer in one.answers)
+    return {
+        "study": key.study,
+        "title": key.title,
+        "level": LEVEL,
+        "participants": [{"participant": one.id, "file": one.file, "answers": len(one.answers)} for one in kept],
+        "excluded": [exclusion._asdict() for exclusion in answers.excluded],
+        "answers": {kind: kinds[kind] for kind in KINDS if kinds[kind]},
+        "opinion": _opinion(ratings, key) if len(ratings.scores) else None,
+        "preference": _preference(preferences, key) if len(preferences.outcome) else None,
+        "mismatch": _mismatch(mismatches, key) if len(mismatches.outcome) else None,
+        "agreement": _agreement(ratings, preferences, mismatches, key),
+        "comments": [{"participant": one.id, "text": one.comments} for one in kept if one.comments.strip()],
+    }
+
+
+def _opinion(ratings: Ratings, key: Key) -> dict[str, Any]:
+    """Compute mean opinion scores and paired differences by scale."""
+    found: dict[str, Any] = {"points": list(key.points), "scales": {}}
+    for scale, scores in zip(key.scales, ratings.scores.T, strict=True):
+        means = {}
+        for at, name in enumerate(ratings.systems):
+            mine = ratings.system == at
+            estimate = mean(scores[mine], ratings.participant[mine], ratings.clip[mine])
+            low, high = np.clip([estimate.low, estimate.high], *key.points)
+            means[name] = {**_json(estimate._replace(low=low, high=high), "error"), "ratings": int(mine.sum())}
+        found["scales"][scale] = {"means": means, "differences": []}
+        if len(ratings.systems) > 1:
+            columns = (ratings.participant, ratings.clip, ratings.system)
+            estimates = system_differences(scores, *columns, len(ratings.systems))
+            rows = _rows(estimates, ratings.systems, "error", "p")
+            found["scales"][scale]["differences"] = _with_holm(rows)
+    return found
+
+
+def _preference(choices: Choices, key: Key) -> dict[str, Any]:
+    """Compute shares of pairs of systems, and strengths."""
+    rows = []
+    for first, second in itertools.combinations(range(len(key.systems)), 2):
+        mine = choices.where((choices.first == first) & (choices.second == second))
+        if len(mine.outcome):
+            names = {"first": key.systems[first], "second": key.systems[second]}
+            rows.append({**names, **_share(share(mine))})
+    found: dict[str, Any] = {"pairs": _with_holm(rows), "strengths": {}, "differences": [], "is_connected": False}
+    decided = choices.where(choices.outcome != 0)
+    if not len(decided.outcome):
+        return found
+    result = bradley_terry.estimate(decided, len(key.systems))
+    names = [key.systems[index] for index in result.systems]
+    for at, name in enumerate(names):
+        one = Estimate(*(np.asarray(column)[at] for column in result.strengths))
+        elo = bradley_terry.ELO_CENTRE + bradley_terry.ELO_PER_LOGIT * one.value
+        found["strengths"][name] = {
+            **_json(one, "error"),
+            "elo": _number(elo),
+            "is_finite": bool(result.finite[at]),
+        }
+    return {
+        **found,
+        "differences": _rows(result.differences, names, "error"),
+        "is_connected": result.is_connected,
+        "missing": [name for name in key.systems if name not in names],
+    }
+
+
+def _mismatch(choices: Choices, key: Key) -> dict[str, Any]:
+    """Compute the share of matched motion for each system."""
+    rows = []
+    for at, name in enumerate(key.systems):
+        mine = choices.where(choices.first == at)
+        if len(mine.outcome):
+            rows.append({"system": name, **_share(share(mine))})
+    return {"systems": _with_holm(rows)}
+
+
+def _agreement(ratings: Ratings, preferences: Choices, mismatches: Choices, key: Key) -> dict[str, Any]:
+    """Compute Fleiss' kappa of each scale and each kind of choice."""
+    columns: dict[str, tuple[Ratings | Choices, np.ndarray]] = {}
+    for scale, scores in zip(key.scales, ratings.scores.T, strict=True):
+        columns[scale] = (ratings, scores)
+    columns |= {"preference": (preferences, preferences.outcome), "mismatch": (mismatches, mismatches.outcome)}
+    found = {}
+    for name, (rows, values) in columns.items():
+        if len(values):
+            kappa = agreement(rows.participant, rows.clip, rows.item, values)
+            _, counts = np.unique(rows.item, return_counts=True)
+            found[name] = {**_json(kappa), "items": int((counts > 1).sum()), "answers_per_item": float(counts.mean())}
+    return found
+
+
+def _share(found: Share) -> dict[str, Any]:
+    counts = {name: getattr(found, name) for name in ("first", "equal", "second")}
+    numbers = {name: _number(value) for name, value in found._asdict().items() if name not in counts}
+    return {"choices": counts, **numbers}
+
+
+def _rows(estimates: Estimate, names: Sequence[str], *fields: str) -> list[dict[str, Any]]:
+    """Return a row for each pair of systems, "first" less "second"."""
+    return [
+        {"first": first, "second": second, **_json(Estimate(*(column[number] for column in estimates)), *fields)}
+        for number, (first, second) in enumerate(pairs(names))
+    ]
+
+
+def _json(estimate: Estimate, *fields: str) -> dict[str, Any]:
+    return {name: _number(getattr(estimate, name)) for name in ("value", "low", "high", *fields)}
+
+
+def _number(value: Any) -> float | str | None:
+    """Return a number of JSON, "inf" or "-inf" for a bound that has no end, None for what is undefined."""
+    return str(float(value)) if math.isinf(value) else number(float(value))
+
+
+def _with_holm(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Add "p_holm" to rows: the p-values after the correction of Holm (1979) for all rows that have one."""
+    corrected = iter(holm([row["p"] for row in rows if row["p"] is not None]))
+    return [{**row, "p_holm": number(math.nan if row["p"] is None else next(corrected))} for row in rows]

@@ -1,0 +1,179 @@
+"""Strengths of systems from choices between two of them: the model of Bradley and Terry (1952), with intervals.
+
+P(i is preferred to j) = 1 / (1 + exp(-(s_i - s_j))) among the choices that prefer one, with strengths s in logits. This
+holds in Davidson's (1970) model of choices for neither, too, so that the same strengths are estimated without them; as
+half a win of each system they would pull all strengths together. The estimate is
+that of maximum likelihood (Zermelo 1929, Hunter 2004), computed by choix (Maystre and Grossglauser 2015).
+"""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.apps.user_study.crossed import Estimate, crossed, jackknife
+from ha2g_jax.apps.user_study.observations import Choices
+
+ELO_CENTRE = 1500
+ELO_PER_LOGIT = 400 / np.log(10)
+"""Points of Elo's scale for a strength of 1: a system 400 points above another is preferred ten times as often."""
+
+
+class Strengths(NamedTuple):
+    """Strengths of systems.
+
+    Attributes:
+        systems: (S,) indices of the systems that were compared.
+        strengths: estimates (S,), relative to their mean over `finite`; a bound that does not exist is infinite.
+        differences: estimates (pairs,), first system less second, in the order of `differences.pairs`.
+        finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
+        is_connected: whether choices that prefer one connect every system with every other one, directly or not.
+    """
+
+    systems: np.ndarray
+    strengths: Estimate
+    differences: Estimate
+    finite: np.ndarray
+    is_connected: bool
+
+
+def wins_of(choices: Choices, num_systems: int, groups: np.ndarray | None = None) -> np.ndarray:
+    """Count how often each system was preferred to each other one; choices for neither do not count.
+
+    Args:
+        choices: choices between two systems.
+        num_systems: number of systems S.
+        groups: (n,) index of the participant or the clip of each choice; by default there is one group.
+
+    Returns:
+        (groups, S, S) wins of the system of the row over that of the column; (S, S) without groups.
+    """
+    index = np.zeros(len(choices.outcome), int) if groups is None else groups
+    wins = np.zeros((index.max(initial=0) + 1, num_systems, num_systems))
+    np.add.at(wins, (index, choices.first, choices.second), choices.outcome == 1)
+    np.add.at(wins, (index, choices.second, choices.first), choices.outcome == -1)
+    return wins if groups is not None else wins[0]
+
+
+def fit(wins: np.ndarray) -> np.ndarray:
+    """Return the strengths of maximum likelihood, which sum to 0.
+
+    Args:
+        wins: (S, S) wins of the system of the row over that of the column; whole numbers or not. From each system there
+            has to be a chain of wins to each other one, or else a strength is infinite (Ford 1957).
+    """
+    import choix
+
+    return choix.ilsr_pairwise_dense(wins, max_iter=1000, tol=1e-9)
+
+
+def standard_errors(wins: np.ndarray, strengths: np.ndarray, contrasts: np.ndarray) -> np.ndarray:
+    """Return the standard errors of contrasts of strengths if all choices were independent.
+
+    Args:
+        wins: (S, S) wins.
+        strengths: (S,) estimates of maximum likelihood.
+        contrasts: (k, S) weights of the strengths, each row with a sum of 0.
+    """
+    covariance = np.linalg.pinv(_information(wins, strengths), hermitian=True)
+    return np.sqrt(np.einsum("ks,st,kt->k", contrasts, covariance, contrasts))
+
+
+def estimate(choices: Choices, num_systems: int) -> Strengths:
+    """Return strengths and differences with intervals over participants and clips; see `crossed.crossed`.
+
+    To each two systems that were compared, 1 / S wins of both are added, S being the number of systems. In a balanced
+    design this is Firth's (1993) correction of the bias of maximum likelihood, and it keeps the strength of a system
+    that was never chosen finite. Where maximum likelihood has no finite difference, the bound to that side is infinite.
+    The variance is at least that for independent choices.
+
+    Args:
+        choices: choices between two systems, at least one.
+        num_systems: number of systems in the study.
+    """
+    used = np.unique([choices.first, choices.second])
+    columns = np.ix_(used, used)
+    wins = wins_of(choices, num_systems)[columns]
+    added = (wins + wins.T > 0) / len(used)
+    beats = _closure(wins > 0)
+    is_connected = bool(_closure(wins + wins.T > 0).all())
+    finite = _largest_group(beats)
+    weights = finite / finite.sum()
+    to_mean = np.eye(len(used)) - weights
+    contrasts = np.array([np.eye(len(used))[i] - np.eye(len(used))[j] for i, j in _pairs(len(used))])
+    if not is_connected:
+        nothing = [_undefined(len(rows)) for rows in (to_mean, contrasts)]
+        return Strengths(used, *nothing, finite=finite, is_connected=False)
+    strengths = fit(wins + added)
+    spreads = []
+    for groups in (choices.participant, choices.clip):
+        parts = wins_of(choices, num_systems, groups)[:, columns[0], columns[1]]
+        parts = parts[parts.sum((1, 2)) > 0]
+        spreads.append(_without(wins + added, parts, strengths))
+    found = []
+    for rows in (to_mean, contrasts):
+        least = np.square(standard_errors(wins + added, strengths, rows))
+        found.append(crossed(rows @ strengths, *(jackknife((each @ rows.T).T) for each in spreads), least=least))
+    highest, lowest = (_unbounded(each, finite) for each in (beats, beats.T))
+    found[0] = _open(found[0], highest, lowest)
+    first, second = np.array(_pairs(len(used))).T
+    found[1] = _open(
+        found[1],
+        beats[first, second] & ~beats[second, first],
+        beats[second, first] & ~beats[first, second],
+    )
+    return Strengths(used, *found, finite=finite, is_connected=True)
+
+
+def _without(wins: np.ndarray, parts: np.ndarray, strengths: np.ndarray) -> np.ndarray:
+    """Return the strengths without the wins of each group (groups, S), by one step of Newton (Pregibon 1981).
+
+    Args:
+        wins: (S, S) wins of all, with those that were added.
+        parts: (groups, S, S) wins of each group.
+        strengths: (S,) strengths of all.
+    """
+    left = wins - parts
+    expected = 1 / (1 + np.exp(strengths[None, :] - strengths[:, None]))
+    scores = (left - (left + left.transpose(0, 2, 1)) * expected).sum(2)
+    inverses = np.linalg.pinv(_information(left, strengths), rcond=1e-12, hermitian=True)
+    return strengths + (inverses @ scores[..., None])[..., 0]
+
+
+def _information(wins: np.ndarray, strengths: np.ndarray) -> np.ndarray:
+    """Return the Fisher information of the strengths (..., S, S)."""
+    expected = 1 / (1 + np.exp(strengths[None, :] - strengths[:, None]))
+    weights = (wins + np.swapaxes(wins, -1, -2)) * expected * (1 - expected)
+    return np.eye(len(strengths)) * weights.sum(-1)[..., None] - weights
+
+
+def _closure(edges: np.ndarray) -> np.ndarray:
+    """Return which system is reached from which one by a chain of edges (S, S); each reaches itself."""
+    reached = edges | np.eye(len(edges), dtype=bool)
+    for middle in range(len(edges)):
+        reached |= reached[:, [middle]] & reached[[middle], :]
+    return reached
+
+
+def _largest_group(beats: np.ndarray) -> np.ndarray:
+    """Return the largest set of systems (S,) in which each one beats each other one by a chain of wins."""
+    mutual = beats & beats.T
+    return mutual[mutual.sum(1).argmax()]
+
+
+def _unbounded(beats: np.ndarray, finite: np.ndarray) -> np.ndarray:
+    """Return which systems beat the largest group by a chain of wins and are not beaten by it."""
+    return beats[:, finite].all(1) & ~finite
+
+
+def _open(found: Estimate, above: np.ndarray, below: np.ndarray) -> Estimate:
+    """Replace the bounds that do not exist by infinite ones."""
+    return found._replace(low=np.where(below, -np.inf, found.low), high=np.where(above, np.inf, found.high))
+
+
+def _undefined(count: int) -> Estimate:
+    return Estimate(*[np.full(count, np.nan)] * len(Estimate._fields))
+
+
+def _pairs(count: int) -> list[tuple[int, int]]:
+    return list(itertools.combinations(range(count), 2))

@@ -1,8 +1,0 @@
-"""Words with their times, from transcripts of many formats, from a plain text, or from the audio alone."""
-
-from ha2g_jax.data.transcripts.lookup import find
-from ha2g_jax.data.transcripts.readers import read_words
-from ha2g_jax.data.transcripts.timing import inside
-from ha2g_jax.data.transcripts.words import words_of
-
-__all__ = ["find", "inside", "read_words", "words_of"]

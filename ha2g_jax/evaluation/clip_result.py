@@ -1,0 +1,196 @@
+"""The motion of a clip with the sound that it goes with, from a model or from a corpus."""
+
+import dataclasses
+import pathlib
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data import records
+from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.skeleton import positions_to_directions
+
+if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do without
+    from ha2g_jax.synthesis import Model
+
+_TRAIN_CLIPS = 40  # of the training split, where no other split sets the number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClipResult:
+    """The motion of one clip.
+
+    Attributes:
+        id: name of the clip; a motion is compared with the reference of the same id.
+        recording: name of the recording that the clip was cut from. Clips of one recording are not independent.
+        directions: (T, bones, 3) float32 unit vectors.
+        fps: frames per second.
+        onsets: (n,) onsets of the sound in seconds, None without sound. Those of the reference count.
+        audio: (samples,) float32 sound at 16 kHz, which only the legacy scores need; None otherwise.
+        borders: first frames of the windows that the motion was joined from, where they are known.
+        path: file that the motion was read from, None for motion from a model or a corpus.
+    """
+
+    id: str
+    recording: str
+    directions: np.ndarray
+    fps: float
+    onsets: np.ndarray | None = None
+    audio: np.ndarray | None = None
+    borders: tuple[int, ...] = ()
+    path: pathlib.Path | None = None
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.directions)
+
+
+def from_corpus(
+    model: "Model",
+    corpus: Corpus,
+    split: str,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    with_audio: bool = False,
+    look_ahead: int | None = None,
+) -> tuple[list[ClipResult], list[ClipResult]]:
+    """Return the motion that a model generates for a split, and the true motion.
+
+    Args:
+        model: model of the skeleton and the frame rate of the corpus.
+        corpus, split: corpus and name of the split with the clips.
+        seed: seed of the sample of clips and of everything that the model draws.
+        limit: greatest number of clips, drawn at random; all by default.
+        with_audio: whether the sound is kept, which the legacy scores need.
+        look_ahead: frames of speech that a stream of the model hears beyond each frame; by default it hears the whole
+            clip.
+
+    Raises:
+        UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
+            a stream.
+    """
+    truth = true(corpus, split, seed=seed, limit=limit, with_audio=with_audio)
+    return generated(model, corpus, split, seed=seed, limit=limit, look_ahead=look_ahead), truth
+
+
+def true(
+    corpus: Corpus, split: str, *, seed: int = 0, limit: int | None = None, with_audio: bool = False
+) -> list[ClipResult]:
+    """Return the true motion of a split with onsets; the arguments are those of `from_corpus`.
+
+    Raises:
+        UserError: there is no such split, or it has no clip.
+    """
+
+    def read(clips: Clips, index: int) -> ClipResult:
+        fields = clips.fields(index)  # images stay compressed
+        audio = records.decode_audio(fields, clips.place(index), clips.fps)
+        return ClipResult(
+            id=fields["id"],
+            recording=fields["recording"] or fields["id"],
+            directions=_directions(corpus, fields["positions"]),
+            fps=corpus.fps,
+            onsets=audio_onsets(audio, len(audio) / SAMPLE_RATE),
+            audio=audio if with_audio else None,
+        )
+
+    return _each_clip(corpus, split, seed, limit, "true motion", read)
+
+
+def generated(
+    model: "Model",
+    corpus: Corpus,
+    split: str,
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+    look_ahead: int | None = None,
+) -> list[ClipResult]:
+    """Return the motion that a model generates for the speech of a split, from the first frames of the true motion on.
+
+    The style is that of the clip's speaker, see `identity.clip_identity`; the arguments are those of `from_corpus`. A
+    stream begins with a calm pose of the model instead.
+
+    Raises:
+        UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
+            a stream.
+    """
+    from ha2g_jax.evaluation import generation
+    from ha2g_jax.evaluation.identity import clip_identity
+
+    check_fit(model, corpus)
+    seed_frames, stride = generation.model_windows(model)
+
+    def read(clips: Clips, index: int) -> ClipResult:
+        clip = clips[index]
+        style = clip_identity(model, clip)
+        start = _directions(corpus, clip.positions[:seed_frames])
+        start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
+        directions = generation.generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
+        borders = tuple(range(stride, len(directions) - seed_frames, stride)) if look_ahead is None else ()
+        return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=borders)
+
+    return _each_clip(corpus, split, seed, limit, "generating", read)
+
+
+def training_motion(corpus: Corpus, split: str, *, limit: int, seed: int = 0) -> list[np.ndarray]:
+    """Return direction vectors (T, bones, 3) of at most `limit` clips of a split; no sound is decoded."""
+    clips = corpus.clips(split)
+    return [_directions(corpus, clips.fields(index)["positions"]) for index in sample(len(clips), limit, seed)]
+
+
+def _each_clip(
+    corpus: Corpus,
+    split: str,
+    seed: int,
+    limit: int | None,
+    title: str,
+    read: Callable[[Clips, int], ClipResult],
+) -> list[ClipResult]:
+    clips = corpus.clips(split)
+    chosen = sample(len(clips), limit, seed)
+    if not chosen:
+        raise UserError(f"{corpus.path} has no clip in the split {split}; choose another of {', '.join(corpus.splits)}")
+    steps = tqdm(chosen, title, unit="clip", disable=None, leave=False)
+    return [read(clips, index) for index in steps]
+
+
+def sample(count: int, limit: int | None, seed: int) -> Sequence[int]:
+    """Return indices below `count` in ascending order: all, or `limit` of them drawn at random."""
+    if limit is None or limit >= count:
+        return range(count)
+    return sorted(np.random.default_rng(seed).permutation(count)[:limit].tolist())
+
+
+def split_limits(corpus: Corpus, splits: Sequence[str]) -> dict[str, int | None]:
+    """Return how many clips of each split are scored at most; None for all.
+
+    Of the training split as many clips are scored as the largest other split has.
+    """
+    most = max((len(corpus.clips(name)) for name in splits if name != TRAIN), default=_TRAIN_CLIPS)
+    return {name: most if name == TRAIN else None for name in splits}
+
+
+def _directions(corpus: Corpus, positions: np.ndarray) -> np.ndarray:
+    return np.asarray(positions_to_directions(corpus.skeleton, positions), np.float32)
+
+
+def check_fit(model: "Model", corpus: Corpus) -> None:
+    """Refuse a model of other motion than that of a corpus.
+
+    Raises:
+        UserError: the skeletons or the frame rates differ.
+    """
+    skeleton = model.spec.skeleton.name
+    if skeleton != corpus.skeleton.name or model.fps != corpus.fps:
+        raise UserError(
+            f"{corpus.path} has the skeleton {corpus.skeleton.name} at {corpus.fps:g} frames per second, the model "
+            f"{skeleton} at {model.fps:g}; give a corpus that fits"
+        )

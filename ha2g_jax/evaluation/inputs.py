@@ -1,0 +1,266 @@
+"""The inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or two folders of motion."""
+
+import collections
+import os
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ha2g_jax import __version__, metrics
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.talk import build
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import beat2
+from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
+from ha2g_jax.evaluation.evaluate import evaluate
+from ha2g_jax.evaluation.motion_folders import from_folders
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.files.reading import shown
+from ha2g_jax.metrics.row import SEED_FRAMES
+from ha2g_jax.motion.readers.joint_maps import AUTO
+
+TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
+
+_TRAINING_CLIPS = 400  # whose motion sets the mean pose, usual changes and limits of angles
+
+
+def evaluate_folders(
+    motion: str | os.PathLike | Sequence[str | os.PathLike],
+    reference: str | os.PathLike,
+    *,
+    autoencoder: str | os.PathLike | None = None,
+    legacy: bool = False,
+    skeleton: str | None = None,
+    joint_map: str = AUTO,
+    source_fps: float | None = None,
+    protocol: str | None = None,
+    body_model: str | os.PathLike | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Score the motion in folders, each made by one system, against that in another one, paired by names of files.
+
+    Args:
+        motion: folder of the motion of a system, or several, which are scored on the clips that all of them have.
+        reference: folder of the true motion; see `motion_folders.from_folders`.
+        autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
+        legacy: whether to add the legacy scores.
+        skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
+        joint_map: names of the joints, see `motion.readers.read_motion`.
+        source_fps: frames per second of files that do not say it.
+        protocol: "beat2" to add the scores of `beat2.score_beat2`, for SMPL-X motion.
+        body_model: path of an SMPL-X body model (.npz) for the protocol.
+        seed: seed of everything random.
+
+    Returns:
+        As `make_results`, with one section under the name of the reference folder; the rows of the motion have the
+        names of their folders.
+
+    Raises:
+        UserError: a folder, a file or the auto-encoder cannot be used, or a folder is given twice.
+    """
+    if protocol not in (None, beat2.PROTOCOL):
+        raise UserError(f"no protocol {protocol}; expected {beat2.PROTOCOL}")
+    if protocol is None and body_model is not None:
+        raise UserError(f"a body model is for the protocol {beat2.PROTOCOL}; add --protocol {beat2.PROTOCOL}")
+    folders = [motion] if isinstance(motion, str | os.PathLike) else list(motion)
+    names = _row_names(folders)
+    features = _features(autoencoder)
+    if skeleton is None and features is not None:
+        skeleton = features.skeleton.name
+    read = {}
+    for name, folder in zip(names, folders, strict=True):
+        options = {"joint_map": joint_map, "source_fps": source_fps, "with_audio": legacy}
+        read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
+        skeleton = read[name].skeleton.name
+    if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
+        of_protocol = {"beat2": beat2.score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)}
+    else:
+        of_protocol = {}
+    truth = {clip.id: clip for each in read.values() for clip in each.reference}
+    section = evaluate(
+        {name: each.motion for name, each in read.items()},
+        list(truth.values()),
+        next(iter(read.values())).skeleton,
+        autoencoder=features,
+        legacy=legacy,
+        seed=seed,
+        notes=[note if len(read) == 1 else f"{name}: {note}" for name, each in read.items() for note in each.notes],
+    )
+    section |= of_protocol
+    inputs = {"motion": ", ".join(map(str, folders)), "reference": str(reference)}
+    return make_results(inputs, {_folder_name(reference): section})
+
+
+def evaluate_checkpoint(
+    checkpoint: str | pathlib.Path,
+    data: str | os.PathLike,
+    *,
+    splits: Sequence[str] | None = None,
+    autoencoder: str | os.PathLike | None = None,
+    legacy: bool = False,
+    limit: int | None = None,
+    look_ahead: int | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Score the motion that a checkpoint makes for the speech of a corpus against its true motion.
+
+    Args:
+        checkpoint: "demo", a workdir or a model folder.
+        data: "talk" or the folder of a corpus.
+        splits: splits to score; by default those of `TEST_SPLITS` that have a clip, or else "val". Of the training
+            split as many clips are scored as the largest other split has.
+        autoencoder: workdir or folder of a pose auto-encoder, for FGD and diversity.
+        legacy: whether to add the legacy scores.
+        limit: greatest number of clips of each split, drawn at random; all by default.
+        look_ahead: frames of speech that are heard beyond each frame, as in a stream; by default the whole clip.
+        seed: seed of everything random.
+
+    Returns:
+        As `make_results`, with one section for each split; the row of the checkpoint is called "model". On a corpus
+        with known causes a section has also "known_causes", see `talk.known_causes.score_known_causes`.
+
+    Raises:
+        UserError: the checkpoint, the corpus, a split or the auto-encoder cannot be used.
+    """
+    from ha2g_jax import synthesis
+    from ha2g_jax.evaluation.generation import model_windows
+    from ha2g_jax.evaluation.talk.known_causes import has_known_causes, score_known_causes
+
+    features = _features(autoencoder)
+    model = synthesis.load(checkpoint)
+    corpus = Corpus.open(build.talk_path(str(data)))
+    limits = split_limits(corpus, _choose_splits(corpus) if splits is None else splits)
+    if limit is not None:
+        limits = {name: limit if most is None else min(limit, most) for name, most in limits.items()}
+    training = None
+    if corpus.has_clips(TRAIN):
+        training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS, seed=seed)
+    sections = {}
+    for name, most in limits.items():
+        motions, truth = from_corpus(
+            model, corpus, name, seed=seed, limit=most, with_audio=legacy, look_ahead=look_ahead
+        )
+        sections[name] = evaluate(
+            {"model": motions},
+            truth,
+            corpus.skeleton,
+            training=training,
+            autoencoder=features,
+            legacy=legacy,
+            seed=seed,
+            notes=_given(model_windows(model).seed_frames) if look_ahead is None else (),
+        )
+    if has_known_causes(corpus):
+        known = score_known_causes(model, corpus, limits, seed, look_ahead)
+        sections = {name: section | {"known_causes": known[name]} for name, section in sections.items()}
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "data": str(data)}
+    inputs["corpus"] = corpus.metadata["name"]
+    if look_ahead is not None:
+        inputs["look_ahead"] = f"{look_ahead} frames"
+    return make_results(inputs, sections)
+
+
+def _given(seed_frames: int) -> list[str]:
+    """Return a sentence if frames are scored whose poses the model was given, which are more than four then."""
+    if seed_frames <= SEED_FRAMES:
+        return []
+    return [
+        f"the model is given the true poses of the first {seed_frames} frames, but scores begin at frame "
+        f"{SEED_FRAMES}: it knew those of the first {seed_frames - SEED_FRAMES} scored frames of each clip"
+    ]
+
+
+def evaluate_recording(
+    checkpoint: str | pathlib.Path, speech: str | os.PathLike, *, speaker: str | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """Score the motion that a checkpoint makes for a recording of speech.
+
+    Args:
+        checkpoint: "demo", a workdir or a model folder.
+        speech: file with sound.
+        speaker: speaker of the model for the style; drawn with `seed` by default.
+        seed: seed of the style and the start pose.
+
+    Returns:
+        As `make_results`, with one section under the name of the file, see `recording.score_recording`.
+
+    Raises:
+        UserError: the checkpoint, the speech or the speaker cannot be used, or there are less than 10 s of speech.
+    """
+    from ha2g_jax import synthesis
+    from ha2g_jax.evaluation.recording import score_recording
+
+    audio = read_audio(pathlib.Path(speech))
+    model = synthesis.load(checkpoint)
+    section = score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
+    inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
+    return make_results(inputs, {shown(pathlib.Path(speech).name): section})
+
+
+def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Put sections together to results, the one shape that `table` and JSON have.
+
+    Args:
+        inputs: name of each input -> what was given.
+        sections: name of a split, a folder or a file -> what `evaluate` or `score_recording` returns.
+
+    Returns:
+        {"version", "inputs", "metrics": {name: {"title", "unit", "direction"}} of all scores, "sections"}.
+
+    Raises:
+        UserError: a score has a name that no metric is registered under.
+    """
+    names = dict.fromkeys(name for section in sections.values() for name in _score_names(section))
+    found = {name: metrics.lookup(name) for name in names}
+    return {
+        "version": __version__,
+        "inputs": dict(inputs),
+        "metrics": {
+            name: {"title": metric.title, "unit": metric.unit, "direction": metric.direction}
+            for name, metric in found.items()
+        },
+        "sections": dict(sections),
+    }
+
+
+def _score_names(section: Mapping[str, Any]) -> list[str]:
+    parts = [section["rows"], section["differences"]]
+    parts += [section[part]["rows"] for part in ("legacy_v1", "known_causes", "recording", "beat2") if part in section]
+    return [name for rows in parts for row in rows.values() for name in row]
+
+
+def _choose_splits(corpus: Corpus) -> list[str]:
+    chosen = [name for name in TEST_SPLITS if corpus.has_clips(name)]
+    if chosen:
+        return chosen
+    if corpus.has_clips(OTHER_SPLIT):
+        return [OTHER_SPLIT]
+    expected = ", ".join((*TEST_SPLITS, OTHER_SPLIT))
+    raise UserError(f"{corpus.path} has no clip in a split {expected}; name one of {', '.join(corpus.splits)}")
+
+
+def _folder_name(folder: str | os.PathLike) -> str:
+    return shown(pathlib.Path(folder).resolve().name)
+
+
+def _row_names(folders: Sequence[str | os.PathLike]) -> list[str]:
+    """Return the name of each folder, with that of the folder above where two are alike."""
+    names = [_folder_name(folder) for folder in folders]
+    counts = collections.Counter(names)
+    above = [
+        f"{_folder_name(pathlib.Path(folder).resolve().parent)}/{name}"
+        for folder, name in zip(folders, names, strict=True)
+    ]
+    names = [name if counts[name] == 1 else longer for name, longer in zip(names, above, strict=True)]
+    if len(set(names)) < len(names):
+        (twice, _), *_ = collections.Counter(names).most_common(1)
+        raise UserError(f"two folders of motion have the name {twice}; give folders of different names")
+    return names
+
+
+def _features(autoencoder: str | os.PathLike | None):
+    if autoencoder is None:
+        return None
+    from ha2g_jax.evaluation.features import PoseFeatures
+
+    return PoseFeatures(autoencoder)

@@ -1,0 +1,286 @@
+"""A folder of motion from any system and one of reference motion: read, paired by name, at one frame rate."""
+
+import collections
+import os
+import pathlib
+import re
+from collections.abc import Container
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data.processes import parallel_map
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.clip_result import ClipResult
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.files.reading import shown
+from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.motion.readers import SUFFIXES, borders_of, find_skeleton, read_motion
+from ha2g_jax.motion.readers.joint_maps import AUTO
+from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES
+from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.skeleton import Skeleton, load_skeleton
+
+FPS = 15.0  # that everything is scored at: the rate of the paper's data
+
+SAMPLE = re.compile(r"^sample_[0-9]+/")
+"""Beginning of the names of motion in a pack of `ha2g genea`, which has a folder for each sample."""
+
+MANIFEST = "manifest.json"
+"""Name of the file of a pack that holds no motion."""
+
+_GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
+_PAIRS_PER_PROCESS = 32  # a process takes seconds to start
+_SHOWN = 3
+_DIED = "a process that read the motion was killed, perhaps because memory ran out; evaluate fewer files at once"
+
+
+class Folders(NamedTuple):
+    """The clips of two folders.
+
+    Attributes:
+        motion: clip results to be evaluated; several of one id are several motions for the same speech.
+        reference: clip results of the true motion, one of each id.
+        skeleton: skeleton of both.
+        notes: what was changed or left out, a sentence each.
+    """
+
+    motion: list[ClipResult]
+    reference: list[ClipResult]
+    skeleton: Skeleton
+    notes: list[str]
+
+
+class _Pair(NamedTuple):
+    """Files of one clip, and how to read them."""
+
+    name: str
+    recording: str
+    motion: pathlib.Path
+    reference: pathlib.Path
+    audio: pathlib.Path | None
+    skeleton: str
+    joint_map: str
+    source_fps: float | None
+    with_audio: bool
+
+
+class FileMotion(NamedTuple):
+    """The motion of a file.
+
+    Attributes:
+        directions: (T, bones, 3) float32 unit vectors at 15 frames per second.
+        fps: frames per second of the file.
+        borders: first frames of the windows of the motion, at 15 frames per second.
+    """
+
+    directions: np.ndarray
+    fps: float
+    borders: tuple[int, ...]
+
+
+class _Read(NamedTuple):
+    motion: ClipResult
+    reference: ClipResult
+    rates: tuple[float, float]
+    is_cut_to_sound: bool
+
+
+def from_folders(
+    motion: str | os.PathLike,
+    reference: str | os.PathLike,
+    *,
+    skeleton: str | None = None,
+    joint_map: str = AUTO,
+    source_fps: float | None = None,
+    with_audio: bool = False,
+) -> Folders:
+    """Read the files of two folders that have the same name, up to the suffix.
+
+    Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
+    recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
+    the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
+    motion is brought to 15 frames per second, see `motion_files`.
+
+    Args:
+        motion: folder of the motion to be evaluated.
+        reference: folder of the true motion.
+        skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
+        joint_map: names of the joints of the files, see `motion.readers.read_motion`.
+        source_fps: frames per second of files that do not say it.
+        with_audio: whether the sound is kept, which the legacy scores need.
+
+    Raises:
+        UserError: a folder holds no motion, the names do not meet, or a file cannot be used.
+    """
+    found = {pathlib.Path(folder): find_motions(pathlib.Path(folder)) for folder in (motion, reference)}
+    motions, references = found[pathlib.Path(motion)], found[pathlib.Path(reference)]
+    clips = {name: clip for name in sorted(motions) if (clip := clip_of(name, references)) is not None}
+    if not clips:
+        raise UserError(
+            f"no file in {shown(motion)} has the name of one in {shown(reference)}: found "
+            f"{_few(motions)} and {_few(references)}; give both the names of the clips"
+        )
+    name = skeleton or find_skeleton(references[min(clips.values())], joint_map)
+    sounds = find_sounds({path.parent for path in (*motions.values(), *references.values())})
+    pairs = []
+    for file, clip in clips.items():
+        audio = next(
+            (sounds[key] for key in (sound_key(references[clip]), sound_key(motions[file])) if key in sounds), None
+        )
+        recording = clip.rpartition("/")[0] or clip
+        paths = motions[file], references[clip], audio
+        pairs.append(_Pair(clip, recording, *paths, name, joint_map, source_fps, with_audio))
+    processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
+    with parallel_map(processes, _DIED) as each:
+        read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
+    once = {pair.reference.id: pair for pair in read}
+    left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
+    notes = _notes(read, list(once.values()), left_out)
+    return Folders(
+        [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(name), notes
+    )
+
+
+def read_directions(
+    path: pathlib.Path, skeleton: str, *, joint_map: str = AUTO, source_fps: float | None = None
+) -> FileMotion:
+    """Read the direction vectors of a file at 15 frames per second.
+
+    Args:
+        path: path of a file of motion.
+        skeleton: name of the skeleton.
+        joint_map: names of the joints, see `motion.readers.read_motion`.
+        source_fps: frames per second of a file that does not say it.
+
+    Raises:
+        UserError: the file cannot be read or is motion of another skeleton.
+    """
+    motion = read_motion(path, skeleton=skeleton, fps=FPS, joint_map=joint_map, source_fps=source_fps)
+    borders = borders_of(motion, path)
+    fps = motion.meta.get("read_from", {}).get("fps", motion.fps) if motion.fps == FPS else motion.fps
+    if motion.fps == FPS:
+        return FileMotion(np.asarray(motion.directions, np.float32), fps, borders)
+    places = tuple(sorted({round(border * FPS / motion.fps) for border in borders}))
+    count = num_frames(motion.num_frames / motion.fps, FPS)
+    return FileMotion(resample(motion.directions, motion.fps, FPS, count), fps, places)
+
+
+def clip_of(name: str, clips: Container[str]) -> str | None:
+    """Return the clip that a file of motion belongs to, such as talk for talk, talk.2 and sample_2/talk.
+
+    Args:
+        name: name of the file, as `find_motions` returns it.
+        clips: names of all clips.
+
+    Returns:
+        Name of the clip, None if there is none.
+    """
+    clip, _, number = name.rpartition(".")
+    found = (name, clip.removesuffix(_GENERATED) if number.isdecimal() else "", SAMPLE.sub("", name))
+    return next((clip for clip in found if clip in clips), None)
+
+
+def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
+    """Find the files of motion in a folder and its subfolders by the names of their clips.
+
+    Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
+
+    Args:
+        folder: folder of motion.
+
+    Returns:
+        Path of the file by its path in the folder, without the suffix and without `_gestures` at the end.
+
+    Raises:
+        UserError: there is no folder, or no motion in it.
+    """
+    if not folder.is_dir():
+        raise UserError(f"no folder at {shown(folder)}; give a folder of motion in {', '.join(SUFFIXES)}")
+    found: dict[str, pathlib.Path] = {}
+    paths = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    kinds = {suffix: rank for rank, suffix in enumerate(SUFFIXES)}
+    for path in sorted(paths, key=lambda path: (kinds[path.suffix.lower()], path)):
+        if not path.name.startswith(".") and path.name != MANIFEST:
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            found.setdefault(name.removesuffix(_GENERATED), path)
+    if not found:
+        raise UserError(f"no motion in {shown(folder)}; expected files of {', '.join(SUFFIXES)}")
+    return found
+
+
+def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pathlib.Path]:
+    """Find the files of sound that lie in folders, not in their subfolders.
+
+    Args:
+        folders: folders to look in.
+
+    Returns:
+        Path of the file by what `sound_key` gives for it and for the motion with its sound.
+    """
+    ranks = {suffix: rank for rank, suffix in enumerate(AUDIO_SUFFIXES)}
+    sounds: dict[tuple[pathlib.Path, str], pathlib.Path] = {}
+    for folder in folders:
+        files = [path for path in folder.iterdir() if path.suffix.lower() in ranks and path.is_file()]
+        for path in sorted(files, key=lambda path: (ranks[path.suffix.lower()], path)):
+            sounds.setdefault(sound_key(path), path)
+    return sounds
+
+
+def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
+    """Return what a motion and the sound beside it have in common: the folder, and the name of the clip.
+
+    Args:
+        path: path of a motion or of a sound.
+    """
+    return path.parent, path.stem.removesuffix(_GENERATED).lower()
+
+
+def _read(pair: _Pair) -> _Read:
+    motion, reference = (
+        read_directions(path, pair.skeleton, joint_map=pair.joint_map, source_fps=pair.source_fps)
+        for path in (pair.motion, pair.reference)
+    )
+    audio = None if pair.audio is None else read_audio(pair.audio)
+    onsets, num_frames = None, len(reference.directions)
+    if audio is not None:
+        onsets = audio_onsets(audio, len(audio) / SAMPLE_RATE)
+        num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
+    true = reference._replace(directions=reference.directions[:num_frames])
+    return _Read(
+        _clip_result(pair, pair.motion, motion),
+        _clip_result(pair, pair.reference, true, onsets, audio if pair.with_audio else None),
+        (motion.fps, reference.fps),
+        num_frames < len(reference.directions) - 1,
+    )
+
+
+def _clip_result(
+    pair: _Pair,
+    path: pathlib.Path,
+    motion: FileMotion,
+    onsets: np.ndarray | None = None,
+    audio: np.ndarray | None = None,
+) -> ClipResult:
+    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders, path)
+
+
+def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:
+    """Return sentences on what was done to all motion, and to the references, which `once` has once each."""
+    notes = []
+    for which, count in left_out.items():
+        if count:
+            notes.append(f"files of {which} that have no counterpart and are left out: {count}")
+    for which, index, pairs in (("motion", 0, read), ("reference", 1, once)):
+        rates = collections.Counter(pair.rates[index] for pair in pairs if pair.rates[index] != FPS)
+        for rate, count in sorted(rates.items()):
+            notes.append(f"clips whose {which} was resampled from {rate:.6g} to {FPS:g} frames per second: {count}")
+    if cut := sum(pair.is_cut_to_sound for pair in once):
+        notes.append(f"clips whose reference was cut to the length of the sound: {cut}")
+    return notes
+
+
+def _few(names: dict[str, pathlib.Path]) -> str:
+    first = ", ".join(shown(name) for name in sorted(names)[:_SHOWN])
+    return f"{first}, ..." if len(names) > _SHOWN else first

@@ -1,0 +1,193 @@
+"""The rows of an evaluation: all methods on the same clips, and the sanity rows that show what a metric does."""
+
+import collections
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ha2g_jax.data.records import WINDOW_FRAMES
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.clip_result import ClipResult
+from ha2g_jax.metrics import sanity
+from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row
+from ha2g_jax.metrics.sanity import FROZEN, HALF, JITTER, MEAN_POSE, MISMATCHED, SANITY_ROWS, SMOOTHED, TRUTH
+from ha2g_jax.skeleton import Skeleton
+
+if TYPE_CHECKING:
+    from ha2g_jax.evaluation.features import PoseFeatures
+
+MIN_FRAMES = SEED_FRAMES + 8  # of a clip: half a second after the seed pose
+
+
+class Rows(NamedTuple):
+    """All rows of an evaluation but `HALF`, which is a way to divide ground truth.
+
+    Attributes:
+        rows: name of each row -> its motions; ground truth is `TRUTH`.
+        reference: what the rows have in common.
+        ids: (n,) names of the reference clips.
+        notes: what was cut or left out, a sentence each.
+    """
+
+    rows: dict[str, Row]
+    reference: Reference
+    ids: list[str]
+    notes: list[str]
+
+    @property
+    def truth(self) -> Row:
+        """The row of ground truth."""
+        return self.reference.truth
+
+
+def make_rows(
+    methods: Mapping[str, Sequence[ClipResult]],
+    reference: Sequence[ClipResult],
+    skeleton: Skeleton,
+    *,
+    training: Sequence[np.ndarray] | None = None,
+    autoencoder: "PoseFeatures | None" = None,
+    seed: int = 0,
+) -> Rows:
+    """Bring all rows to the same clips of the same lengths, and add the sanity rows.
+
+    A clip is as long as the shortest of its motions and its reference. Clips that a method has no motion for, and clips
+    of less than `MIN_FRAMES`, are left out of all rows.
+
+    Args:
+        methods: clip results of each method, at least one of each clip.
+        reference: true motion, one clip result for each clip.
+        skeleton: skeleton of all motion.
+        training: clips (T, bones, 3) that the mean pose and reference statistics are taken from; by default those of
+            the reference, before they are cut.
+        autoencoder: function of windows to latents, None without.
+        seed: seed of the jitter, of the pairs of mismatched speech and of everything else random.
+
+    Raises:
+        UserError: no clip is left, or motion of different skeletons or frame rates.
+    """
+    if taken := set(methods) & set(SANITY_ROWS):
+        raise UserError(f"a method is called {taken.pop()!r}, as a sanity row is; give it another name")
+    notes: list[str] = []
+    usual = [clip.directions for clip in reference] if training is None else training
+    clips, lengths = _common(methods, reference, notes)
+    recordings, members = np.unique([clip.recording for clip in clips], return_inverse=True)
+    common = Reference(
+        skeleton=skeleton,
+        fps=clips[0].fps,
+        directions=[clip.directions[: lengths[clip.id]] for clip in clips],
+        onsets=[_within(clip.onsets, lengths[clip.id] / clip.fps) for clip in clips],
+        borders=[np.array(clip.borders, int) for clip in clips],
+        audio=[clip.audio for clip in clips],
+        recordings=recordings[members],
+        members=members,
+        training=usual,
+        encode=autoencoder,
+        window=WINDOW_FRAMES,
+        seed=seed,
+    )
+    places = {clip.id: number for number, clip in enumerate(clips)}
+    rows = {name: _method_row(results, places, lengths, common) for name, results in methods.items()}
+    rows |= {TRUTH: common.truth} | _sanity_rows(common)
+    return Rows(rows, common, [clip.id for clip in clips], notes)
+
+
+def _common(
+    methods: Mapping[str, Sequence[ClipResult]], reference: Sequence[ClipResult], notes: list[str]
+) -> tuple[list[ClipResult], dict[str, int]]:
+    """Return the reference clips that all rows have, and the number of frames of each."""
+    if twice := [name for name, count in collections.Counter(clip.id for clip in reference).items() if count > 1]:
+        raise UserError(f"the reference has {len(twice)} clips twice, such as {twice[0]}; give each another name")
+    lengths = {clip.id: clip.num_frames for clip in reference}
+    for clips in methods.values():
+        for clip in clips:
+            lengths[clip.id] = min(lengths.get(clip.id, 0), clip.num_frames)
+    everywhere = set(lengths).intersection(*({clip.id for clip in clips} for clips in methods.values()))
+    shared = [clip for clip in reference if clip.id in everywhere]
+    if not shared:
+        raise UserError("no clip has motion by all methods; give motion of the same clips as the reference")
+    _check_alike([clip for clips in (reference, *methods.values()) for clip in clips if clip.id in everywhere])
+    kept = [clip for clip in shared if lengths[clip.id] >= MIN_FRAMES]
+    if not kept:
+        raise UserError(
+            f"all {len(shared)} clips have less than {MIN_FRAMES} frames, {shared[0].fps:g} a second; give longer ones"
+        )
+    if missing := len(reference) - len(shared):
+        notes.append(f"clips of the reference that lack the motion of a method and are left out: {missing}")
+    if short := len(shared) - len(kept):
+        notes.append(f"clips of less than {MIN_FRAMES} frames, which are left out: {short}")
+    cut = [clip.num_frames - lengths[clip.id] for clip in kept if clip.num_frames > lengths[clip.id]]
+    if cut:
+        seconds = sum(cut) / kept[0].fps
+        notes.append(
+            f"clips whose reference was cut to the length of the motion: {len(cut)}, by {seconds:.1f} s in all"
+        )
+    kept_ids = {clip.id for clip in kept}
+    for name, clips in methods.items():
+        longer = sum(clip.num_frames > lengths[clip.id] for clip in clips if clip.id in kept_ids)
+        if longer:
+            notes.append(f"{name}: clips whose motion was cut to the length of the shortest: {longer}")
+    return kept, lengths
+
+
+def _check_alike(clips: Sequence[ClipResult]) -> None:
+    first = clips[0]
+    for clip in clips:
+        if clip.fps != first.fps or clip.directions.shape[1:] != first.directions.shape[1:]:
+            raise UserError(
+                f"{clip.id} has {clip.directions.shape[1]} bones at {clip.fps:g} frames per second, {first.id} "
+                f"{first.directions.shape[1]} at {first.fps:g}; evaluate motion of one skeleton and one rate at a time"
+            )
+        if not np.isfinite(clip.directions).all():
+            raise UserError(f"the motion of {clip.id} has values that are not numbers; generate it again")
+
+
+def _method_row(
+    results: Sequence[ClipResult], places: dict[str, int], lengths: dict[str, int], reference: Reference
+) -> Row:
+    clips = [clip for clip in results if clip.id in places]
+    numbers = np.array([places[clip.id] for clip in clips])
+    return Row(
+        reference=reference,
+        directions=[clip.directions[: lengths[clip.id]] for clip in clips],
+        numbers=numbers,
+        onsets=[reference.onsets[number] for number in numbers],
+        borders=[np.array(clip.borders, int) for clip in clips],
+    )
+
+
+def _sanity_rows(reference: Reference) -> dict[str, Row]:
+    truth, seed = reference.truth, reference.seed
+    mean = mean_directions(reference.training)
+    made = sanity.rows(truth.directions, mean, seed=seed, first_frame=SEED_FRAMES)
+    keys = {MEAN_POSE: "mean_pose", FROZEN: "frozen", JITTER: "white_jitter", SMOOTHED: "smoothed"}
+    no_borders = [np.zeros(0, int)] * len(truth.directions)
+    rows = {name: dataclasses.replace(truth, directions=made[key], borders=no_borders) for name, key in keys.items()}
+    rows[MISMATCHED] = dataclasses.replace(truth, onsets=_other_onsets(reference), has_counterpart=False)
+    return {name: rows[name] for name in SANITY_ROWS if name not in (TRUTH, HALF)}
+
+
+def mean_directions(clips: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the mean (bones, 3) over all frames of clips (T, bones, 3); not of unit length."""
+    total = sum(np.sum(clip, axis=0, dtype=np.float64) for clip in clips)
+    return np.asarray(total) / sum(map(len, clips))
+
+
+def _other_onsets(reference: Reference) -> list[np.ndarray | None]:
+    """Return the onsets of a clip of another recording for each clip; none where all sound is of one recording."""
+    with_sound = [number for number, onsets in enumerate(reference.onsets) if onsets is not None]
+    others: list[np.ndarray | None] = [None] * len(reference.onsets)
+    if len(set(reference.members[with_sound].tolist())) < 2:
+        return others
+    lengths = [len(reference.directions[number]) for number in with_sound]
+    recordings = [str(member) for member in reference.members[with_sound]]
+    partners = sanity.derangement(recordings, np.random.default_rng(reference.seed), lengths=lengths)
+    for number, partner in zip(with_sound, partners.tolist(), strict=True):
+        others[number] = reference.onsets[with_sound[partner]]
+    return others
+
+
+def _within(onsets: np.ndarray | None, seconds: float) -> np.ndarray | None:
+    return None if onsets is None else onsets[onsets < seconds]

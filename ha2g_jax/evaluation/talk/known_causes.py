@@ -1,0 +1,220 @@
+"""Scores of a model on the Talk corpus, whose causes are known, with a ceiling and floors beside every model."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.talk import teacher
+from ha2g_jax.data.talk.style import Style
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.clip_result import check_fit, sample
+from ha2g_jax.evaluation.generation import encode_high, generate_clip, model_windows
+from ha2g_jax.evaluation.identity import clip_identity
+from ha2g_jax.evaluation.intervals import score_as_json
+from ha2g_jax.evaluation.talk import probe, scores
+from ha2g_jax.evaluation.talk.scores import Trial, Truth
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow
+from ha2g_jax.metrics.row import SEED_FRAMES
+from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.synthesis import Model
+
+MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
+MAJORITY, SHUFFLED = "majority", "shuffled"
+CLAIMED = ("beat_f1_gain", "finger_correlation")  # metrics of claims, which are measured without each speaker, too
+MISMATCHES = 5  # motions for other clips that make the floor of a clip
+
+_MAX_PROBE_CLIPS = 400
+_NOTE = "intervals against known causes are 1.96 standard errors by clip, of the style by speaker"
+
+
+def has_known_causes(corpus: Corpus) -> bool:
+    """Return whether a corpus knows what caused the motion of its clips, as a Talk corpus does."""
+    split = next((name for name in corpus.splits if corpus.has_clips(name)), None)
+    return split is not None and bool(corpus.clips(split).fields(0)["style"])
+
+
+def score_known_causes(
+    model: Model,
+    corpus: Corpus,
+    limits: Mapping[str, int | None],
+    seed: int = 0,
+    look_ahead: int | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Score a model against the strokes, words and styles that cause the motion of a Talk corpus.
+
+    Each split has the rows "model", "model, no words" (of a model that reads words: without the transcript), "teacher"
+    (the ceiling: the teacher with other noise), "mean pose", "mismatched speech" (the model's motion for up to
+    `MISMATCHES` clips of other recordings), "majority" and "shuffled" (floors of the hand shapes). Stroke recall is the
+    ratio of the strokes caused by the sound that a motion beat meets within 0.1 s; precision is the ratio of the motion
+    beats that meet a beat of the true motion, whatever causes it. In the strict F1 a motion beat that is caused by a
+    word is wrong. A gain is the model's F1 less that of mismatched speech, with the error of the paired difference. The
+    accuracy of the linear probe on frozen f_high is of HA2G alone; "majority" has that of the most frequent class.
+
+    The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
+
+    Args:
+        model: model of the skeleton and the frame rate of the corpus.
+        corpus: a corpus with known causes.
+        limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
+        seed: seed of start poses, of the teacher's noise and of the samples of clips.
+        look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
+
+    Returns:
+        {split: {"rows": {row: {metric: {"value", "low", "high", "error"}}}, "without_speakers": {metric: {speaker:
+        value}}, "counts", "notes"}}; the error is a standard error by clip, for the style by speaker, None where
+        undefined. The values without a speaker are of the row "model", for the metrics `CLAIMED`.
+
+    Raises:
+        UserError: no such split; a corpus without known strokes or of another skeleton or frame rate.
+    """
+    check_fit(model, corpus)
+    chosen = {}
+    for name, limit in limits.items():
+        clips = corpus.clips(name)
+        chosen[name] = [clips[index] for index in sample(len(clips), limit, seed)]
+    _check_causes(corpus, chosen)
+    num_clips = sum(map(len, chosen.values()))
+    num_probed = num_clips + min(_MAX_PROBE_CLIPS, len(corpus.clips(TRAIN))) if model.has_audio_levels else 0
+    with tqdm(desc="known causes", total=num_clips + num_probed, unit="clip", disable=None, leave=False) as progress:
+        results = {
+            name: _score_split(model, corpus, clips, seed, look_ahead, progress) for name, clips in chosen.items()
+        }
+        accuracies = _probe(model, corpus, chosen, seed, progress) if model.has_audio_levels else {}
+    for name, (own, majority) in accuracies.items():
+        for row, predictions in ((MODEL, own), (MAJORITY, majority)):
+            accuracy = score_as_json(PROBE_ACCURACY.measure(predictions))
+            results[name]["rows"].setdefault(row, {})[PROBE_ACCURACY.name] = accuracy
+    return results
+
+
+def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
+    for name, clips in chosen.items():
+        if not all(clip.strokes and clip.style for clip in clips):
+            raise UserError(f"{corpus.path} ({name}) does not know its strokes; expected one of `ha2g data make-talk`")
+
+
+def _score_split(
+    model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
+) -> dict[str, Any]:
+    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model_windows(model).seed_frames
+    trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
+
+    def add(name: str, truth: Truth, directions: np.ndarray) -> None:
+        trials[name].append(Trial(truth, scores.observe(skeleton, directions, fps)))
+
+    truths = [scores.known_truth(skeleton, clip, fps) for clip in clips]
+    for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
+        style = clip_identity(model, clip)
+        directions = generate_clip(model, clip, style, seed + index, look_ahead=look_ahead)
+        add(MODEL, truth, directions)
+        if model.reads_words:
+            add(WORDLESS, truth, generate_clip(model, clip, style, seed + index, has_words=False))
+        again = teacher.perform(clip.audio, clip.words, Style(*clip.style), np.random.default_rng([seed, index]), fps)
+        add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
+        add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
+        progress.update()
+    made = {name: scores.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
+    made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
+    rows = {name: scores.measure_causes(row) for name, row in made.items()}
+    own = made.get(MODEL, CauseRow())
+    rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(own), strict=True))
+    return {
+        "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
+        "without_speakers": {
+            metric: {speaker: _number(value) for speaker, value in scores.without_speakers(own, metric).items()}
+            for metric in CLAIMED
+        },
+        "counts": {
+            "clips": len(clips),
+            "speakers": len({clip.speaker for clip in clips}),
+            "strokes": int(own.counts[:, 0].sum()),
+            "words": len(own.shapes),
+        },
+        "notes": [_NOTE],
+    }
+
+
+def score_motion(corpus: Corpus, split: str, motion: Mapping[str, np.ndarray], seed: int = 0) -> dict[str, Any]:
+    """Score motion from anywhere against the known causes of the clips of a split.
+
+    Args:
+        corpus: a corpus with known causes.
+        split: name of the split.
+        motion: id of each clip -> direction vectors (T, bones, 3).
+        seed: seed of the choice of the other clips, for the chance level.
+
+    Returns:
+        {metric: {"value", "low", "high", "error"}}, as a row of `score_known_causes`.
+    """
+    skeleton, fps = corpus.skeleton, corpus.fps
+    clips = [clip for clip in corpus.clips(split) if clip.id in motion]
+    trials = [
+        Trial(scores.known_truth(skeleton, clip, fps), scores.observe(skeleton, motion[clip.id], fps)) for clip in clips
+    ]
+    row = rows_with_chance(trials, fps, SEED_FRAMES, seed)[MODEL]
+    return {key: score_as_json(value) for key, value in scores.measure_causes(row).items()}
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed: int) -> dict[str, CauseRow]:
+    """Return what the metrics of known causes measure of motions, with the chance level.
+
+    Args:
+        trials: motion of each clip, scored against its own clip.
+        fps: frames per second of the motions.
+        first_frame: first frame that is scored.
+        seed: seed of the choice of the other clips.
+
+    Returns:
+        The row "model", which contains the chance level, and the row "mismatched speech": the motions for up to
+        `MISMATCHES` clips of other recordings, against each clip. A row without trials is left out.
+    """
+    partners = _partners([trial.truth.clip for trial in trials], seed)
+    mismatched = [
+        Trial(trial.truth, trials[other].observed)
+        for trial, others in zip(trials, partners, strict=True)
+        for other in others
+    ]
+    rows = {MODEL: trials, MISMATCHED: mismatched}
+    made = {name: scores.cause_row(row, fps, first_frame) for name, row in rows.items() if row}
+    if MISMATCHED in made:
+        made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
+    return made
+
+
+def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
+    """Return for each clip the same number of clips of other recordings, drawn at random."""
+    order = np.random.default_rng(seed).permutation(len(clips)).tolist()
+    others = []
+    for index, clip in enumerate(clips):
+        place = order.index(index)
+        following = order[place + 1 :] + order[:place]
+        others.append([other for other in following if clips[other].recording != clip.recording][:MISMATCHES])
+    fewest = min(map(len, others), default=0)
+    return [row[:fewest] for row in others]
+
+
+def _probe(
+    model: Model, corpus: Corpus, chosen: Mapping[str, Sequence[Clip]], seed: int, progress: tqdm
+) -> dict[str, tuple[probe.Predictions, probe.Predictions]]:
+    training = corpus.clips(TRAIN)
+    probed = sample(len(training), _MAX_PROBE_CLIPS, seed)
+    words = {
+        name: probe.collect_words(_with_features(model, clips, progress), model.fps) for name, clips in chosen.items()
+    }
+    fitted = (training[index] for index in probed)
+    return probe.predict(probe.collect_words(_with_features(model, fitted, progress), model.fps), words)
+
+
+def _with_features(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
+    """Yield the clips with f_high."""
+    for clip in clips:
+        yield clip, encode_high(model, clip)
+        progress.update()

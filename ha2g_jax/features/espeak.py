@@ -1,0 +1,175 @@
+"""Speech with known word times: espeak-ng, called in this process through ctypes.
+
+The library and its voices come from the `espeakng-loader` wheel, so nothing is installed on the system.
+Its callback delivers the samples together with the onset of every word and phoneme.
+"""
+
+import _ctypes
+import contextlib
+import ctypes
+import pathlib
+import re
+import sys
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import espeakng_loader
+import numpy as np
+import soxr
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.text import Word
+from ha2g_jax.features.voices import Voice
+
+# Names as in espeak-ng/speak_lib.h.
+_AUDIO_OUTPUT_SYNCHRONOUS = 2
+_INITIALIZE_PHONEME_EVENTS_DONT_EXIT = 0x0001 | 0x8000
+_CHARS_UTF8_SSML = 1 | 0x10
+_POS_CHARACTER = 1
+_RATE, _VOLUME, _PITCH, _RANGE = 1, 2, 3, 4
+# In percent; leaves headroom for emphasis, since espeak-ng clips.
+_BASE_VOLUME = 30
+_EVENT_LIST_TERMINATED, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
+
+_TOKEN = re.compile(r"<[^>]*>|(?P<word>[^\W_]+(?:['’-][^\W_]+)*)")
+
+
+class Utterance(NamedTuple):
+    """Spoken text with the times of its words.
+
+    Attributes:
+        audio: (samples,) float32 in [-1, 1] at 16 kHz.
+        words: words in the order spoken, lower case and without punctuation, times in seconds.
+    """
+
+    audio: np.ndarray
+    words: tuple[Word, ...]
+
+
+class _Event(ctypes.Structure):
+    _fields_ = [
+        ("type", ctypes.c_int),
+        ("unique_identifier", ctypes.c_uint),
+        ("text_position", ctypes.c_int),
+        ("length", ctypes.c_int),
+        ("audio_position", ctypes.c_int),
+        ("sample", ctypes.c_int),
+        ("user_data", ctypes.c_void_p),
+        ("name", ctypes.c_char * 8),
+    ]
+
+
+_Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctypes.c_int, ctypes.POINTER(_Event))
+
+
+def say(markup: str, voice: Voice) -> Utterance:
+    """Speak one text; the same text and voice give the same bytes in any process and any order.
+
+    Not thread-safe: espeak-ng keeps its state in global variables.
+
+    Args:
+        markup: plain words, or SSML (`<emphasis level="strong">`, `<prosody rate="90%">`, `<break time="200ms"/>`).
+        voice: voice of the speaker.
+
+    Returns:
+        The samples and the words with their times.
+
+    Raises:
+        UserError: espeak-ng cannot be loaded.
+    """
+    ssml = f"<speak>{markup}</speak>"
+    chunks: list[np.ndarray] = []
+    onsets: list[tuple[int, int]] = []  # (character of the SSML, sample)
+    pauses: list[int] = []
+
+    @_Callback
+    def collect(samples, count, events):  # type: ignore[no-untyped-def]
+        if samples and count > 0:
+            chunks.append(np.ctypeslib.as_array(samples, (count,)).copy())
+        index = 0
+        while events[index].type != _EVENT_LIST_TERMINATED:
+            event = events[index]
+            if event.type == _EVENT_WORD:
+                onsets.append((event.text_position - 1, event.sample))
+            elif event.type != _EVENT_PHONEME or event.name.startswith(b"_"):
+                pauses.append(event.sample)
+            index += 1
+        return 0
+
+    with fresh_library() as (library, native_rate):
+        if library.espeak_SetVoiceByName(f"{voice.language}+{voice.variant}".encode()):
+            raise ValueError(f"espeak-ng has no voice {voice.language}+{voice.variant}")
+        settings = {_RATE: voice.rate, _VOLUME: _BASE_VOLUME, _PITCH: voice.pitch, _RANGE: voice.pitch_range}
+        for parameter, value in settings.items():
+            library.espeak_SetParameter(parameter, value, 0)
+        library.espeak_SetSynthCallback(collect)
+        text = ssml.encode()
+        arguments = (ctypes.c_size_t(len(text) + 1), ctypes.c_uint(0), _POS_CHARACTER, ctypes.c_uint(0))
+        if library.espeak_Synth(ctypes.c_char_p(text), *arguments, ctypes.c_uint(_CHARS_UTF8_SSML), None, None):
+            raise RuntimeError("espeak-ng refused the text")
+
+    samples = np.concatenate([np.zeros(0, np.int16), *chunks])
+    words = _place_words(ssml, onsets, sorted({*pauses, len(samples)}), native_rate)
+    return Utterance(soxr.resample(samples.astype(np.float32) / 2**15, native_rate, SAMPLE_RATE), words)
+
+
+@contextlib.contextmanager
+def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
+    """Load espeak-ng anew and unload it at the end.
+
+    espeak-ng keeps the phase of the voice, its flutter and its echo in static variables from one utterance to the
+    next. Only unloading the library resets them (4 ms) and makes the samples independent of earlier utterances.
+
+    Yields:
+        The library and its sample rate in hertz.
+
+    Raises:
+        UserError: the library or its voices cannot be loaded.
+    """
+    try:
+        library = ctypes.CDLL(espeakng_loader.get_library_path())
+    except OSError as error:
+        raise UserError(f"espeak-ng cannot be loaded ({error}); reinstall it: pip install espeakng-loader") from error
+    try:
+        folder = pathlib.Path(espeakng_loader.get_data_path())
+        rate = library.espeak_Initialize(
+            _AUDIO_OUTPUT_SYNCHRONOUS, 0, str(folder).encode(), _INITIALIZE_PHONEME_EVENTS_DONT_EXIT
+        )
+        if rate <= 0:
+            raise UserError(
+                f"espeak-ng cannot read its voices in {folder} (a path of at most 150 characters works); "
+                "reinstall it, in a folder with a shorter name: pip install espeakng-loader"
+            )
+        library.espeak_ng_SetRandSeed(ctypes.c_long(0))  # otherwise breath noise depends on the time of day
+        yield library, rate
+        library.espeak_Terminate()
+    finally:
+        close = _ctypes.FreeLibrary if sys.platform == "win32" else _ctypes.dlclose
+        close(library._handle)
+
+
+def _place_words(ssml: str, onsets: list[tuple[int, int]], pauses: list[int], rate: int) -> tuple[Word, ...]:
+    """Return words with their times; a word ends where the next word or a pause begins.
+
+    espeak-ng has entries of several words ("of the"), which raise one event; its span is divided among these words by
+    their number of letters.
+    """
+    sample_at = dict(reversed(onsets))
+    groups: list[tuple[int, list[str]]] = []
+    for match in _TOKEN.finditer(ssml):
+        if match["word"] is None:
+            continue
+        if match.start("word") in sample_at:
+            groups.append((sample_at[match.start("word")], []))
+        elif not groups:
+            groups.append((onsets[0][1] if onsets else 0, []))
+        groups[-1][1].append(match["word"].lower())
+
+    boundaries = sorted({*pauses, *(start for start, _ in groups)})
+    words = []
+    for start, texts in groups:
+        end = next((boundary for boundary in boundaries if boundary > start), start)
+        edges = start + (end - start) * np.cumsum([0, *map(len, texts)]) / sum(map(len, texts))
+        words += [Word(text, a / rate, b / rate) for text, a, b in zip(texts, edges[:-1].tolist(), edges[1:].tolist())]
+    return tuple(words)

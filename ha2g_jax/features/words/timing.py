@@ -1,0 +1,162 @@
+"""Times of words: division of stretches by letters, filling of gaps, removal of overlaps, checks of times."""
+
+import itertools
+import pathlib
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import Word
+from ha2g_jax.features.words.spelling import num_letters, split_words
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_WORDS
+
+MAX_SECONDS = 360_000.0  # a hundred hours
+
+# Minimum time of a letter; nobody speaks faster.
+_MIN_LETTER_SECONDS = 0.03
+_MIN_WORD_SECONDS = 1e-3
+
+
+class Stretch(NamedTuple):
+    """A text and the time at which it is spoken.
+
+    Attributes:
+        text: one or more words.
+        start: start in seconds, None if the file has no time.
+        end: end in seconds, None if the file has no time.
+    """
+
+    text: str
+    start: float | None
+    end: float | None
+
+
+def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
+    """Divide a stretch of time among words in proportion to their letters.
+
+    Args:
+        texts: words in order.
+        start: start of the stretch in seconds.
+        end: end of the stretch in seconds.
+    """
+    if not texts:
+        return []
+    letters = list(itertools.accumulate(map(num_letters, texts), initial=0))
+    edges = [start + (end - start) * count / letters[-1] for count in letters]
+    return [Word(text, first, last) for text, first, last in zip(texts, edges[:-1], edges[1:], strict=True)]
+
+
+def fill_gaps(
+    stretches: Sequence[Stretch], start: float | None, end: float | None, *, slack: float = 0.0
+) -> list[Stretch]:
+    """Give times to texts without times, in the gaps between their neighbours.
+
+    The gap is divided among a run of such texts by letters. If the gap plus the slack has less than 30 ms per letter,
+    or if the gap has no known end, the text was probably not spoken and is left out.
+
+    Args:
+        stretches: stretches in the order of the text.
+        start: start of the whole text in seconds, None if unknown.
+        end: end of the whole text in seconds, None if unknown.
+        slack: seconds by which the neighbours' times may be wrong; infinite for words that surely were spoken.
+
+    Returns:
+        The stretches that have times, in order.
+    """
+    result: list[Stretch] = []
+    runs = [list(run) for _, run in itertools.groupby(stretches, _is_timed)]
+    for index, run in enumerate(runs):
+        if _is_timed(run[0]):
+            result += run
+            continue
+        before = result[-1].end if result else start
+        after = runs[index + 1][0].start if index + 1 < len(runs) else end
+        if before is None or after is None:
+            continue
+        words = [word for stretch in run for word in split_words(stretch.text)]
+        if after - before + slack >= _MIN_LETTER_SECONDS * sum(map(num_letters, words)):
+            result += [Stretch(*word) for word in spread(words, before, max(before, after))]
+    return result
+
+
+def _is_timed(stretch: Stretch) -> bool:
+    return stretch.start is not None and stretch.end is not None
+
+
+def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ...]:
+    """Convert the stretches of a file to words in order of time that do not overlap.
+
+    A stretch is divided among its words by letters. Times before 0 are cut off. A word ends at the latest where the
+    next one starts. Words that start at the same time, such as words of no length, divide the time up to the next one.
+
+    Args:
+        stretches: stretches in any order; those without times are left out.
+        path: path of the file, to name it in an error message.
+
+    Returns:
+        Words with 0 <= start < end in seconds, each at least 1 ms long.
+
+    Raises:
+        UserError: a time is not finite or beyond 100 hours, a stretch ends before it starts, or there are too many
+            words.
+    """
+    words: list[Word] = []
+    for text, start, end in stretches:
+        if start is None or end is None:
+            continue
+        # Written so that NaN fails.
+        if not (-MAX_SECONDS <= start <= end <= MAX_SECONDS):
+            raise UserError(
+                f"{shown(path)} gives {text[:40]!r} the times {start:g} to {end:g} s; expected seconds, "
+                "start before end "
+                "and below 100 hours: correct the file"
+            )
+        texts = split_words(text)
+        if len(words) + len(texts) > MAX_WORDS:
+            raise UserError(f"{shown(path)} has more than {MAX_WORDS} words; expected a transcript of one recording")
+        words += spread(texts, start, end)
+    return without_overlap(words)
+
+
+def without_overlap(words: Iterable[Word]) -> tuple[Word, ...]:
+    """Sort words by time and remove overlaps, by the rules of `to_words`.
+
+    Args:
+        words: words with finite times in seconds, start <= end.
+    """
+    positive = [word._replace(start=max(0.0, word.start)) for word in words if word.end > 0 or word.start >= 0]
+    together: list[list[Word]] = []
+    for word in sorted(positive, key=lambda word: word.start):
+        if together and word.start - together[-1][0].start < _MIN_WORD_SECONDS:
+            together[-1].append(word)
+        else:
+            together.append([word])
+    result: list[Word] = []
+    for index, group in enumerate(together):
+        texts, start = [word.text for word in group], group[0].start
+        shortest = _MIN_LETTER_SECONDS * sum(map(num_letters, texts))
+        end = max(word.end for word in group)
+        if end - start < _MIN_WORD_SECONDS:
+            end = start + shortest
+        if index + 1 < len(together):
+            end = min(end, together[index + 1][0].start)
+        spaced = spread(texts, start, end)
+        # If there are more words than milliseconds, only the first word is kept.
+        long_enough = [word for word in spaced if word.end - word.start >= _MIN_WORD_SECONDS]
+        result += long_enough or [Word(texts[0], start, end)]
+    return tuple(result)
+
+
+def inside(words: Iterable[Word], duration: float) -> tuple[Word, ...]:
+    """Cut words to the duration of a recording.
+
+    Args:
+        words: words in seconds from the start of the recording.
+        duration: length of the recording in seconds.
+
+    Returns:
+        The words of which at least 1 ms lies in [0, duration], cut to this range.
+    """
+    cut = (word._replace(start=max(0.0, word.start), end=min(duration, word.end)) for word in words)
+    return tuple(word for word in cut if word.end - word.start >= _MIN_WORD_SECONDS)

@@ -1,0 +1,1 @@
+"""Importers: recordings of people, as TED files, motion capture or videos, become a corpus."""

@@ -1,0 +1,175 @@
+"""Import of TED-Expressive and TED-Gesture as they were published: LMDB databases, one for each split."""
+
+import collections
+import os
+import pathlib
+import sys
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+import tqdm
+
+from ha2g_jax.data import import_report, processes, window_filters
+from ha2g_jax.data.corpus import TRAIN
+from ha2g_jax.data.corpus_writer import CorpusWriter
+from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.importers.ted import arrow_values, clips, lmdb_videos
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
+
+_SPLITS = (TRAIN, "val", "test")
+_NAMES = {"ted_expressive": "TED-Expressive", "ted_gesture": "TED-Gesture"}
+_LICENCE = "TED talks: CC BY-NC-ND 4.0"
+
+
+class _Database(NamedTuple):
+    """A database: its folder, its keys, and the number of joints of its first pose (None if there is no pose)."""
+
+    folder: pathlib.Path
+    keys: list[bytes]
+    num_joints: int | None
+
+    @property
+    def path(self) -> str:
+        return shown(self.folder / lmdb_videos.FILE)
+
+
+def import_ted(
+    src: str | os.PathLike, dst: str | os.PathLike, *, split: str = TRAIN, workers: int | None = None
+) -> Report:
+    """Make a corpus of a TED data set; equal files give equal bytes, whatever the number of workers.
+
+    Poses are resampled to 15 frames per second. Windows of 42 frames start every 10 frames; those that pass
+    `window_filters.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
+    error.
+
+    Args:
+        src: folder that contains `train`, `val` and `test`, or `lmdb_train` etc., or the folder of one database.
+        dst: folder to make; nothing is left of it after an error.
+        split: name of the split if `src` is one database.
+        workers: number of processes; one per core by default.
+
+    Returns:
+        The counts of what was kept and left out, by split.
+
+    Raises:
+        UserError: there is no database or a damaged one, its joints are those of neither data set, no window is left,
+            or `dst` exists.
+    """
+    folders = _find_folders(pathlib.Path(src), split)
+    for folder in folders.values():
+        lmdb_videos.check(folder)
+    count = workers or os.cpu_count() or 1
+    with processes.workers(count) as executor:
+        databases = {}
+        for split, folder in folders.items():
+            [databases[split]] = processes.in_order(executor, _survey, [(folder,)], 1, _died(folder))
+        skeleton = _find_skeleton(list(databases.values()))
+        metadata = {
+            "name": skeleton,
+            "source": f"{_NAMES[skeleton]}, ha2g data import-ted",
+            "licence": _LICENCE,
+            "files": {
+                split: {"bytes": (database.folder / lmdb_videos.FILE).stat().st_size, "videos": len(database.keys)}
+                for split, database in databases.items()
+            },
+        }
+        with CorpusWriter(dst, splits=list(databases), skeleton=skeleton, fps=clips.FPS, metadata=metadata) as writer:
+            report = _write(writer, databases, skeleton, executor, count)
+            if not any(counts.kept for counts in report.values()):
+                raise UserError(f"{shown(src)} has no usable window ({_losses(report)}); give more data")
+            writer.metadata["import"] = import_report.as_json(report)
+    return report
+
+
+def _find_folders(src: pathlib.Path, split: str) -> dict[str, pathlib.Path]:
+    """Return the folder of the database of each split."""
+    with reading(src, "a folder of TED-Expressive or TED-Gesture"):
+        if (src / lmdb_videos.FILE).exists():
+            return {split: src}
+    folders: dict[str, pathlib.Path] = {}
+    for name in _SPLITS:
+        found = [folder for folder in (src / name, src / f"lmdb_{name}") if folder.is_dir()]
+        if len(found) > 1:
+            raise UserError(
+                f"{shown(src)} has both {found[0].name} and {found[1].name}; name the folder of one of them"
+            )
+        if found:
+            folders[name] = found[0]
+    if not folders:
+        raise UserError(
+            f"{shown(src)} has neither {lmdb_videos.FILE} nor folders train, val, test or lmdb_train, "
+            "lmdb_val, lmdb_test; "
+            "name the folder of TED-Expressive or TED-Gesture"
+        )
+    return folders
+
+
+def _find_skeleton(databases: list[_Database]) -> str:
+    skeletons = {load_skeleton(name).num_joints: name for name in SKELETONS}
+    found: dict[int, str] = {}
+    for database in databases:
+        if database.num_joints is not None:
+            found.setdefault(database.num_joints, database.path)
+    known = " or ".join(f"{count} ({_NAMES[name]})" for count, name in sorted(skeletons.items()))
+    if not found:
+        raise UserError(f"no poses in {databases[0].path} and its other splits; expected those of {known} joints")
+    if len(found) > 1:
+        places = " and ".join(f"{count} joints in {path}" for count, path in found.items())
+        raise UserError(f"different skeletons: {places}; import each data set by itself")
+    [(num_joints, path)] = found.items()
+    if num_joints not in skeletons:
+        raise UserError(f"{path} has poses of {num_joints} joints; expected {known}")
+    return skeletons[num_joints]
+
+
+def _died(path: str | os.PathLike) -> str:
+    return (
+        f"a process that read {shown(path)} died: the file is damaged (copy or download it again), "
+        "or memory ran out (use fewer workers)"
+    )
+
+
+def _write(
+    writer: CorpusWriter, databases: dict[str, _Database], skeleton: str, executor: Executor, count: int
+) -> Report:
+    report: Report = {}
+    total = sum(len(database.keys) for database in databases.values())
+    with tqdm.tqdm(desc=_NAMES[skeleton], total=total, unit="video", disable=None, leave=False) as progress:
+        for split, database in databases.items():
+            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(window_filters.REASONS, 0)))
+            tasks = ((database.folder, key, skeleton) for key in database.keys)
+            for video in processes.in_order(executor, _read_clips, tasks, count, _died(database.path)):
+                for record in video.records:
+                    writer.add(split, record)
+                for line in video.damaged:
+                    tqdm.tqdm.write(line, file=sys.stderr)
+                report[split] += video.report
+                progress.update()
+    return report
+
+
+def _losses(report: Report) -> str:
+    total = sum(report.values(), SplitReport())
+    reasons = [*total.filtered.items(), *total.rejected.items()]
+    counts = ", ".join(f"{reason} {count}" for reason, count in reasons if count)
+    return f"{total.clips} clips, {total.windows} windows, left out: {counts or 'none'}"
+
+
+def _survey(folder: pathlib.Path) -> _Database:
+    """Return the keys of a database and the joints of its first pose; runs in a worker."""
+    keys = lmdb_videos.read_keys(folder)
+    counts = (clips.num_joints(*_video(folder, key)) for key in keys)
+    return _Database(folder, keys, next((count for count in counts if count is not None), None))
+
+
+def _read_clips(folder: pathlib.Path, key: bytes, skeleton: str) -> clips.VideoClips:
+    """Return the clips of one video; runs in a worker."""
+    video, name = _video(folder, key)
+    return clips.read_clips(video, load_skeleton(skeleton), name)
+
+
+def _video(folder: pathlib.Path, key: bytes) -> tuple[object, str]:
+    name = f"{shown(folder / lmdb_videos.FILE)}, record {key.decode('ascii', 'backslashreplace')[:40]}"
+    return arrow_values.deserialize(lmdb_videos.read_value(folder, key), name), name

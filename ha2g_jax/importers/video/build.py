@@ -1,0 +1,208 @@
+"""Parallel import of videos into one corpus; an interrupted build can be continued."""
+
+import contextlib
+import os
+import pathlib
+import shutil
+import sys
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import tqdm
+
+from ha2g_jax.data import import_report
+from ha2g_jax.data.corpus import TRAIN
+from ha2g_jax.data.corpus_writer import CorpusWriter
+from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.whole_file import check_kept
+from ha2g_jax.importers.video import extraction, pose_environment, runners, shots, work_folder
+from ha2g_jax.importers.video.extraction import Extraction
+from ha2g_jax.importers.video.recordings import VideoRecording, find_recordings
+from ha2g_jax.importers.video.settings import VideoSettings
+
+RUNNERS = ("local", "ray")
+
+_COUNTS = ("frames", "frames_with_both_hands", "seconds", "shots")
+_NAMED = 5  # maximum number of failed videos that the last message names
+
+
+class _Job(NamedTuple):
+    """Task of a worker; `done` are the keys of videos that need not be read again."""
+
+    recording: VideoRecording
+    settings: VideoSettings
+    overlay: pathlib.Path | None
+    done: frozenset[str]
+
+
+class _Outcome(NamedTuple):
+    """Keys of the videos that succeeded, and reasons of those that failed, by name of the recording."""
+
+    keys: dict[str, str]
+    failures: dict[str, str]
+
+
+def build_video(
+    videos: Sequence[str | os.PathLike],
+    dst: str | os.PathLike,
+    *,
+    settings: VideoSettings | None = None,
+    runner: str = "local",
+    workers: int | None = None,
+    address: str | None = None,
+    split: str = TRAIN,
+    overlay: str | os.PathLike | None = None,
+    licence: str = "",
+) -> Report:
+    """Make a corpus from videos of speakers; equal videos and settings give equal bytes, whatever the runner.
+
+    A video that fails is reported on standard error and in `dataset.json`, and the others are still read. Results are
+    kept in the folder `.NAME-work` beside the corpus until all videos have succeeded, so that another call reads only
+    the missing ones.
+
+    Args:
+        videos: paths of files, and of folders to search; subfolders name speakers (see `recordings.VideoRecording`).
+        dst: folder to make.
+        settings: all thresholds and choices; None for the defaults.
+        runner: "local" for processes on this machine, "ray" for a Ray cluster, whose nodes must find the videos under
+            the same paths.
+        workers: number of videos that are read at the same time; one per core by default.
+        address: address of the Ray cluster.
+        split: name of the split of all clips.
+        overlay: folder for copies of the videos with the skeleton drawn on the speaker; None for no copies.
+        licence: licence of the videos, stored in the corpus.
+
+    Returns:
+        The counts of the split.
+
+    Raises:
+        UserError: `dst` exists, no video is found, an overlay would overwrite one, PySceneDetect or the pose estimator
+            is not installed, all videos fail, or no clip is left.
+    """
+    dst, settings = pathlib.Path(dst).absolute(), settings or VideoSettings()
+    overlay = pathlib.Path(overlay).absolute() if overlay is not None else None
+    if dst.exists():
+        raise UserError(f"{dst} exists already; choose another folder or remove it")
+    if runner not in RUNNERS:
+        raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
+    root, recordings = find_recordings(videos, without=overlay)
+    if overlay is not None:
+        overlays = [overlay / f"{recording.name}.mp4" for recording in recordings]
+        check_kept(overlays, [recording.video for recording in recordings], what="overlay", option="--overlay")
+    if runner == "local":  # the nodes of a cluster have environments of their own
+        shots.check_installed()
+        if settings.pose_command is None:
+            pose_environment.command()
+    work = dst.with_name(f".{dst.name}-work")
+    jobs = [_Job(recording, settings, overlay, work_folder.keys_in(work)) for recording in recordings]
+    results = runners.local(_do, jobs, workers) if runner == "local" else runners.ray(_do, jobs, workers, address)
+    with contextlib.closing(results):
+        outcome = _collect(results, len(jobs), work)
+    if not outcome.keys:
+        name, reason = min(outcome.failures.items())
+        only = _named(name, reason)
+        raise UserError(only if len(recordings) == 1 else f"all {len(recordings)} videos failed; the first: {only}")
+
+    names = [recording.name for recording in recordings]
+    keys = [outcome.keys[name] for name in names if name in outcome.keys]
+    metadata = {"name": shown(root.name), "source": "ha2g data build-video", "licence": licence}
+    with CorpusWriter(dst, splits=[split], skeleton=extraction.SKELETON, fps=settings.fps, metadata=metadata) as writer:
+        report, counts = _write(writer, split, keys, work)
+        if not report.kept:
+            if not outcome.failures:  # another call could not use the results
+                shutil.rmtree(work)
+            raise _no_clip(report, len(keys))
+        writer.metadata["import"] = import_report.as_json({split: report})
+        writer.metadata["video"] = {**counts, "settings": _published(settings)}
+        writer.metadata["failed"] = [
+            {"video": name, "reason": outcome.failures[name]} for name in names if name in outcome.failures
+        ]
+    if outcome.failures:
+        _say(_summary(sorted(outcome.failures), len(recordings), dst, work))
+    else:
+        shutil.rmtree(work)
+    return {split: report}
+
+
+def _do(job: _Job) -> tuple[str, Extraction | None]:
+    """Return the key of a video, and its clips unless they exist already; runs in a worker."""
+    recording, key = job.recording, work_folder.key_of(job.recording, job.settings)
+    path = job.overlay / f"{recording.name}.mp4" if job.overlay else None
+    if key in job.done and (path is None or path.exists()):
+        return key, None
+    return key, extraction.extract(recording, job.settings, overlay_path=path)
+
+
+def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
+    """Save the result of each video as it finishes."""
+    outcome, clips = _Outcome({}, {}), 0
+    with tqdm.tqdm(desc="Videos", total=num_videos, unit="video", disable=None, leave=False) as bar:
+        for job, result in results:
+            if isinstance(result, Exception):
+                reason = _reason(result, job.recording)
+                outcome.failures[job.recording.name] = reason
+                if num_videos > 1:
+                    _say(f"failed: {_named(job.recording.name, reason)}")
+            else:
+                key, extracted = result
+                if extracted is not None:
+                    work_folder.save(work, key, extracted)
+                    clips += len(extracted.records)
+                outcome.keys[job.recording.name] = key
+            bar.update()
+            bar.set_postfix_str(f"{clips} clips, {len(outcome.failures)} failed, last {job.recording.name}")
+    return outcome
+
+
+def _write(
+    writer: CorpusWriter, split: str, keys: Sequence[str], work: pathlib.Path
+) -> tuple[SplitReport, dict[str, float]]:
+    """Write the clips in the order of the keys, and return the sums of the counts."""
+    report = SplitReport()
+    counts: dict[str, float] = dict.fromkeys(_COUNTS, 0)
+    for key in keys:
+        extracted = work_folder.load(work, key)
+        for record in extracted.records:
+            writer.add(split, record)
+        report += extracted.report
+        counts = {name: round(counts[name] + getattr(extracted, name), 3) for name in _COUNTS}
+    return report, counts
+
+
+def _no_clip(report: SplitReport, num_videos: int) -> UserError:
+    reasons = [f"{count} shots or clips: {reason}" for reason, count in report.rejected.items()]
+    reasons += [f"{count} windows: {reason}" for reason, count in report.filtered.items()]
+    return UserError(
+        f"no clip is left of {num_videos} videos ({', '.join(reasons)}); look at the --overlay, or change the settings"
+    )
+
+
+def _published(settings: VideoSettings) -> dict[str, Any]:
+    """Return the settings to store in the corpus, without the pose command, which depends on the machine."""
+    return settings.as_json() | {"pose_command": "one of the user's own" if settings.pose_command else None}
+
+
+def _reason(error: Exception, recording: VideoRecording) -> str:
+    """Return the reason why a video failed in one line without paths of this machine."""
+    video = recording.video
+    file = recording.name.removesuffix(video.suffix) + video.suffix
+    text = " ".join(str(error).split())
+    return text.replace(str(video), file).replace(f"{video.parent}{os.sep}", "")
+
+
+def _named(name: str, reason: str) -> str:
+    return reason if reason.startswith(name) else f"{name}: {reason}"
+
+
+def _summary(failed: Sequence[str], num_videos: int, dst: pathlib.Path, work: pathlib.Path) -> str:
+    names = ", ".join(failed[:_NAMED]) + (" ..." if len(failed) > _NAMED else "")
+    return (
+        f"{len(failed)} of {num_videos} videos failed ({names}) and are not in {dst}; to add them, correct them, "
+        f"remove {dst} and run again: {work} keeps the results of the others"
+    )
+
+
+def _say(text: str) -> None:
+    tqdm.tqdm.write(f"ha2g: {text}", file=sys.stderr)

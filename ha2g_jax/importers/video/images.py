@@ -1,0 +1,183 @@
+"""The images of a video: their times, and square images of the speaker."""
+
+import pathlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import av
+import numpy as np
+from av.container import InputContainer
+from PIL import Image
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.media import MEDIA_ERRORS
+from ha2g_jax.files.reading import shown
+from ha2g_jax.importers.video.decoding import decode, no_images, open_video, unreadable
+from ha2g_jax.skeleton import Skeleton
+
+_MARGIN = 1.15  # enlargement of the square around the keypoints, because shoulders and fingertips lie outside them
+_CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of that of the neck
+_DEFAULT_RATE = 25
+_WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
+
+
+class Box(NamedTuple):
+    """A square in an image, in pixels; it may extend beyond the edges of the image.
+
+    Attributes:
+        left: position of the left edge.
+        top: position of the top edge.
+        side: width and height.
+    """
+
+    left: int
+    top: int
+    side: int
+
+
+def image_times(video: pathlib.Path) -> np.ndarray:
+    """Read the times at which the images of a video are shown.
+
+    Args:
+        video: path of a video.
+
+    Returns:
+        (T,) seconds from the first sample of the audio, strictly increasing: the clock of `audio.read_audio` and of
+        words. If times are missing or not increasing, they are replaced by those of a constant rate.
+
+    Raises:
+        UserError: the file has no readable images, or was cut off.
+    """
+    times, last = [], 0.0
+    with open_video(video) as container:
+        stream = container.streams.video[0]
+        rate = float(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
+        for frame in decode(video, container):
+            times.append(frame.time)
+            last = float((frame.duration or 0) * (frame.time_base or 0))
+        expected = _stated_seconds(container)
+    if not times:
+        raise no_images(video)
+    if times[0] is not None and times[-1] is not None and (found := times[-1] - times[0] + last) < expected:
+        raise UserError(
+            f"{shown(video)} was cut off: it has {found:.1f} s of images but declares more; get the whole file"
+        )
+    start = _sound_start(video)
+    stated = np.array([time for time in times if time is not None])
+    if len(stated) == len(times) and (np.diff(stated) > 0).all():
+        return stated - start
+    return (stated[0] if len(stated) else start) - start + np.arange(len(times)) / rate
+
+
+def image_size(video: pathlib.Path) -> tuple[int, int]:
+    """Return the width and height of a video's first image, as it is shown, in pixels.
+
+    Args:
+        video: path of a video.
+
+    Raises:
+        UserError: the file has no readable images.
+    """
+    with open_video(video) as container:
+        for frame in decode(video, container):
+            return upright(frame).size
+    raise no_images(video)
+
+
+def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int) -> Box:
+    """Find the square around head, shoulders and hands in several images.
+
+    Args:
+        points: (M, joints, 2) pixels, NaN where a joint was not seen.
+        skeleton: skeleton of the joints.
+        width: width of the images in pixels.
+        height: height of the images in pixels.
+
+    Returns:
+        The square, moved into the image as far as possible; the middle of the image if no joint was seen.
+    """
+    names = [name for name in skeleton.joints if name not in ("spine", "left_elbow", "right_elbow")]
+    nose, neck = points[:, skeleton.joint("nose")], points[:, skeleton.joint("neck")]
+    crown = nose + _CROWN * (nose - neck)
+    chosen = np.concatenate([points[:, [skeleton.joint(name) for name in names]].reshape(-1, 2), crown])
+    chosen = np.clip(chosen[np.isfinite(chosen).all(axis=1)], 0, (width, height))
+    if not len(chosen):
+        side = min(width, height)
+        return Box((width - side) // 2, (height - side) // 2, side)
+    low, high = chosen.min(axis=0), chosen.max(axis=0)
+    side = max(16, round(float((high - low).max()) * _MARGIN))
+    left, top = (_inside(middle, side, size) for middle, size in zip((low + high) / 2, (width, height), strict=True))
+    return Box(left, top, side)
+
+
+def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> list[np.ndarray]:
+    """Crop squares from the images of a video.
+
+    Args:
+        video: path of a video.
+        wanted: number of the image and square of each crop, in any order.
+        size: width and height of the crops in pixels.
+
+    Returns:
+        A (size, size, 3) uint8 image for each square, black beyond the edges of the video's image.
+
+    Raises:
+        UserError: an image cannot be read.
+    """
+    numbers: dict[int, list[int]] = {}
+    for number, (frame, _) in enumerate(wanted):
+        numbers.setdefault(frame, []).append(number)
+    images: dict[int, np.ndarray] = {}
+    with open_video(video) as container:
+        for index, frame in enumerate(decode(video, container)):
+            if index not in numbers:
+                continue
+            image = upright(frame)
+            for number in numbers[index]:
+                left, top, side = wanted[number][1]
+                square = image.crop((left, top, left + side, top + side))
+                images[number] = np.asarray(square.resize((size, size), Image.Resampling.LANCZOS))
+            if len(images) == len(wanted):
+                break
+        else:
+            if wanted:
+                raise UserError(f"{shown(video)} has no image {max(numbers)}, which was there before; check the file")
+    return [images[number] for number in range(len(wanted))]
+
+
+def upright(frame: av.VideoFrame) -> Image.Image:
+    """Convert a decoded image as players show it, with the rotation that phones store beside it.
+
+    Args:
+        frame: decoded image of a video.
+    """
+    image = Image.fromarray(frame.to_ndarray(format="rgb24"))
+    return image.rotate(frame.rotation, expand=True) if frame.rotation else image
+
+
+def _inside(middle: float, side: int, size: int) -> int:
+    """Return the start of a stretch of length `side` around `middle`, moved into [0, size] if it fits."""
+    start = round(middle - side / 2)
+    return min(max(start, 0), size - side) if side <= size else (size - side) // 2
+
+
+def _sound_start(video: pathlib.Path) -> float:
+    with open_video(video) as container:
+        if not container.streams.audio:
+            return 0.0
+        try:
+            first = next(container.decode(container.streams.audio[0]), None)
+        except MEDIA_ERRORS as error:
+            raise unreadable(video, error) from error
+    return (first.time if first else None) or 0.0
+
+
+def _stated_seconds(container: InputContainer) -> float:
+    """Return the minimum duration of the images of a complete file, negative if the file does not declare it.
+
+    It is based on the shorter of the durations that the file and its video stream declare, because either may include
+    parts that were cut away, or the audio.
+    """
+    stream = container.streams.video[0]
+    of_stream = float((stream.duration or 0) * (stream.time_base or 0))
+    return _WHOLE * min((container.duration or 0) / av.time_base, of_stream) - 1

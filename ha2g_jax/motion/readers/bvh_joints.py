@@ -1,0 +1,150 @@
+"""Reader of the motion of a BVH file as joints of a skeleton, in metres and in the skeleton's axes, with a face."""
+
+import os
+import pathlib
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_SOUND_SECONDS
+from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
+from ha2g_jax.motion.lower_body import LowerBody
+from ha2g_jax.motion.readers.axes import find_up, mean_heading, to_skeleton_axes
+from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
+from ha2g_jax.motion.readers.face import add_face
+from ha2g_jax.motion.readers.handedness import is_mirrored
+from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find_legs
+from ha2g_jax.motion.readers.kinematics import world_motion
+from ha2g_jax.motion.readers.legs import from_captured, to_export_axes
+from ha2g_jax.skeleton import Skeleton
+
+MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
+
+_UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
+_ARM = 0.55  # metres from shoulder to wrist of an adult
+_ARM_RANGE = (0.3, 1.0)
+_FEET_FPS = 2.0
+
+
+class Motion(NamedTuple):
+    """The motion of a BVH file, and how the file was interpreted.
+
+    Attributes:
+        positions: (T, joints, 3) metres in the skeleton's axes, float32.
+        seconds: length of the motion in seconds.
+        fps: frames per second of the file.
+        joint_map: name of the joint map that was used.
+        unit: metres in one unit of the file.
+        up: axis of the file that points up.
+        lower: pelvis and legs, None where they are not asked for or the file has none.
+    """
+
+    positions: np.ndarray
+    seconds: float
+    fps: float
+    joint_map: str
+    unit: float
+    up: str
+    lower: LowerBody | None = None
+
+
+def read_motion(
+    path: str | os.PathLike,
+    skeleton: Skeleton,
+    *,
+    fps: float | None,
+    joint_map: str = AUTO,
+    unit: float | None = None,
+    with_legs: bool = False,
+) -> Motion:
+    """Read the motion of a BVH file as joints of a skeleton.
+
+    Args:
+        path: path of a BVH file.
+        skeleton: skeleton of the result.
+        fps: frames per second of the result; None keeps those of the file.
+        joint_map: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
+        unit: metres in one unit of the file; None uses the unit of the joint map, or else that among millimetres,
+            centimetres, inches and metres for which the arms have a length closest to an adult's.
+        with_legs: whether to read pelvis and legs, if the file has them.
+
+    Raises:
+        UserError: the file is not BVH or longer than two hours, its joints do not fit the map, its arms do not have a
+            person's length, or its left and right are mirrored.
+    """
+    path = pathlib.Path(path)
+    bvh = read_bvh(path)
+    if (minutes := bvh.seconds / 60) > MAX_MINUTES:
+        raise UserError(
+            f"{shown(path)} has {minutes:.0f} minutes of motion; expected at most {MAX_MINUTES:.0f}: cut the file"
+        )
+    names, places = choose_map(bvh.joints, skeleton, joint_map, path)
+    legs = find_legs(names, bvh.joints, path)
+    own = [joint for joint in places if joint != HEAD]
+    found = [*(places[joint] for joint in own), places[HEAD]]
+    try:
+        world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
+        positions = np.zeros((len(world), skeleton.num_joints, 3))
+        positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
+        _check_sides(bvh, positions, fps or bvh.fps, skeleton, legs)
+        unit = _find_unit(positions, skeleton, unit or names.unit)
+        positions *= unit
+        up = names.up or find_up(positions, skeleton)
+        positions = add_face(positions, world[:, len(own)] * unit, rotations[len(own)], skeleton, up=up)
+        lower = None
+        if with_legs and legs:
+            places_of_legs = world[:, len(found) :] * unit
+            lower = _lower(positions, places_of_legs, rotations[len(found) :], list(legs), skeleton, up)
+        positions = to_skeleton_axes(positions, skeleton, up=up)
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}") from error
+    return Motion(positions.astype(np.float32), bvh.seconds, bvh.fps, names.name, unit, up, lower)
+
+
+def _check_sides(bvh: Bvh, positions: np.ndarray, fps: float, skeleton: Skeleton, legs: dict[str, int]) -> None:
+    """Raise UserError where left and right are mirrored in positions (T, joints, 3) at `fps` frames per second."""
+    names = [f"{side}_{part}" for side in ("left", "right") for part in ("ankle", "foot")]
+    frames, feet = np.arange(len(positions)), None
+    if all(name in legs for name in names):  # feet point ahead in most frames, so that a few suffice
+        rate = min(fps, _FEET_FPS)
+        feet, _ = world_motion(bvh, rate, [legs[name] for name in names])
+        frames = np.minimum(np.round(np.arange(len(feet)) * (fps / rate)).astype(int), len(positions) - 1)
+    if is_mirrored(positions[frames], skeleton, feet):
+        raise UserError(
+            "left and right are mirrored, as in left-handed axes: the toes or the bent fingers point to the person's "
+            "back; export it with right-handed axes, or correct the sides in the joint map"
+        )
+
+
+def _lower(
+    positions: np.ndarray,
+    legs: np.ndarray,
+    rotations: list[np.ndarray],
+    names: list[str],
+    skeleton: Skeleton,
+    up: str,
+) -> LowerBody:
+    """Return pelvis and legs from positions (T, n, 3) and rotations of the joints that the file has."""
+    axes = to_export_axes(mean_heading(positions, skeleton, up=up), skeleton)
+    points = np.full((len(legs), len(LOWER_JOINTS), 3), np.nan)
+    turns = np.tile(np.eye(3), (len(legs), len(LOWER_JOINTS), 1, 1))
+    for index, name in enumerate(names):
+        points[:, LOWER_JOINTS.index(name)] = legs[:, index] @ axes
+        turns[:, LOWER_JOINTS.index(name)] = axes.T @ rotations[index]
+    return from_captured(points, turns, positions[:, skeleton.joint("spine")] @ axes)
+
+
+def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) -> float:
+    """Return the metres in one unit, checked or found by the median length of the arms."""
+    arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
+    bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
+    length = float(np.median(bones.sum(axis=-1)))
+    metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
+    if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
+        raise UserError(
+            f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
+            f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"
+        )
+    return metres

@@ -1,0 +1,225 @@
+"""Maps from joints of the skeleton to joints of a motion capture file: built-in maps and users' own, all in YAML.
+
+A map has a line `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
+that the head rotates about. NAME may be a list; the first name that the file has is used. Namespaces such as
+`mixamorig:` and letter case are ignored. Two lines are optional: `unit`, metres in one unit of the file, and `up`, the
+axis of the file that points up. A map without fingers is sufficient for TED-Gesture.
+"""
+
+import importlib.resources
+import pathlib
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import yaml
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
+from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
+from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
+from ha2g_jax.motion.lower_body import OPTIONAL
+from ha2g_jax.motion.readers.axes import UPS
+from ha2g_jax.motion.readers.face import FACE
+from ha2g_jax.skeleton import Skeleton
+
+# The most demanding first, because "auto" takes the first that fits.
+MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")
+AUTO = "auto"
+HEAD = "head"
+
+_EXPECTED = "a joint map in YAML"
+_MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
+_MAX_LISTED, _MAX_LISTED_LETTERS = 8, 400
+_PREFIX = re.compile(r"mixamorig\d*_?", re.IGNORECASE)
+
+
+class JointMap(NamedTuple):
+    """A map from joints of the skeleton to names of joints in a file.
+
+    Attributes:
+        name: name of the map.
+        names: possible names in a file of each joint of the skeleton and of `head`, in order of preference.
+        unit: metres in one unit of the file, None to detect it.
+        up: axis of the file that points up, None to detect it.
+    """
+
+    name: str
+    names: Mapping[str, tuple[str, ...]]
+    unit: float | None
+    up: str | None
+
+
+def choose_map(
+    joints: Sequence[str], skeleton: Skeleton, joint_map: str, file: str | pathlib.Path
+) -> tuple[JointMap, dict[str, int]]:
+    """Choose the map for a file and locate the joints of the skeleton in it.
+
+    Args:
+        joints: names of the joints in the file.
+        skeleton: skeleton whose joints are located.
+        joint_map: "auto" for the first of `MAPS` that fits, or one of `MAPS`, or the path of a YAML file.
+        file: name of the file in an error message.
+
+    Returns:
+        The map, and the index in `joints` of `head` and of each joint of the skeleton except those of the face.
+
+    Raises:
+        UserError: there is no such map, or the file lacks joints of the map.
+    """
+    candidates = [load_map(name) for name in (MAPS if joint_map == AUTO else (joint_map,))]
+    wanted = [*(joint for joint in skeleton.joints if joint not in FACE), HEAD]
+    found = [(candidate, _find(candidate, joints, wanted, file)) for candidate in candidates]
+    best, places = max(found, key=lambda item: len(item[1]))
+    if missing := [joint for joint in wanted if joint not in places]:
+        raise _lacks(file, joints, best, places, missing)
+    owners: dict[int, str] = {}
+    for joint, place in places.items():
+        if place in owners:
+            raise UserError(
+                f"map {best.name} uses {joints[place]} for both {owners[place]} and {joint}; name two different joints"
+            )
+        owners[place] = joint
+    return best, places
+
+
+def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Path) -> dict[str, int]:
+    """Locate pelvis and legs in a file.
+
+    Args:
+        joint_map: the map that was chosen for the file.
+        joints: names of the joints in the file.
+        file: name of the file in an error message.
+
+    Returns:
+        The index in `joints` of each joint of `lower_body.JOINTS` that the file has; nothing if it lacks one that is
+        not optional, or if two of them are the same.
+    """
+    places = _find(joint_map, joints, LOWER_JOINTS, file)
+    is_whole = all(joint in places for joint in LOWER_JOINTS if joint not in OPTIONAL)
+    return places if is_whole and len(set(places.values())) == len(places) else {}
+
+
+def load_map(name: str) -> JointMap:
+    """Load a joint map.
+
+    Args:
+        name: one of `MAPS`, or the path of a YAML file.
+
+    Raises:
+        UserError: there is no such file, or it is not a joint map.
+    """
+    if name in MAPS:
+        path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.yaml"
+        return _parse(path.read_bytes(), name)
+    with reading(name, _EXPECTED):
+        path = pathlib.Path(name)
+        if not path.exists():
+            raise UserError(f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a YAML file")
+    check_regular(path, _EXPECTED)
+    return _parse(read_bytes(path, f"{_EXPECTED} of some 40 lines", MAX_JOINT_MAP_BYTES), shown(name))
+
+
+def _parse(text: bytes, name: str) -> JointMap:
+    try:
+        _check_structure(text)
+        lines = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, ArithmeticError, RecursionError) as error:
+        raise UserError(f"{name} is not YAML ({reason(error)}); expected lines such as `spine: Spine3`") from error
+    if not isinstance(lines, dict) or not all(isinstance(key, str) for key in lines):
+        raise UserError(f"{name} is not a joint map; expected lines such as `spine: Spine3`")
+    unit, up = lines.pop("unit", None), lines.pop("up", None)
+    if unit is not None:
+        unit = _positive(unit, name)
+    if up not in (None, *UPS):
+        raise UserError(f"{name} has `up: {_text(up)}`; expected one of {', '.join(UPS)}")
+    return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
+
+
+def _check_structure(text: bytes) -> None:
+    """Refuse aliases, by which a short file may become an endless one, and nesting, before anything is built."""
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("it has an alias")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            raise ValueError("nested too deep")
+
+
+def _positive(value: Any, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = 0.0
+    if not 0 < number < float("inf"):
+        raise UserError(f"{name} has `unit: {_text(value)}`; expected metres, such as 0.01 for centimetres")
+    return number
+
+
+def _text(value: Any, max_letters: int = 40) -> str:
+    """Return a value of YAML as the beginning of its text; Python writes no number of thousands of digits."""
+    if isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME:
+        return "9" * max_letters
+    return str(value)[:max_letters]
+
+
+def _names(value: Any, key: str, name: str) -> tuple[str, ...]:
+    names = value if isinstance(value, list) else [value]
+    if not names or not all(isinstance(item, str | int) and not isinstance(item, bool) for item in names):
+        raise UserError(
+            f"{name} has no name for {_text(key)}; expected the name of a joint, in quotes if it is unusual"
+        )
+    if any(
+        (isinstance(item, int) and abs(item) >= 10**MAX_JOINT_NAME) or len(str(item)) > MAX_JOINT_NAME for item in names
+    ):
+        raise UserError(f"{name} has a name of more than {MAX_JOINT_NAME} characters for {_text(key)}; correct it")
+    return tuple(str(item) for item in names)
+
+
+def _find(
+    joint_map: JointMap, joints: Sequence[str], wanted: Sequence[str], file: str | pathlib.Path
+) -> dict[str, int]:
+    """Return the index in the file of those wanted joints that it has."""
+    exact = {joint: index for index, joint in enumerate(joints)}
+    plain: dict[str, list[int]] = {}
+    for index, joint in enumerate(joints):
+        plain.setdefault(_plain(joint), []).append(index)
+    places: dict[str, int] = {}
+    for ours in wanted:
+        for name in joint_map.names.get(ours, ()):
+            alike = [exact[name]] if name in exact else plain.get(_plain(name), [])
+            if len(alike) > 1:
+                both = " and ".join(joints[index] for index in alike[:2])
+                raise UserError(
+                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)"
+                )
+            if alike:
+                places[ours] = alike[0]
+                break
+    return places
+
+
+def _plain(name: str) -> str:
+    """Return a name without its namespace and without differences of letter case."""
+    start = max(name.rfind(":"), name.rfind("|")) + 1
+    return (name[start:] if start else _PREFIX.sub("", name, count=1)).casefold()
+
+
+def _lacks(
+    file: str | pathlib.Path, joints: Sequence[str], joint_map: JointMap, places: Mapping[str, int], missing: list[str]
+) -> UserError:
+    names = {joint: " or ".join(joint_map.names.get(joint, ()))[:80] or "not in the map" for joint in missing}
+    lacking = ", ".join(f"{joint} ({name})" for joint, name in list(names.items())[:_MAX_LISTED])
+    if len(missing) > _MAX_LISTED:
+        lacking += f" and {len(missing) - _MAX_LISTED} more"
+    used = set(places.values())
+    others = ", ".join(joint for index, joint in enumerate(joints) if index not in used)
+    if len(others) > _MAX_LISTED_LETTERS:
+        others = f"{others[:_MAX_LISTED_LETTERS]}..."
+    no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
+    advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
+    return UserError(
+        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a YAML map with "
+        f"a line `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: {others}"
+    )

@@ -1,0 +1,204 @@
+"""Positions of joints with their names: any order of joints, more joints than the skeleton's, any right-handed axes.
+
+Motion with y down and the person's left where the skeleton has it is taken as it is, other motion is rotated as one
+rigid body. `borders`, the first frames of windows that the motion was joined from, may stand beside the positions.
+"""
+
+import pathlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.limits import MAX_MOTION_FPS, MAX_MOTION_JOINTS, MIN_MOTION_FPS
+from ha2g_jax.motion.checks import check_length
+from ha2g_jax.motion.readers import joint_maps
+from ha2g_jax.motion.readers.axes import find_up, to_skeleton_axes
+from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
+
+ARRAYS = ("positions", "fps", "joint_names", "borders")
+
+EXPECTED = "expected positions (T, J, 3), fps and joint_names (J,)"
+
+_MIN_LENGTH = 1e-6  # metres of a bone that has a direction
+_MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
+_OURS_DOWN = "-y"  # the axis that points up where y points down
+_LISTED = 12
+
+
+class Arrays(NamedTuple):
+    """The arrays of a file.
+
+    Attributes:
+        positions: (T, J, 3) positions in any unit.
+        fps: frames per second.
+        joint_names: (J,) names of the joints.
+        borders: (n,) first frames of windows.
+    """
+
+    positions: np.ndarray
+    fps: float
+    joint_names: tuple[str, ...]
+    borders: np.ndarray
+
+
+def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
+    """Convert the content of a file to arrays that fit together.
+
+    Args:
+        content: values by name.
+        path: path of the file, for messages.
+
+    Raises:
+        UserError: an array is missing or has another form, or the length or the frame rate is out of range.
+    """
+    if missing := [name for name in ARRAYS[:3] if name not in content]:
+        raise UserError(f"{shown(path)} has no {' and no '.join(missing)}; {EXPECTED}")
+    try:
+        positions = _numbers(content["positions"])
+        fps = float(_numbers(content["fps"]).reshape(()))
+        joints = _names(content["joint_names"])
+        borders = read_borders(content, len(positions) if positions.ndim else 0)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{shown(path)} holds no motion ({reason(error)}); {EXPECTED}") from error
+    if positions.ndim != 3 or positions.shape[1:] != (len(joints), 3) or not len(positions):
+        raise UserError(
+            f"{shown(path)} has positions of shape {positions.shape} for {len(joints)} joint names; {EXPECTED}"
+        )
+    if not MIN_MOTION_FPS <= fps <= MAX_MOTION_FPS:
+        raise UserError(
+            f"{shown(path)} states {fps:g} frames per second; expected {MIN_MOTION_FPS:g} to {MAX_MOTION_FPS:g} under "
+            "fps"
+        )
+    try:
+        check_length(len(positions), fps)
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}") from error
+    return Arrays(positions, fps, joints, borders)
+
+
+def read_borders(content: Mapping[str, Any], frames: int) -> np.ndarray:
+    """Return the first frames of windows, (n,) different whole numbers in ascending order, none by default.
+
+    Args:
+        content: values by name, "borders" among them.
+        frames: number of frames of the motion.
+
+    Raises:
+        ValueError, TypeError, OverflowError: they are not whole numbers from 0 to `frames`.
+    """
+    borders = _numbers(content.get("borders", ())).astype(float).reshape(-1)
+    if not ((borders >= 0) & (borders <= frames) & (borders == np.round(borders))).all():
+        raise ValueError(f"borders that are not whole numbers from 0 to {frames}")
+    return np.unique(borders.astype(int))
+
+
+def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
+    """Return the name of the first skeleton whose joints the arrays have.
+
+    Raises:
+        UserError: they have the joints of none.
+    """
+    for name in SKELETONS:
+        if not _find_joints(arrays.joint_names, load_skeleton(name), joint_map)[1]:
+            return name
+    lacking = _find_joints(arrays.joint_names, load_skeleton(SKELETONS[-1]), joint_map)[1]
+    raise _lacks(path, arrays.joint_names, SKELETONS[-1], lacking)
+
+
+def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
+    """Return positions (T, joints, 3) of the joints of a skeleton in its axes, float64, in the unit of the file.
+
+    Args:
+        arrays: arrays of a file.
+        skeleton: skeleton of the joints.
+        joint_map: names of the joints, beside those of the skeleton; see `joint_maps`.
+        path: path of the file, for messages.
+
+    Raises:
+        UserError: joints are missing, or the positions are no motion.
+    """
+    places, missing = _find_joints(arrays.joint_names, skeleton, joint_map)
+    if missing:
+        raise _lacks(path, arrays.joint_names, skeleton.name, missing)
+    positions = arrays.positions[:, places].astype(np.float64)
+    check_positions(positions, skeleton, path)
+    left, right = (skeleton.joint(f"{side}_shoulder") for side in ("left", "right"))
+    up = find_up(positions, skeleton)
+    is_ours = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
+    if up == _OURS_DOWN and is_ours == np.sign(skeleton.mean_pose[left, 0] - skeleton.mean_pose[right, 0]):
+        return positions
+    try:
+        return to_skeleton_axes(positions, skeleton, up=up)
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}") from error
+
+
+def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> None:
+    """Check positions (T, joints, 3).
+
+    Raises:
+        UserError: a position is not finite or too far away, or a bone has no length.
+    """
+    if not np.isfinite(positions).all():
+        frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
+        raise UserError(
+            f"{shown(path)} has a position that is not a number, of {skeleton.joints[joint]} in frame {frame}; "
+            "export it again"
+        )
+    if (largest := np.abs(positions).max()) > _MAX_PLACE:
+        raise UserError(
+            f"{shown(path)} has a position of {largest:.4g}; expected at most {_MAX_PLACE:g}: export it again"
+        )
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    if (lengths < _MIN_LENGTH).any():
+        frame, bone = np.argwhere(lengths < _MIN_LENGTH)[0]
+        parent, child = (skeleton.joints[joint] for joint in skeleton.bones[bone])
+        raise UserError(
+            f"{shown(path)} has {parent} and {child} in one place in frame {frame}, so that the bone between them has "
+            "no direction; export it again"
+        )
+
+
+def _find_joints(names: tuple[str, ...], skeleton: Skeleton, joint_map: str) -> tuple[list[int], list[str]]:
+    """Return the places of the skeleton's joints among the names, and the joints that are missing."""
+    plain = {name.casefold(): index for index, name in reversed(list(enumerate(names)))}
+    mapped = {} if joint_map == joint_maps.AUTO else joint_maps.load_map(joint_map).names
+    places, missing = [], []
+    for joint in skeleton.joints:
+        known = [plain[name.casefold()] for name in (*mapped.get(joint, ()), joint) if name.casefold() in plain]
+        places.extend(known[:1])
+        missing.extend([] if known else [joint])
+    return places, missing
+
+
+def _lacks(path: pathlib.Path, names: tuple[str, ...], skeleton: str, missing: list[str]) -> UserError:
+    found, lacking = _few([_printable(name) for name in names]), _few(missing)
+    return UserError(
+        f"{shown(path)} lacks {lacking} of the skeleton {skeleton}; it has {found}; "
+        "name the joints as the skeleton does, or give a map (--joint-map)"
+    )
+
+
+def _few(names: list[str]) -> str:
+    return ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+
+
+def _printable(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name[:40])
+
+
+def _numbers(values: Any) -> np.ndarray:
+    if isinstance(values, np.ndarray) and values.dtype.kind in "biuf":
+        return values
+    return np.asarray(values, float)
+
+
+def _names(values: Any) -> tuple[str, ...]:
+    values = values.ravel().tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(values, list) or len(values) > MAX_MOTION_JOINTS:
+        raise ValueError(f"joint_names that are no list of at most {MAX_MOTION_JOINTS} names")
+    return tuple(name.decode() if isinstance(name, bytes) else str(name) for name in values)

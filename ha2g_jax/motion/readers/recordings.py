@@ -1,0 +1,153 @@
+"""Recordings of motion capture: finding motion files with their audio, words and speaker."""
+
+import pathlib
+from typing import NamedTuple
+
+import numpy as np
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features import words as transcripts
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.importers.mocap.options import ImportOptions
+
+# In order of preference, if several files lie beside a motion file.
+AUDIO_SUFFIXES = (
+    *(".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus", ".wma", ".aiff", ".aif"),
+    *(".mp4", ".mov", ".mkv", ".webm", ".avi"),
+)
+
+_MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
+_MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
+
+
+class MotionRecording(NamedTuple):
+    """A motion file and the files that belong to it.
+
+    Attributes:
+        path: path of the motion file.
+        name: unique name of the recording.
+        speaker: name of the speaker.
+        audio: path of the audio file, None if it lies beside the motion.
+        words: path of the transcript, None if it lies beside the motion.
+        is_alone: whether there is no other motion file in the same folder.
+    """
+
+    path: pathlib.Path
+    name: str
+    speaker: str
+    audio: pathlib.Path | None
+    words: pathlib.Path | None
+    is_alone: bool
+
+
+def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> list[MotionRecording]:
+    """Find the motion files in a folder and its subfolders, in order of their paths, or the one file.
+
+    A recording has the name of its file, or its path if two files in different folders have the same name. A speaker
+    has the name of the folder if `src` has subfolders, otherwise the name of the file.
+
+    Args:
+        src: path of a file or of a folder.
+        suffix: suffix of motion files, such as ".bvh", in any letter case.
+        options: options of the import, of which `audio`, `words` and `speaker` are used.
+
+    Raises:
+        UserError: there is no such file, or audio or words are given for several files.
+    """
+    with reading(src, f"a {suffix} file or a folder of them"):
+        if not src.exists():
+            raise UserError(f"nothing at {shown(src)}; give a {suffix} file or a folder of them")
+        if src.is_file():
+            paths, root = [src], src.parent
+        else:
+            found = (path for path in src.rglob("*") if path.suffix.lower() == suffix and path.is_file())
+            paths, root = sorted(path for path in found if not path.name.startswith(".")), src
+    if not paths:
+        raise UserError(f"no {suffix} file in {shown(src)} or below it; give a {suffix} file or a folder of them")
+    audio, words = (None if given is None else pathlib.Path(given) for given in (options.audio, options.words))
+    if len(paths) > 1 and (audio or words):
+        raise UserError(f"{shown(src)} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
+    names = [shown(path.stem) for path in paths]
+    if len(set(names)) < len(names):
+        names = [shown("_".join(path.relative_to(root).with_suffix("").parts)) for path in paths]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
+    in_folders = any(path.parent != root for path in paths)
+    folders = [path.parent for path in paths]
+    speakers = [options.speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
+    return [
+        MotionRecording(path, name, speaker, audio, words, folders.count(path.parent) == 1)
+        for path, name, speaker in zip(paths, names, speakers, strict=True)
+    ]
+
+
+def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.ndarray, tuple[Word, ...] | None]:
+    """Read the audio and the words of a recording.
+
+    Both lie in the folder of the motion file and have its stem, or its stem up to a dot; see `transcripts.find`.
+
+    Args:
+        recording: the recording.
+        with_words: whether the recording must have a transcript.
+
+    Returns:
+        (samples,) float32 at 16 kHz, and the words in seconds from the start, None if there is no transcript.
+
+    Raises:
+        UserError: there is no audio, a required transcript is missing, or a file cannot be read.
+    """
+    name, stem = shown(recording.path), shown(recording.path.stem)
+    path = recording.audio or _find_audio(recording.path)
+    if path is None:
+        raise UserError(
+            f"{shown(recording.path)} has no audio; put {recording.path.stem}.wav beside it or give it (--audio)"
+        )
+    transcript = recording.words or _find_words(recording)
+    if transcript is None and with_words:
+        raise UserError(
+            f"{name} has no transcript; put {stem}.TextGrid, .json, .srt, .vtt or .tsv beside it, or import without "
+            "words (--no-words)"
+        )
+    audio = read_audio(path)
+    if transcript is None:
+        return audio, None
+    return audio, transcripts.words_of(audio, transcript, recognise=None)
+
+
+def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray) -> str | None:
+    """Compare the lengths of motion and audio, of which the longer one will be cut.
+
+    Args:
+        recording: the recording, to name it in the message.
+        motion: length of the motion in seconds.
+        audio: (samples,) audio at 16 kHz.
+
+    Returns:
+        A warning if the lengths differ by more than half a second, else None.
+
+    Raises:
+        UserError: one is less than half as long as the other, so that they cannot belong together.
+    """
+    sound = len(audio) / SAMPLE_RATE
+    lengths = f"{shown(recording.path)} has {motion:.2f} s of motion and {sound:.2f} s of audio"
+    if min(motion, sound) < _MIN_FRACTION * max(motion, sound):
+        raise UserError(f"{lengths}, which do not belong together; give the audio of this motion (--audio)")
+    return f"{lengths}; cut to the shorter" if abs(motion - sound) > _MAX_DIFFERENCE else None
+
+
+def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
+    beside = {file.name.lower(): file for file in sorted(path.parent.iterdir(), reverse=True) if file.is_file()}
+    stem = path.stem
+    while stem:
+        for suffix in AUDIO_SUFFIXES:
+            if found := beside.get(f"{stem}{suffix}".lower()):
+                return found
+        stem = stem.rpartition(".")[0]
+    return None
+
+
+def _find_words(recording: MotionRecording) -> pathlib.Path | None:
+    return transcripts.find(recording.path, is_alone=recording.is_alone)

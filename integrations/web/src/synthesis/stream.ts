@@ -1,0 +1,188 @@
+/** Motion from speech that arrives in pieces, while someone speaks, as in `ha2g_jax/synthesis/stream.py`. */
+
+import { checkEnergy } from "../motion/control/effects.js";
+import { Ramp, RunningControls } from "../motion/control/running.js";
+import { round } from "../rounding.js";
+import { SAMPLE_RATE, windowColumn, windowColumns } from "../sound/mel.js";
+import { RunningMel } from "../sound/running-mel.js";
+import { hideUnheard } from "../sound/unheard.js";
+import type { StreamChange, StreamOptions } from "./options.js";
+import type { Sampler } from "./sampler.js";
+import { chooseStyle, chooseTake } from "./style.js";
+import { RunningJoin } from "./windows.js";
+
+/**
+ * Motion that follows speech.
+ *
+ * Frame k shows the time k / fps. Frames are made `hop` at a time: those of one hop use the speech up to `lookAhead`
+ * frames after the last of them, and no later sample. A call of `feed`, `flush` or `skip` must be done before the next.
+ */
+export class Stream {
+  private readonly lookAhead: number;
+  private readonly hop: number;
+  private readonly seed: number;
+  private readonly join: RunningJoin;
+  private readonly mel: RunningMel;
+  private readonly controls: RunningControls;
+  private readonly styleRamp: Ramp;
+  private style: Float32Array;
+  private energy: number;
+  private muted: boolean;
+  private past: Float32Array; // the frames before the next new one, from the start of its window on
+  private held: Float32Array = new Float32Array(0); // frames that are not final
+  private numSamples = 0;
+  private numRuns = 0;
+  private numReturned = 0;
+  private isEnded = false;
+
+  constructor(
+    private readonly sampler: Sampler,
+    options: StreamOptions = {},
+  ) {
+    const { lookAhead = 3, hop = 1, seed = 0, energy = 1, muted = false, reference } = options;
+    const { num_frames, num_seed_frames, fps, has_hidden_ends, skeleton, seed_poses } = sampler.description;
+    check(num_frames, num_seed_frames, lookAhead, hop, reference);
+    checkEnergy(energy);
+    [this.lookAhead, this.hop, this.seed, this.energy, this.muted] = [lookAhead, hop, seed, energy, muted];
+    this.style = chooseStyle(sampler.description, options, seed).values;
+    this.styleRamp = new Ramp(this.style, fps);
+    this.controls = new RunningControls(skeleton, fps, energy);
+    let first = num_seed_frames;
+    // Without hidden ends the window ends where the speech that is heard ends.
+    if (!has_hidden_ends) first = Math.min(Math.max(first, num_frames - lookAhead - hop + 1), num_frames - hop);
+    this.join = new RunningJoin(num_frames, num_seed_frames, hop, first, sampler.size);
+    this.mel = new RunningMel(windowColumns(num_frames + lookAhead, fps) + 2, reference);
+    const pose = seed_poses[chooseTake(sampler.description, seed).seed_pose];
+    const still = Array.from({ length: Math.max(first - pose.length, 0) }, () => pose[0]);
+    this.past = Float32Array.from([...still, ...pose].flat(2));
+  }
+
+  /** Seconds from a moment of the speech to its frame at most, without the time of the computation. */
+  get latency(): number {
+    return Math.max(this.lookAhead + this.hop, 1.5) / this.sampler.description.fps;
+  }
+
+  /** Changes what is given with the next frames, within half a second; a part of a style replaces all of the style. */
+  change({ energy = this.energy, muted = this.muted, ...style }: StreamChange): void {
+    checkEnergy(energy);
+    if (Object.values(style).some((part) => part !== undefined)) {
+      this.style = chooseStyle(this.sampler.description, style, this.seed).values;
+    }
+    [this.energy, this.muted] = [energy, muted];
+  }
+
+  /**
+   * Takes the next samples, and returns the frames that became final.
+   *
+   * @param samples - mono samples at 16 kHz, any number of them. Those that are not finite are taken as silence, those
+   *   beyond -1 and 1 are clipped.
+   * @returns (n, bones, 3) unit vectors, the frames after those that were returned before; n may be 0.
+   */
+  async feed(samples: Float32Array): Promise<Float32Array> {
+    this.checkOpen();
+    const heard = samples.map((sample) => (Number.isFinite(sample) ? Math.min(Math.max(sample, -1), 1) : 0));
+    const frames = [this.held];
+    let start = 0;
+    for (let end = this.needed(); end <= heard.length; end = start + this.needed()) {
+      this.hear(heard.subarray(start, end));
+      frames.push((await this.run()).subarray(0, this.hop * this.sampler.size));
+      start = end;
+    }
+    this.hear(heard.subarray(start));
+    // A motion of the speech so far has this many frames; later ones wait, as the speech may end here.
+    return this.finished(frames, round((this.numSamples / SAMPLE_RATE) * this.sampler.description.fps));
+  }
+
+  /**
+   * Ends the stream, and returns the rest of the frames; after the end of the speech there is silence.
+   *
+   * @returns (n, bones, 3) unit vectors. All frames of the stream are round(duration x fps), at least 1.
+   */
+  async flush(): Promise<Float32Array> {
+    this.checkOpen();
+    this.isEnded = true;
+    this.mel.end();
+    const { size, description } = this.sampler;
+    const count = Math.max(1, round((this.numSamples / SAMPLE_RATE) * description.fps));
+    const frames = [this.held];
+    let missing = count - this.numRuns * this.hop;
+    while (missing > 0) {
+      const shown = await this.run();
+      const isLast = missing * size <= shown.length;
+      frames.push(shown.subarray(0, (isLast ? missing : this.hop) * size));
+      missing -= isLast ? missing : this.hop;
+    }
+    return this.finished(frames, count);
+  }
+
+  /** Generates the next window, and returns the frames from its first new one on. */
+  private async run(): Promise<Float32Array> {
+    const { description, size } = this.sampler;
+    const { num_seed_frames, fps, audio } = description;
+    const start = this.numRuns * this.hop - this.join.first;
+    const mel = this.mel.window(windowColumn(start, fps), audio.columns);
+    if (!this.isEnded) hideUnheard(mel, start, this.heard() - start, fps);
+    const style = Float32Array.from(this.styleRamp.step(this.style, this.hop));
+    const window = await this.sampler.run(mel, style, this.past.slice(0, num_seed_frames * size));
+    const { first } = this.join;
+    if (first) {
+      const latest = new Float32Array(this.past.length + this.hop * size);
+      latest.set(this.past);
+      latest.set(window.subarray(first * size, (first + this.hop) * size), this.past.length);
+      this.past = latest.slice(-first * size);
+    } else {
+      this.past = window.slice(this.hop * size);
+    }
+    this.numRuns++;
+    return this.join.add(window);
+  }
+
+  /** Returns the number of frames whose time must have passed before the next run. */
+  private heard(): number {
+    return (this.numRuns + 1) * this.hop - 1 + this.lookAhead;
+  }
+
+  /** Returns the number of samples that the next run still needs. */
+  private needed(): number {
+    return Math.floor((this.heard() * SAMPLE_RATE) / this.sampler.description.fps) - this.numSamples;
+  }
+
+  private hear(samples: Float32Array): void {
+    this.mel.add(samples);
+    this.numSamples += samples.length;
+  }
+
+  /** Returns the frames before frame `count` of the motion, with their controls, and holds the others. */
+  private finished(frames: Float32Array[], count: number): Float32Array {
+    const { size } = this.sampler;
+    const joined = new Float32Array(frames.reduce((length, part) => length + part.length, 0));
+    let at = 0;
+    for (const part of frames) {
+      joined.set(part, at);
+      at += part.length;
+    }
+    const final = Math.max(count - this.numReturned, 0) * size;
+    this.held = joined.slice(final);
+    const returned = this.controls.apply(joined.subarray(0, final), this.energy, this.muted);
+    this.numReturned += returned.length / size;
+    return returned;
+  }
+
+  private checkOpen(): void {
+    if (this.isEnded) throw new Error("the stream has ended; begin another one with Gesturer.stream");
+  }
+}
+
+/** Checks the options of a stream but style and energy. */
+function check(window: number, overlap: number, lookAhead: number, hop: number, reference: number | undefined): void {
+  if (!(Number.isInteger(lookAhead) && lookAhead >= 0 && lookAhead <= window)) {
+    throw new Error(`the look-ahead is ${lookAhead}; expected 0 to ${window} frames, the window of the model`);
+  }
+  const longest = window - 2 * overlap;
+  if (!(Number.isInteger(hop) && ((hop >= 1 && hop <= longest) || hop === window - overlap))) {
+    throw new Error(`the hop is ${hop}; expected 1 to ${longest} frames, or ${window - overlap}`);
+  }
+  if (reference !== undefined && !(reference >= 0 && reference < Infinity)) {
+    throw new Error(`the mel power of 0 dB is ${reference}; expected a number from 0 on`);
+  }
+}

@@ -1,0 +1,43 @@
+"""Speech of two clips with names of BEAT2, and the made-up person of tests/motion/readers in each layout."""
+
+import pathlib
+import shutil
+
+import numpy as np
+import pytest
+import soundfile
+from motion_files.conftest import files, person  # noqa: F401
+
+from ha2g_jax.checkpoint import model_folder
+
+SECONDS = {"1_wayne_0_1_1": 2.31, "2_scott_0_3_3": 3.0}
+FRAMES = {"1_wayne_0_1_1": 69, "2_scott_0_3_3": 90}  # round(30 x seconds)
+
+
+@pytest.fixture(scope="session")
+def speech(tmp_path_factory) -> pathlib.Path:
+    folder = tmp_path_factory.mktemp("speech")
+    for name, seconds in SECONDS.items():
+        soundfile.write(folder / f"{name}.wav", np.random.default_rng(0).normal(0, 0.1, round(16000 * seconds)), 16000)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def checkpoint(debug_model, tmp_path_factory) -> pathlib.Path:
+    folder = tmp_path_factory.mktemp("model") / "debug"
+    model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def written(speech, checkpoint, tmp_path_factory) -> pathlib.Path:
+    """A pack of five samples of each clip."""
+    from ha2g_jax.apps.genea.pack import write_pack
+
+    return write_pack(speech, tmp_path_factory.mktemp("packs") / "pack", checkpoint=checkpoint, seed=7)
+
+
+@pytest.fixture
+def pack(written, tmp_path) -> pathlib.Path:
+    """A copy of the pack, to be changed."""
+    return pathlib.Path(shutil.copytree(written, tmp_path / "pack"))

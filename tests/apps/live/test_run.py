@@ -1,0 +1,129 @@
+"""`ha2g live` from sound to files and receivers: what is recorded, when it ends, and how Ctrl-C ends it."""
+
+import json
+import os
+import signal
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+import soundfile
+from live.standins import FPS, FakeStream, poses
+
+from ha2g_jax import cli, synthesis
+from ha2g_jax.apps.live import run
+from ha2g_jax.motion.motion import Motion
+
+
+@pytest.fixture
+def live(speaking_model, monkeypatch):
+    """A function that runs `ha2g live` with a stand-in for the model."""
+    monkeypatch.setattr(synthesis, "load", lambda checkpoint: speaking_model)
+    return lambda *arguments: cli.main(["live", *map(str, arguments)])
+
+
+@pytest.fixture
+def speech(tmp_path):
+    soundfile.write(tmp_path / "speech.wav", np.random.default_rng(0).normal(0, 0.1, 33075), 44100)  # 0.75 s
+    return tmp_path / "speech.wav"
+
+
+def test_a_recording_has_all_frames_and_says_how_they_were_made(live, speech, tmp_path, skeleton, capsys):
+    out = tmp_path / "new" / "motion.npz"
+    assert live("--source", speech, "--fast", "--sink", out, "--json", "--seed", 5, "--energy", 0.5) == 0
+    motion = Motion.load(out)
+    expected = Motion.from_directions(skeleton, poses(skeleton, 11), FPS)
+    np.testing.assert_array_equal(motion.directions, expected.directions)
+    wanted = {"speech": "speech.wav", "duration": 0.75, "seed": 5, "look_ahead": 3, "hop": 1}
+    assert motion.meta.items() >= wanted.items()
+    assert motion.meta["controls"] == {"energy": 0.5}
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
+    assert (summary["frames"], summary["sound_seconds"], summary["dropped"]) == (11, 0.75, 0)
+    assert "ha2g live: 0.8 s heard, 11 frames" in captured.err
+
+
+def test_in_real_time_frames_arrive_after_the_latency_and_the_motion_is_the_same(live, speech, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound:
+        bound.bind(("127.0.0.1", 0))
+        bound.settimeout(5)
+        sink = f"udp://127.0.0.1:{bound.getsockname()[1]}"
+        started = time.monotonic()
+        assert live("--source", speech, "--sink", sink, "--sink", tmp_path / "a.npz", "--rig", "unity") == 0
+        assert time.monotonic() - started > 0.75
+        messages = [json.loads(bound.recv(65_536)) for _ in range(12)]
+    assert [message["frame"] for message in messages[1:]] == list(range(11))
+    assert live("--source", speech, "--fast", "--sink", tmp_path / "b.npz") == 0
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_a_recording_ends_where_files_of_motion_do(live, speech, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(run, "MAX_MOTION_SECONDS", 0.4)
+    assert live("--source", speech, "--fast", "--sink", tmp_path / "a.npz") == 0
+    motion = Motion.load(tmp_path / "a.npz")
+    assert (motion.num_frames, motion.meta["duration"]) == (6, 0.4)
+    assert capsys.readouterr().err.count("the recording is full at 0.4 s") == 1
+
+
+def test_falling_behind_drops_frames_that_are_recorded_all_the_same(live, speech, tmp_path, monkeypatch, capsys):
+    feed = FakeStream.feed
+
+    def stall(stream, samples):
+        if not stream.heard:
+            time.sleep(1.8)
+        return feed(stream, samples)
+
+    monkeypatch.setattr(FakeStream, "feed", stall)
+    sinks = ("--sink", "udp://127.0.0.1:9", "--sink", tmp_path / "a.npz")
+    assert live("--source", speech, *sinks, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["dropped"] > 0
+    assert summary["sent"] + summary["dropped"] == summary["frames"] == Motion.load(tmp_path / "a.npz").num_frames == 11
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_run_is_recorded_whole(live, tmp_path, capsys, number, code):
+    soundfile.write(tmp_path / "long.wav", np.full(16000 * 60, 0.1), 16000)
+    threading.Timer(0.6, os.kill, (os.getpid(), number)).start()
+    sinks = ("--sink", "udp://127.0.0.1:9", "--sink", tmp_path / "a.npz")
+    assert live("--source", tmp_path / "long.wav", *sinks) == code
+    motion = Motion.load(tmp_path / "a.npz")
+    assert motion.num_frames == max(1, round(motion.meta["duration"] * FPS)) < 60 * FPS
+    assert ("interrupted" in capsys.readouterr().err) == (code == 130)
+    assert signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
+
+
+def test_without_sound_nothing_is_recorded(live, tmp_path, monkeypatch, capsys):
+    read, write = os.pipe()
+    os.close(write)
+    with os.fdopen(read) as pipe:
+        monkeypatch.setattr("sys.stdin", pipe)
+        assert live("--source", "stdin", "--sink", tmp_path / "a.npz") == 2
+    assert "no sound from stdin" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--sink", "a.npz"], "--source"),
+        (["--source", "a.wav"], "--sink"),
+        (["--source", "missing.wav", "--sink", "a.npz"], "no file at missing.wav"),
+        (["--source", "stdin", "--sink", "a.npz", "--fast"], "--fast is for files"),
+        (["--source", "{speech}", "--sink", "tcp://127.0.0.1:1"], "no sink"),
+        (["--source", "{speech}", "--sink", "a.npz", "--delay", "0.1"], "the delay is 0.1 s; give 0.267 s"),
+        (["--source", "{speech}", "--sink", "a.npz", "--delay", "nan"], "the delay is nan"),
+        (["--source", "{speech}", "--sink", "a.npz", "--speaker", "nobody"], "nobody"),
+    ],
+)
+def test_mistakes_end_with_one_line(live, speech, tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    arguments = [argument.format(speech=speech) for argument in arguments]
+    try:
+        assert live(*arguments) == 2
+    except SystemExit as error:  # of argparse, which prints the usage before
+        assert error.code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "a.npz").exists()

@@ -1,0 +1,185 @@
+"""JSON arrives whole by UDP and WebSockets, with the values of the files; what cannot be opened is said in one line."""
+
+import contextlib
+import json
+import socket
+import sys
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+
+from ha2g_jax.apps.live import sinks
+from ha2g_jax.apps.live.addresses import read_address, udp_target
+from ha2g_jax.apps.live.clock import Clock, Stop
+from ha2g_jax.apps.live.opening import open_sinks, open_source
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.armature import world
+from ha2g_jax.viewer.live_page import live_page
+
+pytest.importorskip("websockets")
+from websockets.sync.client import connect
+
+LARGEST_DATAGRAM = 9216  # macOS sends no longer ones by default
+
+
+def check_message(message, frame, rig):
+    animation = frame.animations[rig]
+    _, positions = world(animation)
+    assert (message["type"], message["frame"]) == ("frame", frame.number)
+    assert message["time"] == pytest.approx(frame.seconds, abs=1e-6)
+    np.testing.assert_allclose(message["positions"], positions[0], atol=1e-6)
+    np.testing.assert_allclose(message["rotations"], animation.rotations[0], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(message["directions"], axis=-1).max(), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("rig", ["ha2g", "mixamo", "smplx", "unity", "unreal", "vrm"])
+def test_datagrams_are_the_joints_once_a_second_and_every_frame(make_frames, rig):
+    frames = make_frames(17, rig)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound, contextlib.ExitStack() as stack:
+        bound.bind(("127.0.0.1", 0))
+        bound.settimeout(5)
+        (sink,) = open_sinks([f"udp://127.0.0.1:{bound.getsockname()[1]}"], stack, rig).senders
+        received = []
+        for frame in frames:
+            sink.send(frame)
+            for _ in range(2 if frame.number % 15 == 0 else 1):
+                datagram = bound.recv(65_536)
+                assert len(datagram) <= LARGEST_DATAGRAM
+                received.append(json.loads(datagram))
+    joints, poses = ([it for it in received if it["type"] == kind] for kind in ("joints", "frame"))
+    assert len(joints) == 2
+    assert received[0] == joints[0] == joints[1]
+    assert (joints[0]["rig"], joints[0]["fps"]) == (rig, 15)
+    assert [joint["name"] for joint in joints[0]["joints"]] == list(frames[0].animations[rig].armature.joints)
+    for message, frame in zip(poses, frames, strict=True):
+        check_message(message, frame, rig)
+
+
+def test_every_page_gets_the_joints_and_then_all_frames(make_frames, free_port):
+    frames, url = make_frames(6, "ha2g"), f"ws://127.0.0.1:{free_port()}"
+    with contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([url], stack).senders
+        sink.send(frames[0])  # nobody is there
+        pages = []
+        for frame in frames[1:3]:
+            pages.append(stack.enter_context(connect(url)))
+            while len(sink._pages) < len(pages):  # type: ignore[attr-defined]
+                pass
+            sink.send(frame)
+        for page, missed in zip(pages, (1, 2), strict=True):
+            assert json.loads(page.recv(timeout=5))["type"] == "joints"
+            for frame in frames[missed:3]:
+                check_message(json.loads(page.recv(timeout=5)), frame, "ha2g")
+
+
+def test_a_browser_gets_a_page_and_the_page_the_poses_of_the_model(make_frames, free_port, skeleton):
+    frames, port = make_frames(2, "mixamo"), free_port()
+    with contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([f"ws://127.0.0.1:{port}"], stack, "mixamo").senders
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5) as answer:
+            assert answer.headers["Content-Type"] == "text/html; charset=utf-8"
+            assert "connect-src 'self'" in answer.headers["Content-Security-Policy"]
+            assert answer.read() == live_page("frames").content
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/page", timeout=5)
+        page = stack.enter_context(connect(f"ws://127.0.0.1:{port}/page"))
+        while not sink._pages:  # type: ignore[attr-defined]
+            pass
+        for frame in frames:
+            sink.send(frame)
+        assert json.loads(page.recv(timeout=5))["figure"]["joints"] == list(skeleton.joints)
+        for frame in frames:
+            message = json.loads(page.recv(timeout=5))
+            assert message["first"] == frame.number
+            np.testing.assert_allclose(np.reshape(message["frames"], (-1, 3)), frame.directions, atol=5.1e-5)
+
+
+def test_a_page_that_reads_slowly_misses_frames_and_nobody_waits_for_it(make_frames, free_port, monkeypatch):
+    (frame,), url = make_frames(1, "ha2g"), f"ws://127.0.0.1:{free_port()}"
+    monkeypatch.setattr(sinks, "frame_message", lambda frame, animation: "x" * 100_000)
+    with contextlib.ExitStack() as pages, contextlib.ExitStack() as stack:
+        (sink,) = open_sinks([url], stack).senders
+        pages.enter_context(connect(url, max_queue=1, close_timeout=0.1))
+        for _ in range(300):  # 30 MB
+            sink.send(frame)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        ([], "no sink"),
+        (["smoke://127.0.0.1:1"], r"no sink smoke://127.0.0.1:1; expected vmc://HOST:PORT"),
+        (["motion.bvh"], r"no sink motion.bvh; expected"),
+        ([".npz"], r"no sink .npz; expected"),
+        (["udp://127.0.0.1:70000"], "out of range; give one from 1 to 65535"),
+        (["udp://127.0.0.1:0"], "out of range"),
+        (["vmc://127.0.0.1:one"], "out of range"),
+        (["udp://127.0.0.1"], "cannot read the address"),
+        (["ws://[::1:1"], "cannot read the address"),
+        (["udp://nowhere.invalid:1"], "no host nowhere.invalid"),
+        (["udp://127.0.0.1:9", "udp://127.0.0.1:9"], "the same"),
+        (["/proc/none/a.npz"], "cannot write /proc/none/a.npz"),
+    ],
+)
+def test_a_sink_that_cannot_be_used_is_said_in_one_line(texts, message):
+    with pytest.raises(UserError, match=message) as error, contextlib.ExitStack() as stack:
+        open_sinks(texts, stack)
+    assert "\n" not in str(error.value)
+
+
+def test_a_host_with_addresses_of_both_kinds_is_reached_by_ipv4(monkeypatch):
+    kinds = (socket.SOCK_DGRAM, socket.IPPROTO_UDP, "")
+    found = [(socket.AF_INET6, *kinds, ("::1", 9, 0, 0)), (socket.AF_INET, *kinds, ("127.0.0.1", 9))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    sender, target = udp_target(read_address("udp://localhost:9"))
+    with sender:
+        assert sender.family == socket.AF_INET and target == ("127.0.0.1", 9)
+
+
+def test_a_recording_keeps_its_own_frames_alone(tmp_path):
+    recording, frames = sinks.Recording(tmp_path / "a.npz"), np.ones((30, 42, 3), np.float32)
+    recording.add(frames[:0])
+    assert not recording._frames
+    recording.add(frames[:2])
+    frames[:] = 0
+    assert recording._frames[0].base is None and recording._frames[0].all()
+
+
+def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
+    url = f"ws://127.0.0.1:{free_port()}"
+    with contextlib.ExitStack() as stack:
+        open_sinks([url], stack)
+        with pytest.raises(UserError, match="cannot listen on"):
+            next(open_source(url).chunks(Clock(), Stop()))
+    with pytest.raises(UserError, match="no rig lego"), contextlib.ExitStack() as stack:
+        open_sinks(["udp://127.0.0.1:9"], stack, "lego")
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("missing.wav", {}, "no file at missing.wav"),
+        ("http://127.0.0.1:80", {}, "no source http"),
+        ("ws://127.0.0.1", {}, "cannot read the address"),
+        ("stdin", {"rate": 12}, "the rate is 12"),
+        ("stdin", {"is_fast": True}, "--fast is for files"),
+        ("missing.wav", {"rate": 16000}, "--rate is for"),
+    ],
+)
+def test_a_source_that_cannot_be_used_is_said_in_one_line(text, options, message):
+    with pytest.raises(UserError, match=message) as error:
+        open_source(text, **options)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("module", "text"), [("pythonosc", "vmc://127.0.0.1"), ("websockets.sync.server", "ws://127.0.0.1:9")]
+)
+def test_a_library_that_is_missing_is_said_in_one_line(monkeypatch, module, text):
+    for name in [name for name in sys.modules if name.startswith(f"{module}.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UserError, match=r"pip install 'ha2g-jax\[live\]'"), contextlib.ExitStack() as stack:
+        open_sinks([text], stack)

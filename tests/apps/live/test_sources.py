@@ -1,0 +1,251 @@
+"""Sound has the times at which it is heard; pauses become silence, and nothing waits without bound."""
+
+import io
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import soundfile
+import soxr
+
+from ha2g_jax.apps.live import arriving
+from ha2g_jax.apps.live.addresses import read_address
+from ha2g_jax.apps.live.clock import Clock, Stop, Timeline
+from ha2g_jax.apps.live.sources import FileSource, Resampler
+from ha2g_jax.errors import UserError
+
+websockets = pytest.importorskip("websockets")
+from websockets.sync.client import connect  # noqa: E402
+
+
+def tone(rate, seconds=1.0):
+    return (0.3 * np.sin(2 * np.pi * 300 * np.arange(round(rate * seconds)) / rate)).astype(np.float32)
+
+
+def pcm(samples):
+    return np.round(samples * 32767).astype("<i2").tobytes()
+
+
+def take(source, clock, seconds):
+    """Return the chunks of the first seconds of a source."""
+    stop, chunks = Stop(), []
+    for chunk in source.chunks(clock, stop):
+        chunks.append(chunk)
+        if sum(len(chunk.samples) for chunk in chunks) >= 16000 * seconds:
+            stop.ask()
+    return chunks
+
+
+def joined(chunks):
+    return np.concatenate([chunk.samples for chunk in chunks])
+
+
+@pytest.mark.parametrize("rate", [8000, 16000, 44100])
+def test_sound_in_pieces_is_resampled_as_a_whole_and_keeps_its_times(rate):
+    samples, resampler, chunks, first = tone(rate), Resampler(rate), [], 0
+    for size in np.random.default_rng(0).integers(1, 1500, 400):
+        chunks.append(resampler.resample(samples[first : first + size], 5 + first / rate, bool(first + size >= rate)))
+        first += size
+        if first >= rate:
+            break
+    expected = samples if rate == 16000 else soxr.resample(samples, rate, 16000)
+    np.testing.assert_allclose(joined(chunks), expected, atol=1e-6)
+    starts = np.cumsum([0, *(len(chunk.samples) for chunk in chunks)])[:-1]
+    np.testing.assert_allclose([chunk.heard for chunk in chunks], 5 + starts / 16000, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_fast", [False, True])
+def test_a_file_is_heard_in_real_time_unless_it_is_fast(tmp_path, clock, is_fast):
+    soundfile.write(tmp_path / "a.wav", tone(22050), 22050)
+    start, position = clock.now(), 0
+    source = FileSource(tmp_path / "a.wav", is_fast)
+    for chunk in source.chunks(clock, Stop()):
+        assert chunk.heard == pytest.approx(start + position / 16000)
+        position += len(chunk.samples)
+        assert clock.now() == pytest.approx(start if is_fast else start + position / 16000)
+    assert position == 16000
+
+
+def test_a_file_ends_when_the_run_is_to_stop(tmp_path, clock):
+    soundfile.write(tmp_path / "a.wav", tone(16000), 16000)
+    assert len(take(FileSource(tmp_path / "a.wav", False), clock, 0.1)) == 5
+
+
+def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
+    class Pipe(io.BytesIO):
+        def read(self, size=-1, /):
+            return super().read(min(size or 0, 333))
+
+    source = arriving.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
+    sound = joined(list(source.chunks(Clock(), Stop())))
+    np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
+
+
+_WAITING = """
+import threading, time
+from ha2g_jax.apps.live.arriving import Inbox, PipeSource
+threading.Thread(target=PipeSource(16000)._read, args=(Inbox(16000),), daemon=True).start()
+time.sleep(0.2)
+"""
+
+
+def test_a_program_ends_while_stdin_sends_nothing():
+    process = subprocess.Popen([sys.executable, "-c", _WAITING], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.wait(60) == 0 and process.stderr is not None and process.stderr.read() == b""
+    process.communicate()
+
+
+def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
+    source = arriving.Inbox(16000)
+    source.put(tone(16000, 0.5))
+    chunks = take(source, clock, 1.0)
+    assert chunks[0].heard == 100
+    assert not joined(chunks[1:]).any()
+    ends = [chunk.heard + len(chunk.samples) / 16000 for chunk in chunks]
+    np.testing.assert_allclose([chunk.heard for chunk in chunks[1:]], ends[:-1])
+    assert ends[-1] - 0.03 <= clock.now() <= ends[-1] + 0.03
+
+
+def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
+    source = arriving.Inbox(16000)
+    heard = source.chunks(clock, Stop())
+    for _ in range(10):
+        next(heard)
+    source.put(tone(16000, 0.1))
+    clock.time += 0.02
+    chunk = next(chunk for chunk in heard if chunk.samples.any())
+    assert chunk.heard == pytest.approx(clock.now(), abs=0.021)
+
+
+def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
+    source = arriving.Inbox(16000)
+    for _ in range(3):
+        source.put(tone(16000, 0.5))
+    assert [chunk.heard for chunk in take(source, clock, 1.5)] == [100, 100.5, 101]
+
+
+def test_a_sender_waits_while_the_queue_is_full():
+    source = arriving.Inbox(16000)
+    count = 0
+
+    def send():
+        nonlocal count
+        while source.put(np.zeros(10, np.float32)):
+            count += 1
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    thread.join(0.3)
+    assert thread.is_alive()
+    source.close()
+    thread.join()
+    assert count == arriving._QUEUE
+
+
+class Device:
+    """A stand-in for sounddevice, whose microphone gives `pieces` at once and then nothing."""
+
+    PortAudioError = type("PortAudioError", (Exception,), {})
+
+    def __init__(self, clock, pieces, fault=None):
+        self.clock, self.pieces, self.fault, self.is_closed = clock, pieces, fault, False
+
+    def query_devices(self, kind):
+        if self.fault:
+            raise self.PortAudioError(self.fault)
+        return {"default_samplerate": 16000.0}
+
+    def InputStream(self, *, samplerate, channels, dtype, blocksize, callback):
+        self.callback, self.size = callback, blocksize
+        return self
+
+    def start(self):
+        for piece in range(self.pieces):
+            self.clock.time += self.size / 16000
+            self.callback(np.full((self.size, 1), piece, np.float32), self.size, None, None)
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, monkeypatch, capsys):
+    device = Device(clock, arriving._QUEUE + 25)
+    monkeypatch.setitem(sys.modules, "sounddevice", device)
+    source = arriving.MicrophoneSource(None)
+    chunks = list(source.chunks(clock, Stop()))  # ends, as there is no more sound
+    assert source.lost_seconds == pytest.approx(0.5)
+    assert len(chunks) == arriving._QUEUE
+    assert chunks[-1].heard == pytest.approx(100 + 0.02 * (arriving._QUEUE - 1))
+    assert chunks[-1].samples[0] == arriving._QUEUE - 1
+    assert device.is_closed
+    assert "no sound from microphone" in capsys.readouterr().err
+
+
+def test_a_microphone_that_is_missing_is_said_in_one_line(clock, monkeypatch):
+    monkeypatch.setitem(sys.modules, "sounddevice", Device(clock, 0, "Error querying device -1"))
+    with pytest.raises(UserError, match=r"no microphone can be used \(Error querying device -1\)"):
+        arriving.MicrophoneSource(None)
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    with pytest.raises(UserError, match=r"needs sounddevice and PortAudio: pip install 'ha2g-jax\[live\]'"):
+        arriving.MicrophoneSource(None)
+
+
+@pytest.fixture
+def listening(free_port):
+    """The address of a WebSocket source, and the chunks that a thread takes from it."""
+    address, stop, chunks = read_address(f"ws://127.0.0.1:{free_port()}"), Stop(), []
+    source = arriving.WebSocketSource(address, 16000)
+    thread = threading.Thread(target=lambda: chunks.extend(source.chunks(Clock(), stop)), daemon=True)
+    thread.start()
+    yield address, chunks
+    stop.ask()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_a_websocket_takes_binary_messages_of_one_sender(listening):
+    address, chunks = listening
+    with connect_when_ready(address) as sender, connect(str(address)) as other:
+        sender.send(pcm(tone(16000))[:1001])
+        with pytest.raises(websockets.ConnectionClosed, match="another sender"):
+            other.recv(timeout=5)
+        sender.send(pcm(tone(16000))[1001:])
+    end = time.monotonic() + 10
+    while sum(np.count_nonzero(chunk.samples) for chunk in chunks) < 15_000 and time.monotonic() < end:
+        time.sleep(0.01)
+    sound = joined([chunk for chunk in chunks if chunk.samples.any()])  # silence may be heard between the messages
+    np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
+
+
+def test_a_websocket_refuses_text(listening):
+    with connect_when_ready(listening[0]) as sender, pytest.raises(websockets.ConnectionClosed, match="binary"):
+        sender.send("text")
+        sender.recv(timeout=5)
+
+
+def connect_when_ready(address):
+    """Connect to a server that is just starting."""
+    for _ in range(200):
+        try:
+            return connect(str(address))
+        except OSError:
+            time.sleep(0.02)
+    raise TimeoutError(address)
+
+
+def test_a_timeline_knows_when_a_sample_is_heard_across_a_pause():
+    timeline = Timeline(10)
+    timeline.add(16000, 100)
+    timeline.add(16000, 103)
+    assert [timeline.heard(seconds) for seconds in (0, 0.5, 1, 1.5, 2.5)] == [100, 100.5, 103, 103.5, 104.5]
+
+
+def test_a_timeline_forgets():
+    timeline = Timeline(1)
+    for piece in range(10_000):
+        timeline.add(320, 0.02 * piece)
+    assert len(timeline._pieces) < 60
+    assert timeline.heard(199.5) == pytest.approx(199.5)

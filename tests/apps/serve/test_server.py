@@ -1,0 +1,108 @@
+"""The process: how it begins, what it does when it is full, and how it ends."""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+from fixtures.service import begin, closing, command, finish, running, speech, wav
+from websockets.exceptions import InvalidStatus
+
+from ha2g_jax import cli
+from ha2g_jax.apps.serve import server
+from ha2g_jax.apps.serve.settings import Settings
+from ha2g_jax.checkpoint import model_folder
+
+
+def test_a_missing_extra_is_one_line(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert cli.main(["serve"]) == 2
+    assert capsys.readouterr().err == "ha2g: ha2g serve needs uvicorn: pip install 'ha2g-jax[serve]'\n"
+
+
+def test_a_port_that_is_taken_is_one_line(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        assert cli.main(["serve", "--port", str(taken.getsockname()[1])]) == 2
+    assert "give another --port" in capsys.readouterr().err
+
+
+def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
+    with running(debug_model, sessions=1, requests=0) as client, client.stream() as websocket:
+        begin(websocket)
+        with pytest.raises(InvalidStatus) as refused, client.stream():
+            pass
+        assert refused.value.response.status_code == 503 and int(refused.value.response.headers["Retry-After"]) > 0
+        full = client.post("", wav(0.3))
+        assert full.status == 503 and int(full.headers["Retry-After"]) > 0 and "requests are running" in full.error
+        websocket.send(speech(0.5).tobytes())
+        frames, _ = finish(websocket)
+        assert len(frames) == 8
+        while not client.service.is_idle:
+            time.sleep(0.01)
+        with client.stream() as another:
+            assert begin(another)["fps"] == 15
+        metrics = client.ask("GET", "/metrics").body.decode()
+    assert 'ha2g_requests_total{route="/v1/stream",status="503"} 1.0' in metrics
+    assert 'ha2g_requests_total{route="/v1/stream",status="101"} 2.0' in metrics and "ha2g_frames_total 8.0" in metrics
+
+
+def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
+    """In a process of its own: no further connection is taken, what runs is answered, and the exit code is 0."""
+    model = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
+    with command(model) as (process, client):
+        form = b'--x\r\nContent-Disposition: form-data; name="speech"; filename="a"\r\n\r\n' + wav(1) + b"\r\n--x--\r\n"
+        head = f"Content-Length: {len(form)}\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
+        with client.stream() as websocket, socket.create_connection(("127.0.0.1", client.port), timeout=20) as upload:
+            begin(websocket)
+            upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode() + form[:1000])
+            while "ha2g_requests_running 1.0" not in client.ask("GET", "/metrics").body.decode():
+                time.sleep(0.01)
+            process.send_signal(signal.SIGTERM)
+            with pytest.raises(OSError):
+                while True:
+                    client.ask("GET", "/health")
+                    time.sleep(0.01)
+            upload.sendall(form[1000:])
+            websocket.send(speech(0.5).tobytes())
+            frames, last = finish(websocket)
+            assert upload.recv(100).startswith(b"HTTP/1.1 200 ")
+        assert len(frames) == last["count"] == 8
+        assert process.stderr is not None and process.wait(30) == 0 and process.stderr.read() == ""
+
+
+def test_ctrl_c_ends_while_a_motion_is_computed(monkeypatch):
+    """Python would wait for the thread, which computes for minutes."""
+
+    def run(sockets):
+        raise KeyboardInterrupt
+
+    def leave(code):
+        raise SystemExit(code)
+
+    monkeypatch.setattr(server, "load", lambda _: None)
+    monkeypatch.setattr(server, "warm_up", lambda _: None)
+    monkeypatch.setattr(server, "Service", lambda *_: SimpleNamespace(is_computing=True))
+    monkeypatch.setattr(server, "Server", lambda *_, **__: SimpleNamespace(run=run))
+    monkeypatch.setattr(os, "_exit", leave)
+    with pytest.raises(SystemExit) as end:
+        server.run("demo", Settings(port=0))
+    assert end.value.code == 130
+
+
+def test_after_the_grace_what_still_runs_is_ended(debug_model):
+    with running(debug_model, grace=0.0) as client, contextlib.ExitStack() as stack:
+        websocket = stack.enter_context(client.stream())
+        begin(websocket)
+        upload = stack.enter_context(socket.create_connection(("127.0.0.1", client.port), timeout=20))
+        head = "Content-Length: 100\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
+        upload.sendall(f"POST /v1/motion HTTP/1.1\r\nHost: localhost\r\n{head}".encode())
+        while not client.service.motions.taken:
+            time.sleep(0.01)
+        client.server.should_exit = True
+        received, code = closing(websocket)
+        assert code == 1012 and "has been stopped" in received[-1]["error"]
+        assert upload.recv(100).startswith(b"HTTP/1.1 503 ")

@@ -1,0 +1,226 @@
+"""Answer files that do not fit are left out with a reason, never run, and the others are read."""
+
+import copy
+import json
+import os
+
+import numpy as np
+import pytest
+from fixtures.simulated_study import make_answers, make_key
+
+from ha2g_jax.apps.user_study.answers import read_answers
+from ha2g_jax.apps.user_study.key import PREFERENCE, RATING
+from ha2g_jax.apps.user_study.observations import mismatches_of, preferences_of, ratings_of
+from ha2g_jax.errors import UserError
+from ha2g_jax.limits import MAX_ANSWER_BYTES
+
+
+@pytest.fixture
+def key():
+    return make_key()
+
+
+@pytest.fixture
+def content(key):
+    return make_answers(key, "p00", np.random.default_rng(0))
+
+
+def read(folder, key):
+    return read_answers([folder], key)
+
+
+def at(kind, content):
+    return next(answer for answer in content["answers"] if answer["kind"] == kind)
+
+
+def changed(**changes):
+    return lambda content: content.update(changes)
+
+
+def first_of(kind, /, **changes):
+    return lambda content: at(kind, content).update(changes)
+
+
+HOSTILE = {
+    "format": (changed(format="ha2g-study-key"), "format"),
+    "version": (changed(version=2), "version"),
+    "version that is true": (changed(version=True), "version"),
+    "other study": (changed(study="deadbeef"), "another study, deadbeef"),
+    "study of markup": (changed(study="<script>alert(1)</script>"), "study: not an id"),
+    "participant of markup": (changed(participant="<img src=x onerror=alert(1)>"), "participant: not an id"),
+    "participant of a path": (changed(participant="../../etc/passwd"), "participant: not an id"),
+    "long participant": (changed(participant="a" * 65), "participant: not an id"),
+    "line break in the participant": (changed(participant="p00\n"), "participant: not an id"),
+    "no consent": (changed(consent=False), "no consent"),
+    "consent in words": (changed(consent="true"), "no consent"),
+    "time": (changed(finished="soon"), "finished: not a time"),
+    "number as a time": (changed(started=1e308), "started: not a time"),
+    "long comments": (changed(comments="x" * 2001), "comments of more than 2000 characters"),
+    "comments that are no text": (changed(comments={"__proto__": 1}), "comments are not text"),
+    "answers that are no list": (changed(answers={}), "answers are not a list"),
+    "answers of numbers": (changed(answers=[1]), "an answer is not an object"),
+    "order of numbers": (changed(order=[[]]), "item of the order: not an id"),
+    "too many answers": (changed(answers=[{}] * 1000), "1000 answers"),
+    "missing items": (lambda content: content["answers"].pop(3), "missing items: i"),
+    "items that were never shown": (
+        lambda content: (content["answers"].pop(0), content["order"].pop(0)),
+        "missing items: 11 of kind rating, 12 are asked for",
+    ),
+    "unknown item": (first_of(RATING, item="i999"), "unknown item i999"),
+    "item twice": (lambda content: content["answers"].append(copy.deepcopy(content["answers"][0])), "answers, but"),
+    "item in place of another": (
+        lambda content: content["answers"].__setitem__(1, copy.deepcopy(content["answers"][0])),
+        "is answered twice",
+    ),
+    "other kind": (first_of(RATING, kind=PREFERENCE), "kind"),
+    "other stimulus": (first_of(RATING, stimulus="s999"), "another stimulus"),
+    "other stimuli": (first_of(PREFERENCE, left="s999"), "other stimuli"),
+    "choice": (first_of(PREFERENCE, choice="both"), "the choice is not one of"),
+    "choice that is a list": (first_of(PREFERENCE, choice=["left"]), "the choice is not one of"),
+    "rating out of range": (
+        first_of(RATING, ratings={"naturalness": 6, "smoothness": 1, "synchrony": 1}),
+        "not a whole number from 1 to 5",
+    ),
+    "huge rating": (
+        first_of(RATING, ratings={"naturalness": 10**400, "smoothness": 1, "synchrony": 1}),
+        "not a whole number from 1 to 5",
+    ),
+    "rating that is true": (
+        first_of(RATING, ratings={"naturalness": True, "smoothness": 1, "synchrony": 1}),
+        "not a whole number from 1 to 5",
+    ),
+    "NaN as a rating": (
+        first_of(RATING, ratings={"naturalness": float("nan"), "smoothness": 1, "synchrony": 1}),
+        "not a whole number from 1 to 5",
+    ),
+    "scale that is missing": (first_of(RATING, ratings={"naturalness": 1}), "ratings are not those of"),
+    "NaN seconds": (first_of(RATING, seconds=float("nan")), "seconds are not a number"),
+    "infinite seconds": (first_of(RATING, seconds=float("inf")), "seconds are not a number"),
+    "negative plays": (first_of(RATING, plays=-1), "plays are not a whole number"),
+    "attention check": (first_of("attention", answer=1), "failed 1 of 1 attention checks"),
+    "attention check without an answer": (first_of("attention", answer=None), "not a whole number"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_an_answer_file_that_does_not_fit_is_excluded(case, key, content, tmp_path):
+    (tmp_path / "good.json").write_text(json.dumps(content | {"participant": "good"}))
+    change, reason = HOSTILE[case]
+    change(content)
+    (tmp_path / "bad.json").write_text(json.dumps(content))
+    found = read(tmp_path, key)
+    assert [one.id for one in found.participants] == ["good"]
+    (exclusion,) = found.excluded
+    assert exclusion.file.endswith("bad.json") and reason in exclusion.reason and len(exclusion.reason) < 300
+    assert exclusion.participant in ("", "p00") and exclusion.reason.isprintable()
+
+
+FILES = {
+    "not JSON": (b"<script>alert(1)</script>", "is not an answer file"),
+    "empty": (b"", "is not an answer file"),
+    "not UTF-8": (b"\xff\xfe{}", "is not an answer file"),
+    "nested": (b"[" * 100_000, "nested too deep"),
+    "deep": (b"[" * 100 + b"]" * 100, "nested too deep"),
+    "long number": (b"1" * 100_000, "is not an answer file"),
+    "list": (b"[]", "not a JSON object"),
+    "null": (b"null", "not a JSON object"),
+    "text of a half character": (b'{"format": "\\ud800"}', "format"),
+    "python": (b"__import__('os').system('touch executed')", "is not an answer file"),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_file_that_is_no_answer_is_excluded(case, key, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, reason = FILES[case]
+    (tmp_path / "bad.json").write_bytes(data)
+    found = read(tmp_path, key)
+    assert not found.participants and reason in found.excluded[0].reason
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.json"]
+
+
+def test_a_huge_file_is_not_read(key, tmp_path, monkeypatch):
+    """A file of 100 MB, sparse on the disk: at most the limit and one byte are read."""
+    with (tmp_path / "big.json").open("wb") as file:
+        file.truncate(100_000_000)
+    sizes = []
+    opened = type(tmp_path).open
+
+    def counting(path, *arguments, **settings):
+        file = opened(path, *arguments, **settings)
+        read_all = file.read
+        file.read = lambda size=-1: sizes.append(size) or read_all(size)
+        return file
+
+    monkeypatch.setattr("ha2g_jax.files.reading.pathlib.Path.open", counting)
+    found = read(tmp_path, key)
+    assert found.excluded[0].reason.startswith(f"has more than {MAX_ANSWER_BYTES} bytes")
+    assert sizes == [MAX_ANSWER_BYTES + 1]
+
+
+def test_pipes_and_folders_are_not_read(key, tmp_path):
+    os.mkfifo(tmp_path / "pipe.json")
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "loop.json").symlink_to(tmp_path / "loop.json")
+    reasons = [exclusion.reason for exclusion in read(tmp_path, key).excluded]
+    assert "folder" in reasons[0] and reasons[1] and "a pipe" in reasons[2]
+
+
+def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path):
+    later = make_answers(key, "p00", np.random.default_rng(1)) | {"finished": "2026-02-03T06:00:00+01:00"}
+    (tmp_path / "a_later.json").write_text(json.dumps(later))
+    (tmp_path / "b_first.json").write_text(json.dumps(content))
+    (tmp_path / "c_copy.json").write_text(json.dumps(content))
+    found = read(tmp_path, key)
+    assert [one.file[-12:] for one in found.participants] == ["b_first.json"]
+    assert [exclusion.reason.split(" of ")[0] for exclusion in found.excluded] == [
+        "further answers, finished later,",
+        ["a copy", "the answers"][0],
+    ]
+
+
+def test_times_at_the_ends_of_the_calendar_can_be_compared(key, content, tmp_path):
+    for number, time in enumerate(["0001-01-01T00:00:00+23:59", "9999-12-31T23:59:59-23:59", "2026-01-01"]):
+        (tmp_path / f"{number}.json").write_text(json.dumps(content | {"finished": time}))
+    assert len(read(tmp_path, key).participants) == 1
+
+
+def test_nothing_to_read(key, tmp_path):
+    with pytest.raises(UserError, match="no answer file"):
+        read(tmp_path, key)
+    with pytest.raises(UserError, match="no file or folder"):
+        read(tmp_path / "none", key)
+
+
+def test_a_file_that_is_named_twice_counts_once(key, content, tmp_path):
+    (tmp_path / "p00.json").write_text(json.dumps(content))
+    found = read_answers([tmp_path, tmp_path / "p00.json", tmp_path], key)
+    assert len(found.participants) == 1 and not found.excluded
+
+
+def test_choices_are_about_systems_and_not_about_sides(key, content, tmp_path):
+    """Whatever side and order of the pair, 1 is for the earlier system, and for the matched motion."""
+    matched = {name for name, stimulus in key.stimuli.items() if stimulus.matched}
+    for answer in content["answers"]:
+        if answer["kind"] in ("preference", "mismatch"):
+            left, right = (key.stimuli[answer[side]] for side in ("left", "right"))
+            is_left = answer["left"] in matched if answer["kind"] == "mismatch" else left.system < right.system
+            answer["choice"] = "left" if is_left else "right"
+    (tmp_path / "p00.json").write_text(json.dumps(content))
+    found = read(tmp_path, key).participants
+    preferences, mismatches = preferences_of(found, key), mismatches_of(found, key)
+    assert (preferences.outcome == 1).all() and (preferences.first < preferences.second).all()
+    assert (
+        (mismatches.outcome == 1).all() and set(mismatches.first) == {0, 1, 2} and set(mismatches.clip) == {0, 1, 2, 3}
+    )
+
+
+def test_ratings_are_those_of_the_file(key, content, tmp_path):
+    (tmp_path / "p00.json").write_text(json.dumps(content))
+    ratings = ratings_of(read(tmp_path, key).participants, key)
+    assert ratings.systems == key.systems and ratings.scores.shape == (12, 3)
+    answer = at(RATING, content)
+    row = next(n for n in range(12) if key.items[ratings.item[n]].id == answer["item"])
+    stimulus = key.stimuli[answer["stimulus"]]
+    assert ratings.scores[row].tolist() == list(answer["ratings"].values())
+    assert (key.systems[ratings.system[row]], key.clips[ratings.clip[row]]) == (stimulus.system, stimulus.clip)

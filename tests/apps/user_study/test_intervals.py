@@ -1,0 +1,138 @@
+"""Shares, means and differences: known values, few participants, incomplete designs, and coverage."""
+
+import pathlib
+import runpy
+
+import numpy as np
+import pytest
+from scipy import stats
+
+pytest.importorskip("choix")
+
+from ha2g_jax.apps.user_study.crossed import Spread, crossed, mean
+from ha2g_jax.apps.user_study.differences import system_differences
+from ha2g_jax.apps.user_study.observations import Choices
+from ha2g_jax.apps.user_study.shares import interval, share
+
+COVERAGE = runpy.run_path(str(pathlib.Path(__file__).parents[3] / "benchmarks" / "user_study_coverage.py"))
+
+
+def answers_of(table):
+    """Return scores, participants, clips and systems of a table (P, S, C), NaN where nobody answered."""
+    participants, systems, clips = np.nonzero(np.isfinite(table))
+    return table[participants, systems, clips], participants, clips, systems
+
+
+def choices(outcome):
+    """Return choices of a table (P, C) of outcomes."""
+    participants, clips = (each.ravel() for each in np.indices(outcome.shape))
+    nothing = np.zeros(outcome.size, int)
+    return Choices(participants, clips, clips, nothing, nothing, outcome.ravel())
+
+
+def test_variance_is_that_of_the_two_sets_of_means():
+    """In a complete design: the variances of the means of participants and of clips, and the degrees of min F'."""
+    values = np.random.default_rng(0).normal(size=(6, 4))
+    participants, clips = (each.ravel() for each in np.indices(values.shape))
+    found = mean(values.ravel(), participants, clips)
+    parts = [values.mean(axis).var(ddof=1) / len(values.mean(axis)) for axis in (1, 0)]
+    assert found.error == pytest.approx(np.sqrt(sum(parts)))
+    assert found.freedom == pytest.approx(sum(parts) ** 2 / (parts[0] ** 2 / 5 + parts[1] ** 2 / 3))
+    assert found.high - found.value == pytest.approx(stats.t.ppf(0.975, found.freedom) * found.error)
+
+
+def test_difference_in_a_complete_design_is_that_of_the_means():
+    table = np.random.default_rng(1).normal(size=(7, 3, 5))
+    found = system_differences(*answers_of(table), 3)
+    means = table.mean((0, 2))
+    assert found.value == pytest.approx([means[0] - means[1], means[0] - means[2], means[1] - means[2]])
+    pairs = table[:, 0] - table[:, 1]
+    participants, clips = (each.ravel() for each in np.indices(pairs.shape))
+    assert found.error[0] == pytest.approx(mean(pairs.ravel(), participants, clips).error)
+
+
+def test_difference_in_an_incomplete_design_is_free_of_participants_and_clips():
+    """Without a rest, strict participants and hard clips that are met by one system more often change nothing."""
+    random = np.random.default_rng(2)
+    table = np.array([1.0, 0.25])[:, None] + random.normal(size=(9, 1, 1)) + random.normal(size=(1, 1, 6))
+    table[random.random(table.shape) < 0.5] = np.nan
+    found = system_differences(*answers_of(table), 2)
+    assert found.value == pytest.approx([0.75]) and np.isnan(found.error)  # nothing varies
+
+
+def test_difference_that_the_answers_do_not_determine():
+    table = np.full((4, 2, 3), np.nan)
+    table[:2, 0], table[2:, 1] = 4, 3  # each participant rated one system
+    assert np.isnan(system_differences(*answers_of(table), 2).value)
+
+
+def test_one_participant_and_one_clip():
+    values = np.array([3.0, 4, 5])
+    one = mean(values, np.zeros(3, int), np.arange(3))
+    assert one.value == 4 and np.isnan([one.low, one.high, one.p]).all()
+    of_participants = mean(values, np.arange(3), np.zeros(3, int))  # one clip: the t interval over participants
+    assert of_participants.high == pytest.approx(stats.t.interval(0.95, 2, 4, stats.sem(values))[1])
+
+
+def test_answers_that_all_agree_say_nothing_of_others():
+    """No interval of width 0 is shown, nor one whose width is that of rounding."""
+    participant, clip = (axis.ravel() for axis in np.indices((4, 5)))
+    found = mean(np.full(20, 3.1), participant, clip)
+    assert found.value == pytest.approx(3.1) and np.isnan([found.low, found.high, found.error, found.p]).all()
+
+
+def test_p_is_small_where_the_interval_excludes_zero():
+    clips = Spread(np.array(0.01), np.array(6))
+    for value in np.linspace(-1, 1, 41):
+        found = crossed(np.array(value), Spread(np.array(0.02), np.array(9)), clips)
+        assert (found.p < 0.05) == (found.low > 0 or found.high < 0)
+    assert crossed(np.array(0.0), Spread(np.array(0.0), np.array(9)), clips).p == 1
+
+
+def test_share_of_independent_choices():
+    """The exact numbers are those of scipy; the interval over participants and clips contains their interval."""
+    outcome = np.where(np.random.default_rng(3).random((30, 10)) < 0.65, 1, -1)
+    outcome[:, 0] = 0
+    found = share(choices(outcome))
+    test = stats.binomtest(int((outcome == 1).sum()), 270)
+    assert (found.first + found.second, found.equal) == (270, 30) and found.exact_p == test.pvalue
+    assert (found.exact_low, found.exact_high) == test.proportion_ci(method="exact")
+    assert found.low <= found.exact_low < found.value < found.exact_high <= found.high
+    assert found.with_half == pytest.approx((found.first + 15) / 300)
+
+
+def test_share_of_participants_who_always_choose_the_same():
+    """20 participants with 10 equal choices each tell as much as 20 choices, and the exact test would not see it."""
+    outcome = np.where(np.arange(20) < 14, 1, -1)[:, None].repeat(10, axis=1)
+    found = share(choices(outcome))
+    assert found.exact_p < 1e-6 and found.p > 0.05 and found.low < 0.5 < found.value
+    low, high = stats.binomtest(14, 20).proportion_ci(method="exact")
+    assert (found.low, found.high) == pytest.approx((low, high), abs=0.03)
+
+
+def test_share_of_all_and_of_none():
+    every = share(choices(np.ones((10, 8), int)))
+    assert every.high == 1 and every.low == pytest.approx(stats.binomtest(10, 10).proportion_ci(method="exact").low)
+    assert every.p == pytest.approx(2**-9)
+    equal = share(choices(np.zeros((3, 2), int)))
+    assert np.isnan(equal.value) and equal.with_half == 0.5
+    one = share(choices(np.array([[1, 1, -1]])))
+    assert one.value == pytest.approx(2 / 3) and np.isnan([one.low, one.high, one.p]).all() and one.exact_p == 1
+
+
+def test_p_of_a_share_is_small_where_the_interval_excludes_a_half():
+    for value in np.linspace(0, 1, 41):
+        spreads = Spread(np.array(0.003), np.array(12)), Spread(np.array(0.002), np.array(8))
+        low, high, p = interval(np.array(value), np.array(96), *spreads)
+        assert low <= value <= high and (p < 0.05) == (low > 0.5 or high < 0.5)
+
+
+@pytest.mark.parametrize("statistic", list(COVERAGE["TRIALS"]))
+@pytest.mark.parametrize("variation", [0, 1], ids=list(COVERAGE["VARIATIONS"]))
+def test_intervals_hold_the_truth_and_are_not_vacuous(statistic, variation):
+    """In 95 of 100 studies at least, with a fixed seed; docs/user_study_analysis.md has the numbers of 1000 each."""
+    trial, design = COVERAGE["TRIALS"][statistic], COVERAGE["Design"](20, 8)
+    spread = list(COVERAGE["VARIATIONS"].values())[variation][trial is not COVERAGE["opinion"]]
+    held, width = COVERAGE["measure"](trial, design, spread, 200, seed=7)
+    widest = {"MOS difference": 1.0, "strength difference": 1.6, "matched share": 0.4}
+    assert held >= 0.95 and width < widest[statistic]

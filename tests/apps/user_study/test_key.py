@@ -1,0 +1,76 @@
+"""A key is read as it was written, and a key that contradicts itself is refused in one line."""
+
+import json
+
+import pytest
+
+from ha2g_jax.apps.user_study.key import Item, Key, Stimulus, read_key, write_key
+from ha2g_jax.errors import UserError
+
+HASH = "0" * 64
+KEY = Key(
+    study="ab12",
+    title="Gestures",
+    seed=2**63 - 1,
+    created="2026-01-01T00:00:00+00:00",
+    systems=("a", "\udcff b"),
+    clips=("c", "d"),
+    stimuli={
+        "s1": Stimulus("a", "c", True, "c", HASH),
+        "s2": Stimulus("a", "d", False, "c", HASH),
+        "s3": Stimulus("\udcff b", "c", True, "c", HASH),
+        "s4": Stimulus("a", "d", False, None, HASH),
+    },
+    items=(
+        Item("i001", "rating", ("s1",)),
+        Item("i002", "preference", ("s1", "s3")),
+        Item("i003", "mismatch", ("s2", "s1")),
+        Item("i004", "attention", ("s4",), 4),
+    ),
+    per_participant={"rating": 1, "preference": 1, "mismatch": 1, "attention": 1},
+)
+
+
+@pytest.fixture
+def path(tmp_path):
+    write_key(tmp_path / "key.json", KEY)
+    return tmp_path / "key.json"
+
+
+def test_a_key_is_read_as_it_was_written_and_is_private(path):
+    assert read_key(path) == KEY
+    assert path.stat().st_mode & 0o777 == 0o600
+    content = json.loads(path.read_text())
+    assert (content["format"], content["version"]) == ("ha2g-study-key", 1)
+    assert content["items"][2] == {"id": "i003", "kind": "mismatch", "pair": ["s2", "s1"]}
+    assert content["items"][3] == {"id": "i004", "kind": "attention", "stimulus": "s4", "expected": 4}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "other"}, "format"),
+        ({"version": 2}, "version 2, expected 1"),
+        ({"systems": ["a"]}, "s3 is of an unknown system"),
+        ({"clips": "cd"}, "clips: no names"),
+        ({"seed": "7"}, "not a whole number"),
+        ({"study": "../x"}, "study is not an id"),
+        ({"points": [5, 1]}, "points"),
+        ({"items": [{"id": "i1", "kind": "rating", "stimulus": "s9"}]}, "unknown stimulus"),
+        ({"items": [{"id": "i1", "kind": "preference", "pair": ["s1", "s2"]}]}, "i1 is no preference"),
+        ({"items": [{"id": "i1", "kind": "mismatch", "pair": ["s1", "s3"]}]}, "i1 is no mismatch"),
+        ({"items": [{"id": "i1", "kind": "attention", "stimulus": "s4", "expected": 6}]}, "out of range"),
+        ({"items": [{"id": "i1", "kind": "preference", "pair": [["s1"], "s2"]}]}, "unhashable"),
+        ({"stimuli": {"s1": {"system": "a"}}}, "no 'clip'"),
+    ],
+)
+def test_a_key_that_is_none_is_refused(path, change, message):
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(UserError, match=message) as caught:
+        read_key(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_key_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"cannot read .*key\.json"):
+        read_key(tmp_path / "key.json")

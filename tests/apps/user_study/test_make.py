@@ -1,0 +1,228 @@
+"""A study is made from folders of motion, whole or not at all, and its site tells nothing that the key keeps."""
+
+import collections
+import hashlib
+import json
+import re
+
+import av
+import numpy as np
+import pytest
+
+from ha2g_jax import cli
+from ha2g_jax.apps.user_study import make, stimuli
+from ha2g_jax.apps.user_study.key import read_key
+from ha2g_jax.apps.user_study.make import make_study
+from ha2g_jax.apps.user_study.site import SCRIPTS, read_wording
+from ha2g_jax.apps.user_study.sources import name_systems, read_sources
+from ha2g_jax.errors import UserError
+
+from .conftest import CLIPS, SECONDS, SYSTEMS
+
+
+@pytest.fixture(scope="module")
+def key(study):
+    return read_key(study / "key.json")
+
+
+def items_of(study):
+    return json.loads((study / "site" / "items.json").read_text())
+
+
+def seconds_of(path):
+    with av.open(str(path)) as container:
+        assert {stream.codec_context.name for stream in container.streams} == {"h264", "aac"}
+        return sum(1 for _ in container.decode(video=0)) / 30
+
+
+def test_a_study_has_every_stimulus_as_a_video(study, key):
+    assert sorted(path.name for path in study.iterdir()) == ["key.json", "site"]
+    media = {path.stem: path for path in (study / "site" / "media").iterdir()}
+    assert media.keys() == key.stimuli.keys()
+    counts = collections.Counter(item.kind for item in key.items)
+    assert counts == {"rating": 4, "preference": 2, "mismatch": 4, "attention": 1} == key.per_participant
+    for name, path in media.items():
+        assert hashlib.sha256(path.read_bytes()).hexdigest() == key.stimuli[name].sha256
+        length = seconds_of(path)
+        assert 3 < length < 6 if key.stimuli[name].sound_of is None else length == pytest.approx(SECONDS)
+    assert (key.systems, key.clips) == (SYSTEMS, CLIPS)
+
+
+def test_the_site_says_nothing_of_what_the_key_keeps(study, key):
+    content = items_of(study)
+    assert content["study"] == key.study
+    assert [item["id"] for item in content["items"]] == [item.id for item in key.items]
+    for item in content["items"]:
+        assert item.keys() in ({"id", "kind", "stimulus"}, {"id", "kind", "pair"})
+    assert "stimuli" not in content and "seed" not in content
+    for path in (path for path in (study / "site").rglob("*") if path.is_file()):
+        for word in (*SYSTEMS, *CLIPS, str(study.parent)):
+            assert word.encode() not in path.read_bytes()
+
+
+def test_the_page_loads_nothing_from_elsewhere(study):
+    page = (study / "site" / "index.html").read_text()
+    assert "Gestures &amp; &lt;speech&gt;</title>" in page
+    [policy] = re.findall(r'Content-Security-Policy" content="([^"]+)"', page)
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self';")
+    assert "unsafe" not in policy and "http" not in policy
+    assert re.findall(r'(?:src|href)="((?!data:,)[^"]+)"', page) == ["study.css", "jspsych.min.js", "study.js"]
+    assert "sourceMappingURL" not in (study / "site" / "jspsych.min.js").read_text()
+    assert {path.name for path in (study / "site").iterdir()} == {*SCRIPTS, "index.html", "items.json", "media"}
+
+
+def test_videos_of_a_clip_have_one_camera_and_one_build(tmp_path, write_motions, monkeypatch):
+    """The second system is the first with another build, so that nothing in its pictures may differ."""
+    folders = write_motions(tmp_path, systems=("first",))
+    (tmp_path / "second").mkdir()
+    for clip in CLIPS:
+        with np.load(tmp_path / "first" / f"{clip}.npz") as arrays:
+            np.savez(tmp_path / "second" / f"{clip}.npz", **{**arrays, "positions": 1.2 * arrays["positions"]})
+    views = []
+
+    def write(path, motion, sound, *, view, **_):
+        views.append((view, len(sound), motion[""].positions.tobytes()))
+        path.write_bytes(b"video")
+
+    monkeypatch.setattr(stimuli, "write_video", write)
+    make_study([*folders, str(tmp_path / "second")], tmp_path / "study", speech=tmp_path / "speech", attention=0)
+    assert len(views) == 4
+    assert len(set(views)) == 2  # one for each clip
+
+
+def test_sound_and_motion_are_cut_to_the_shortest(tmp_path, write_motions):
+    folders = write_motions(tmp_path, seconds=2.0)
+    shorter = write_motions(tmp_path / "short", systems=("Short",), seconds=1.8)
+    systems = name_systems([*folders, *shorter])
+    whole = read_sources(systems, speech=tmp_path / "speech")
+    assert set(whole.durations.values()) == {1.8}
+    cut = read_sources(systems, speech=tmp_path / "speech", clip_seconds=1.5, clips=1)
+    assert list(cut.durations.values()) == [1.5]
+    [sound] = cut.sounds.values()
+    assert abs(sound[-1]) < 1e-6
+    assert {motion.num_frames for motions in cut.motions.values() for motion in motions.values()} <= {22, 23}
+
+
+def test_sound_may_lie_beside_the_motion_of_any_system(tmp_path, write_motions):
+    folders = write_motions(tmp_path)
+    for clip in CLIPS:
+        (tmp_path / "speech" / f"{clip}.wav").rename(tmp_path / SYSTEMS[1] / f"{clip.upper()}.wav")
+    assert set(read_sources(name_systems(folders)).durations.values()) == {SECONDS}
+
+
+def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
+    monkeypatch.setattr(stimuli, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
+    clips = ("</script><b>", "a 'b' \"c\"", "x\ny", "a..%2f", "-o", "\udcff")  # the last is no UTF-8
+    systems = ("<img src=x>", "=", "$post")
+    folders = write_motions(tmp_path, systems=systems, clips=clips)
+    out = make_study(
+        folders, tmp_path / "study", speech=tmp_path / "speech", protocol=("mismatch",), title="$title <b>"
+    )
+    key = read_key(out / "key.json")
+    assert set(key.clips) == set(clips)
+    assert set(key.systems) == set(systems)
+    assert "<title>$title &lt;b&gt;</title>" in (out / "site" / "index.html").read_text()
+    assert {len(path.name) for path in (out / "site" / "media").iterdir()} == {20}
+
+
+def test_a_list_of_names_and_folders_is_read(tmp_path):
+    (tmp_path / "a=b").mkdir()
+    found = name_systems(["x", f"HA2G={tmp_path}/x", f"{tmp_path}/a=b"])
+    assert list(found) == ["x", "HA2G", "a=b"]
+    for wrong, message in (
+        (["x", "y/x"], "two systems have the name x"),
+        (["=x"], "names no system"),
+        (["x="], "names no"),
+    ):
+        with pytest.raises(UserError, match=message):
+            name_systems(wrong)
+
+
+def make_with(root, *arguments):
+    folders = [str(root / system) for system in SYSTEMS]
+    return cli.main(["study", "make", *folders, "--speech", str(root / "speech"), "-o", str(root / "out"), *arguments])
+
+
+def spoil(root, case):
+    """Spoil a folder of motion, sounds and output in one way."""
+    if case == "missing clip":
+        (root / SYSTEMS[1] / "clip-two.npz").unlink()
+    elif case == "broken motion":
+        (root / SYSTEMS[0] / "clip-one.npz").write_bytes(b"PK no motion")
+    elif case == "no sound":
+        (root / "speech" / "clip-two.wav").unlink()
+    elif case == "existing":
+        (root / "out").mkdir()
+    elif case == "short motion":
+        with np.load(root / SYSTEMS[0] / "clip-one.npz") as arrays:
+            changed = {name: value[:5] if value.ndim == 3 else value for name, value in arrays.items()}
+        np.savez(root / SYSTEMS[0] / "clip-one.npz", **changed)
+    elif case == "empty consent":
+        (root / "consent.txt").write_text(" \n\n")
+
+
+@pytest.mark.parametrize(
+    ("case", "arguments", "message"),
+    [
+        ("missing clip", (), "Secret Beta has no motion of clip-two, which another system has"),
+        ("broken motion", (), "clip-one.npz"),
+        ("no sound", (), "no sound of clip-two"),
+        ("existing", (), "out exists; choose another folder with -o"),
+        ("short motion", (), "0.3 s of motion for 1.2 s of sound"),
+        ("empty consent", ("--consent", "{root}/consent.txt"), "consent.txt is empty"),
+        ("", ("--post", "http://example.org/x"), "answers cannot be sent to http://example.org/x"),
+        ("", ("--clips", "3"), "3 clips of 2"),
+        ("", ("--clip-seconds", "0.1"), "expected 1 to 120 s"),
+        ("", ("--size", "63"), "even sides"),
+        ("", ("--title", "\n"), "the title has 1 characters"),
+        ("", ("--speech", "{root}/nowhere"), "no folder at"),
+        ("", ("--attention", "9"), "9 attention checks"),
+    ],
+)
+def test_bad_input_ends_with_one_line_and_writes_nothing(case, arguments, message, tmp_path, write_motions, capsys):
+    write_motions(tmp_path)
+    spoil(tmp_path, case)
+    before = sorted(tmp_path.iterdir())
+    assert make_with(tmp_path, *(text.format(root=tmp_path) for text in arguments)) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("ha2g: ") and message in line
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_an_interrupt_leaves_nothing(tmp_path, write_motions, monkeypatch):
+    write_motions(tmp_path)
+    before = sorted(tmp_path.iterdir())
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(make, "write_site", interrupt)
+    monkeypatch.setattr(stimuli, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
+    assert make_with(tmp_path) == 130
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("address", ["https://x.org/a?b=c", "http://localhost:8000/answers", "http://[::1]:9/"])
+def test_addresses_that_answers_may_be_sent_to(address):
+    assert read_wording(post=address).post == address
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        *("", "x", "ftp://x.org", "https://", "https://a:b@x.org", "https://x.org/#a", "https://x.org; script-src *"),
+        *("https://x.org:99999999", "https://x.org'", "javascript:alert(1)", "https://ü.org"),
+    ],
+)
+def test_addresses_that_answers_must_not_be_sent_to(address):
+    with pytest.raises(UserError, match="answers cannot be sent to"):
+        read_wording(post=address)
+
+
+def test_texts_of_the_owner_are_paragraphs(tmp_path):
+    path = tmp_path / "consent.txt"
+    path.write_bytes("\ufeffFirst\r\nline. \r\n\r\n \r\nSecond <b>.\r\n".encode())
+    assert read_wording(consent=path).consent == ("First line.", "Second <b>.")
+    path.write_bytes(b"\xff")
+    with pytest.raises(UserError, match="text in UTF-8"):
+        read_wording(consent=path)

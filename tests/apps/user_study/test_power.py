@@ -1,0 +1,155 @@
+"""Powers agree with closed forms where there are some, and with the analysis of answers; pilots give what made them."""
+
+import json
+
+import numpy as np
+import pytest
+from fixtures.simulated_study import make_answers, write_study
+from scipy import stats
+
+pytest.importorskip("choix")
+
+from ha2g_jax import cli
+from ha2g_jax.apps.user_study import power
+from ha2g_jax.apps.user_study.differences import system_differences
+from ha2g_jax.apps.user_study.power import Plan, Spreads
+from ha2g_jax.apps.user_study.sample_size import read_pilot
+from ha2g_jax.errors import UserError
+
+
+def power_of(simulate, participants, simulations=1000):
+    return simulate(np.random.default_rng(0), simulations, participants).mean()
+
+
+def test_power_of_a_difference_that_varies_over_participants_alone_is_that_of_the_t_test():
+    """The share of studies with p < 0.05 in the right direction, from the noncentral t distribution."""
+    simulate = power.of_difference(0.3, Spreads(0.5, 0.0, 1e-9), Plan(8, 8))
+    for participants in (10, 25):
+        limit = stats.t.ppf(0.975, participants - 1)
+        expected = stats.nct.sf(limit, participants - 1, 0.3 / 0.5 * np.sqrt(participants))
+        assert power_of(simulate, participants, 2000) == pytest.approx(expected, abs=0.04)
+
+
+def test_simulated_studies_are_analysed_as_answers_are():
+    """Studies of the same kind, drawn as ratings and analysed by least squares, find the difference as often."""
+    random, found = np.random.default_rng(1), 0
+    for _ in range(200):
+        own, clip = random.normal(0, 0.3, (12, 2, 1)), random.normal(0, 0.15, (1, 2, 6))
+        table = np.array([0.6, 0])[:, None] + own / np.sqrt(2) + clip / np.sqrt(2) + random.normal(0, 0.8, (12, 2, 6))
+        participants, systems, clips = np.nonzero(np.isfinite(table))
+        found += system_differences(table.ravel(), participants, clips, systems, 2).low[0] > 0
+    simulate = power.of_difference(0.6, Spreads(0.3, 0.15, 0.8), Plan(6, 6))
+    assert power_of(simulate, 12) == pytest.approx(found / 200, abs=0.1)
+
+
+def test_no_effect_is_found_in_at_most_the_share_of_the_level():
+    """Of nearly no effect, as often as intervals miss the truth to one side: at most 2.5 %, up to chance."""
+    assert power_of(power.of_difference(1e-9, Spreads(0.3, 0.2, 0.8), Plan(6, 6)), 15) < 0.04
+    assert power_of(power.of_share(0.5 + 1e-9, Spreads(0.1, 0.05), Plan(6, 6, 0.2)), 15) < 0.04
+
+
+def test_shares_have_the_mean_and_the_spread_that_are_asked_for():
+    spread = power._logit_spread(0.6, 0.12)
+    shares = 1 / (1 + np.exp(-np.random.default_rng(0).normal(power._centre(0.6, spread), spread, 200_000)))
+    assert (shares.mean(), shares.std()) == pytest.approx((0.6, 0.12), abs=2e-3)
+
+
+def test_power_grows_with_participants_and_the_smallest_number_is_found():
+    found = power.find(
+        power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, clips=10, most=200, simulations=400, seed=0
+    )
+    assert found.smallest is not None and found.rows[found.smallest] >= 0.8 > found.rows[found.smallest - 1]
+    assert found.rows[5] < found.rows[10] < found.rows[found.smallest]
+    assert (
+        power.find(
+            power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)),
+            0.8,
+            clips=10,
+            most=200,
+            simulations=400,
+            seed=0,
+        )
+        == found
+    )
+
+
+def test_studies_of_many_clips_are_drawn_in_smaller_parts():
+    counts = []
+
+    def simulate(random, count, participants):
+        counts.append(count * participants * 40_000)
+        return np.ones(count, bool)
+
+    power.find(simulate, 0.8, clips=40_000, most=3, simulations=50, seed=0)
+    assert max(counts) <= power._CELLS and sum(counts) == 50 * 3 * 40_000
+
+
+def test_more_participants_do_not_replace_clips():
+    found = power.find(
+        power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, clips=4, most=60, simulations=200, seed=0
+    )
+    assert found.smallest is None and max(found.rows) == 60
+
+
+def test_corrections_and_equal_choices_cost_power():
+    alone = power_of(power.of_share(0.65, Spreads(0.05, 0.05), Plan(10, 10)), 30)
+    assert power_of(power.of_share(0.65, Spreads(0.05, 0.05), Plan(10, 10, comparisons=6)), 30) < alone - 0.05
+    assert power_of(power.of_share(0.65, Spreads(0.05, 0.05), Plan(10, 10, equal=0.4)), 30) < alone - 0.05
+    assert power_of(power.of_share(0.65, Spreads(0.05, 0.05), Plan(10, 4)), 30) < alone - 0.05
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: power.of_difference(0, Spreads(1, 1, 1), Plan(5, 5)),
+        lambda: power.of_difference(np.nan, Spreads(1, 1, 1), Plan(5, 5)),
+        lambda: power.of_difference(1, Spreads(-1, 1, 1), Plan(5, 5)),
+        lambda: power.of_difference(1, Spreads(1, 1, 1), Plan(1, 1)),
+        lambda: power.of_difference(1, Spreads(1, 1, 1), Plan(5, 6)),
+        lambda: power.of_share(0.5, Spreads(0, 0), Plan(5, 5)),
+        lambda: power.of_share(1.2, Spreads(0, 0), Plan(5, 5)),
+        lambda: power.of_share(0.95, Spreads(0.4, 0), Plan(5, 5)),
+    ],
+)
+def test_numbers_out_of_range(make):
+    with pytest.raises(UserError):
+        make()
+
+
+def test_a_pilot_gives_the_spreads_that_made_it(tmp_path):
+    """40 participants, 12 clips: between participants 0.6 (difference of two times 0.42), rest 0.6 with rounding."""
+    key = write_study(tmp_path, 0, num_systems=2, num_clips=12)
+    for number in range(40):
+        random = np.random.default_rng(number)
+        own = random.normal(0, 0.6 / np.sqrt(2), 2)
+
+        def score(system, clip, own=own, random=random):
+            return 3.2 - 0.3 * system + own[system] + random.normal(0, 0.6)
+
+        content = make_answers(key, f"p{number}", random, score=score, matched=0.5 + 0.3 * (number % 2), equal=0.25)
+        (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
+    pilot = read_pilot("mos", [tmp_path / "answers"], key).spreads
+    assert pilot.participants == pytest.approx(0.6, abs=0.12) and pilot.clips < 0.12
+    assert pilot.rest == pytest.approx(np.hypot(0.6, 1 / np.sqrt(12)), abs=0.06)
+    shares = read_pilot("mismatch", [tmp_path / "answers"], key)
+    assert shares.spreads.participants == pytest.approx(0.15, abs=0.06) and shares.equal == pytest.approx(
+        0.25, abs=0.04
+    )
+
+
+def test_command(tmp_path, capsys):
+    arguments = ["study", "power", "mos", "--difference", "0.5", "--simulations", "100", "--most", "60"]
+    spreads = ["--sd-participants", "0.3", "--sd-clips", "0.1", "--sd-rest", "0.8"]
+    assert cli.main([*arguments, *spreads]) == 0
+    assert "participants reach a power of 0.8" in capsys.readouterr().out
+    write_study(tmp_path, 6)
+    pilot = ["--pilot", str(tmp_path / "answers"), "--study", str(tmp_path / "study")]
+    assert cli.main([*arguments, *pilot, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["standard_deviations"]["rest"] > 0.3
+    share = ["study", "power", "mismatch", "--share", "0.7", "--simulations", "100", "--most", "60", *pilot]
+    assert cli.main(share) == 0
+    for wrong in (arguments, [*share, "--sd-rest", "1"], ["study", "power", "mos", "--share", "0.6"], share[:-2]):
+        assert cli.main(wrong) == 2
+    write_study(tmp_path / "one", 1)
+    one = ["--pilot", str(tmp_path / "one" / "answers"), "--study", str(tmp_path / "one" / "study")]
+    assert cli.main([*arguments, *one]) == 2 and "too few answers" in capsys.readouterr().err

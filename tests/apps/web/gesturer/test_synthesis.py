@@ -1,0 +1,135 @@
+"""A page makes the motion that Python makes: of files, and while someone speaks."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+import ha2g_jax
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.checkpoint.onnx.export import export
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.motion.control import Controls
+from ha2g_jax.synthesis import Style, load_onnx
+from ha2g_jax.synthesis.takes import page_description
+
+SPEECH = pathlib.Path(__file__).parents[4] / "examples" / "hello.wav"
+MEDIAN, WORST = 0.01, 0.2  # degrees
+
+FILES = (
+    {},
+    {"speaker": "speaker-03", "seed": 99},
+    {"mixture": {"speaker-00": 1, "speaker-02": 3}, "energy": 0.5},
+    {"speaker": "speaker-01", "variation": 0, "energy": 1.7},
+)
+STREAMS = (
+    {"piece": 1600, "options": {}},
+    {
+        "piece": 1111,
+        "options": {"lookAhead": 8, "hop": 3, "speaker": "speaker-01", "seed": 4, "energy": 1.4},
+        "changes": {20: {"energy": 0.4, "muted": True}, 80: {"muted": False, "speaker": "speaker-03"}},
+    },
+    {"piece": 50000, "options": {"lookAhead": 34, "hop": 30, "reference": 20}},
+)
+
+
+@pytest.fixture(scope="module")
+def found(demo_folder, do_jobs, tmp_path_factory):
+    """What a page found for each of FILES and STREAMS."""
+    folder = tmp_path_factory.mktemp("motions")
+    jobs = [{"options": options} for options in FILES] + list(STREAMS)
+    jobs = [{"sound": SPEECH, "out": folder / f"{index}.f32"} | job for index, job in enumerate(jobs)]
+    answers = do_jobs(demo_folder, jobs)
+    assert not [answer["error"] for answer in answers if "error" in answer]
+    return [answer | {"directions": read(job["out"])} for job, answer in zip(jobs, answers, strict=True)]
+
+
+def read(path):
+    return np.fromfile(path, np.float32).reshape(-1, 42, 3)
+
+
+def check_equal(found, expected):
+    """Check that two motions (T, bones, 3) are equal within some hundredths of a degree."""
+    assert found.shape == expected.shape
+    chords = np.linalg.norm(found.astype(np.float64) - expected, axis=-1)
+    degrees = np.rad2deg(2 * np.arcsin(np.minimum(chords / 2, 1)))
+    assert np.median(degrees) < MEDIAN
+    assert degrees.max() < WORST
+
+
+@pytest.mark.parametrize("index", range(len(FILES)))
+def test_a_file(demo_folder, found, index):
+    options = dict(FILES[index])
+    controls, seed = Controls(energy=options.pop("energy", 1.0)), options.pop("seed", 0)
+    model = load_onnx(demo_folder / "model.onnx")
+    motion = model.generate(str(SPEECH), style=Style(**options), seed=seed, controls=controls)
+    check_equal(found[index]["directions"], motion.directions)
+    assert found[index]["fractions"] == pytest.approx(np.arange(1, 7) / 6)
+    here = {"version": None, "speech": None}  # a page knows no file
+    assert found[index]["meta"] | here == json.loads(json.dumps(motion.meta)) | here
+
+
+@pytest.mark.parametrize("index", range(len(STREAMS)))
+def test_a_stream(found, index):
+    job = STREAMS[index]
+    expected, latency = streamed(ha2g_jax.load("demo"), job)
+    check_equal(found[len(FILES) + index]["directions"], expected)
+    assert found[len(FILES) + index]["latency"] == pytest.approx(latency)
+
+
+def test_a_stream_of_a_model_without_hidden_ends(debug_model, do_jobs, tmp_path):
+    folder = model_folder.save(tmp_path / "debug", debug_model.config, debug_model.assets, debug_model.variables)
+    describe(export(folder, tmp_path / "model.onnx"))
+    job = {"sound": SPEECH, "out": tmp_path / "motion.f32", "piece": 4000, "options": {"hop": 5, "speaker": "ada"}}
+    (answer,) = do_jobs(tmp_path, [job])
+    assert "error" not in answer, answer["error"]
+    check_equal(read(job["out"]), streamed(debug_model, job)[0])
+
+
+def streamed(model, job):
+    """The frames (T, bones, 3) and the latency of a job with Python's stream."""
+    options = dict(job["options"])
+    style, controls = Style(speaker=options.pop("speaker", None)), Controls(energy=options.pop("energy", 1.0))
+    stream = model.stream(look_ahead=options.pop("lookAhead", 3), style=style, controls=controls, **options)
+    samples, frames = read_audio(SPEECH), []
+    for index, start in enumerate(range(0, len(samples), job["piece"])):
+        change = job.get("changes", {}).get(index, {})
+        stream.muted = change.get("muted", stream.muted)
+        stream.controls = Controls(energy=change.get("energy", stream.controls.energy))
+        stream.style = Style(speaker=change["speaker"]) if "speaker" in change else stream.style
+        frames.append(stream.feed(samples[start : start + job["piece"]]))
+    return np.concatenate([*frames, stream.flush()]), stream.latency
+
+
+def describe(path):
+    path.with_suffix(".json").write_text(json.dumps(page_description(path)))
+
+
+def test_requests_that_fail_do_no_harm(demo_folder, do_jobs, tmp_path):
+    """A motion that is cancelled, a seed without a take, and a file that is no sound; then a motion is made."""
+    (tmp_path / "text.wav").write_text("no sound")
+    jobs = [
+        {"sound": SPEECH, "options": {}, "abort": True},
+        {"sound": SPEECH, "options": {"seed": 100}},
+        {"sound": SPEECH, "options": {"hop": 29}, "piece": 1000},
+        {"sound": tmp_path / "text.wav", "options": {}},
+        {"sound": SPEECH, "options": {}},
+    ]
+    jobs = [job | {"out": tmp_path / f"{index}.f32"} for index, job in enumerate(jobs)]
+    *failed, last = do_jobs(demo_folder, jobs)
+    assert [answer["error"] for answer in failed] == [
+        "AbortError: This operation was aborted",
+        "Error: the seed is 100; expected a whole number from 0 to 99",
+        "Error: the hop is 29; expected 1 to 26 frames, or 30",
+        "Error: the file is no WAV file",
+    ]
+    assert last["fractions"][-1] == 1
+
+
+def test_a_model_file_that_is_cut_short_is_refused(demo_folder, do_jobs, tmp_path):
+    content = (demo_folder / "model.onnx").read_bytes()
+    (tmp_path / "model.onnx").write_bytes(content[: len(content) // 2])
+    (tmp_path / "model.json").write_bytes((demo_folder / "model.json").read_bytes())
+    with pytest.raises(AssertionError, match=r"the model cannot be used \(.*\); export it again"):
+        do_jobs(tmp_path, [])

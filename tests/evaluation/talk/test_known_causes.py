@@ -1,0 +1,223 @@
+"""The table of scores on the Talk corpus has its ceiling above its floors, and numbers that JSON can hold."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from ha2g_jax import synthesis
+from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.records import Clip, Stroke
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import identity
+from ha2g_jax.evaluation.clip_result import split_limits
+from ha2g_jax.evaluation.inputs import evaluate_checkpoint
+from ha2g_jax.evaluation.intervals import score_as_json
+from ha2g_jax.evaluation.talk.known_causes import has_known_causes, score_known_causes
+from ha2g_jax.evaluation.talk.probe import ProbeWords, predict
+from ha2g_jax.evaluation.talk.scores import (
+    CLASSES,
+    Observed,
+    Trial,
+    Truth,
+    beat_counts,
+    observe,
+    semantic_floors,
+    without_speakers,
+    word_shapes,
+)
+from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.jackknife import Estimate
+from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow, gain
+from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.synthesis import Model
+
+ROWS = ["model", "teacher", "mean pose", "mismatched speech", "majority", "shuffled"]
+SPLITS = ("train", "test", "test_unseen_speakers")
+
+
+def score(model, corpus, splits=SPLITS):
+    return score_known_causes(model, corpus, split_limits(corpus, splits))
+
+
+@pytest.fixture(scope="module")
+def results(debug_model, tiny_talk):
+    return score(debug_model, Corpus.open(tiny_talk))
+
+
+def test_every_split_has_every_row(results):
+    assert list(results) == list(SPLITS)
+    for split in results.values():
+        if split["counts"]["clips"] > 1:
+            assert list(split["rows"]) == ROWS
+        assert split["counts"]["words"] > 0
+        for row in ("model", "majority"):
+            assert 0 <= split["rows"][row]["probe_accuracy"]["value"] <= 1
+
+
+def test_teacher_is_the_ceiling_and_still_motion_the_floor(results):
+    for split in results.values():
+        rows = split["rows"]
+        assert rows["teacher"]["beat_f1"]["value"] > 0.85
+        assert rows["teacher"]["semantic_recall"]["value"] > 0.9
+        assert rows["teacher"]["finger_correlation"]["value"] > 0.95
+        assert rows["mean pose"]["beat_f1"]["value"] == rows["mean pose"]["strokes_per_second"]["value"] == 0
+        assert rows["mean pose"]["style_amplitude"]["value"] is None
+        assert rows["model"]["beat_f1"]["value"] < 0.5
+
+
+def test_scores_are_json_with_bounds_from_standard_errors(results):
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+    assert score_as_json(Estimate(0.5, 0.1)) == {"value": 0.5, "low": 0.304, "high": 0.696, "error": 0.1}
+    assert score_as_json(Estimate(0.5, np.nan)) == {"value": 0.5, "low": None, "high": None, "error": None}
+
+
+def test_scores_are_the_same_twice(results, debug_model, tiny_talk):
+    again = score(debug_model, Corpus.open(tiny_talk), ["test"])
+    assert again["test"] == results["test"]
+
+
+def test_a_model_that_reads_words_is_scored_without_them_too(debug_model, tiny_talk, monkeypatch):
+    """Here it performs as the corpus does, and rests where it has no transcript."""
+    corpus = Corpus.open(tiny_talk)
+    clips = {clip.audio.tobytes(): clip for clip in corpus.clips("train")}
+
+    def perform(model, audio, f_id, seed, *, words=(), start=None):
+        positions = clips[audio.tobytes()].positions
+        true = positions_to_directions(corpus.skeleton, positions)
+        return true if words else np.broadcast_to(corpus.skeleton.mean_directions, true.shape)
+
+    monkeypatch.setattr(Model, "reads_words", True)
+    monkeypatch.setattr(Model, "has_audio_levels", False)
+    monkeypatch.setattr(synthesis, "generate_directions", perform)
+    rows = score(debug_model, corpus, ["train"])["train"]["rows"]
+    assert list(rows) == [ROWS[0], "model, no words", *ROWS[1:]]
+    assert rows["model"]["semantic_recall"]["value"] > 0.9
+    assert rows["model, no words"] == rows["mean pose"]
+
+
+def test_a_saved_model_scores_as_in_memory(results, debug_model, tiny_talk, tmp_path):
+    variables = jax.device_get(debug_model.variables)
+    folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, variables)
+    again = evaluate_checkpoint(folder, tiny_talk, splits=["test"])
+    assert again["inputs"]["checkpoint"] == str(folder)
+    assert again["sections"]["test"]["known_causes"] == results["test"]
+
+
+def test_a_corpus_without_known_strokes_is_refused(debug_model, tiny_talk, monkeypatch):
+    corpus = Corpus.open(tiny_talk)
+    assert has_known_causes(corpus)
+    bare = [dataclasses.replace(clip, strokes=()) for clip in corpus.clips("test")]
+    monkeypatch.setattr(Corpus, "clips", lambda self, split: bare)
+    with pytest.raises(UserError, match="does not know its strokes"):
+        score(debug_model, corpus, ["test"])
+
+
+def truth_of(name: str, hits: np.ndarray, words: tuple[Stroke, ...] = ()) -> Truth:
+    """A clip of 20 s that beats at `hits` and gestures at `words`."""
+    clip = Clip(
+        id=name,
+        speaker=name,
+        audio=np.zeros(0, np.float32),
+        words=(),
+        positions=np.zeros((300, 43, 3), np.float32),
+        reference_images=None,
+        recording_start=0.0,
+        window_starts=(),
+        strokes=words,
+    )
+    return Truth(clip, hits, hits, 300)
+
+
+def test_random_motion_gains_nothing_over_mismatched_speech():
+    """However often it beats: what it hits by chance, the floor hits as well."""
+    rng = np.random.default_rng(0)
+    truths = [truth_of(str(index), np.sort(rng.uniform(0, 20, 20))) for index in range(60)]
+    jitter = [
+        Observed(wrists, beats.stroke_beats(wrists, 15), np.zeros((300, 2, 5)))
+        for wrists in rng.normal(0, 0.05, (60, 300, 2, 3))
+    ]
+    own, mismatched = (
+        beat_counts([Trial(*pair) for pair in zip(truths, motions)], 15, 4)
+        for motions in (jitter, jitter[1:] + jitter[:1])
+    )
+    value, error = gain(own, mismatched, np.array([truth.clip.id for truth in truths]))
+    assert beats.recall(own) > 0.3
+    assert abs(value) < 3 * error < 0.1
+    assert np.isnan(gain(own, mismatched[:0], np.array([truth.clip.id for truth in truths]))).all()
+
+
+def test_strokes_in_the_given_frames_and_after_the_motion_are_not_scored():
+    truth = truth_of("a", np.array([0.1, 1.0, 12.0]))
+    seen = Observed(np.zeros((150, 2, 3)), np.array([0.1, 1.05]), np.zeros((150, 2, 5)))
+    assert beat_counts([Trial(truth, seen)], 15, 4).tolist() == [[1, 1, 1, 1]]
+
+
+def test_shapes_are_read_from_the_hand_that_gestures():
+    words = tuple(
+        Stroke(time, time - 0.5, time + 0.5, "semantic", hand, 1.0, name)
+        for time, hand, name in ((2.0, "left", "fist"), (4.0, "right", "fist"), (6.0, "both", "open"))
+    )
+    flexions = np.zeros((300, 2, 5))
+    flexions[:75, 0] = 1
+    seen = Observed(np.zeros((300, 2, 3)), np.zeros(0), flexions)
+    shown = word_shapes([Trial(truth_of("a", np.zeros(0), words), seen)], 15, 4)
+    names = [(CLASSES[word.shown], CLASSES[word.true]) for word in shown]
+    assert names == [("fist", "fist"), ("open", "fist"), ("open", "open")]
+    shapes = np.array([(word.shown, word.true) for word in shown])
+    majority, shuffled = semantic_floors(CauseRow(shapes=shapes, word_clips=np.array(list("abc"))))
+    assert majority["semantic_recall"].value == pytest.approx(2 / 3)
+    assert shuffled["semantic_recall"].value == pytest.approx(2 / 9 + 2 / 9)
+
+
+def test_probe_learns_what_is_there_and_not_what_is_not():
+    rng = np.random.default_rng(0)
+    classes = np.array(["one", "two", "fist"])[rng.integers(0, 3, 600)]
+    clips = np.repeat(np.arange(60).astype(str), 10)
+    telling = rng.normal(size=(600, 8)) + 4 * np.eye(8)[np.unique(classes, return_inverse=True)[1]]
+    for features, low, high in ((telling, 0.9, 1.0), (rng.normal(size=(600, 8)), 0.2, 0.47)):
+        train, test = (ProbeWords(features[part], classes[part], clips[part]) for part in np.split(np.arange(600), 2))
+        accuracy, majority = map(PROBE_ACCURACY.measure, predict(train, {"test": test})["test"])
+        assert isinstance(accuracy, Estimate) and low <= accuracy.value <= high
+        assert isinstance(majority, Estimate) and 0.2 < majority.value < 0.5
+
+
+def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
+    clip = Corpus.open(tiny_talk).clips("test")[0]
+    f_id = identity.clip_identity(debug_model, clip)
+    assert f_id.shape == (18,)
+    with pytest.raises(UserError, match="no reference images"):
+        identity.clip_identity(debug_model, dataclasses.replace(clip, reference_images=None))
+    by_name = dataclasses.replace(debug_model, spec=debug_model.spec._replace(identity="speaker"))
+    ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
+    np.testing.assert_array_equal(identity.clip_identity(by_name, dataclasses.replace(clip, speaker="ada")), ada)
+    unknown = identity.clip_identity(by_name, dataclasses.replace(clip, speaker="eve"))
+    np.testing.assert_allclose(unknown, (ada + ben) / 2, rtol=1e-6)
+
+
+def test_mean_pose_has_hands():
+    skeleton = load_skeleton("ted_expressive")
+    seen = observe(skeleton, np.broadcast_to(skeleton.mean_directions, (30, 42, 3)), 15)
+    assert seen.wrists.shape == (30, 2, 3) and seen.flexions.shape == (30, 2, 5) and len(seen.beats) == 0
+
+
+def test_a_metric_without_a_speaker_is_that_of_the_other_speakers():
+    counts = np.array([[10, 8, 12, 9], [10, 2, 9, 3], [10, 5, 10, 6]], float)
+    chance = np.repeat(counts, 2, axis=0) * [1, 0.5, 1, 0.5]
+    shapes, words = np.array([[0, 0], [1, 1], [0, 1], [2, 2]]), np.array(["a", "a", "b", "c"])
+    styles, speakers = np.ones((3, 2)), np.array(["one", "two", "two"])
+    flexions, clips = np.zeros((4, 2, 5)), np.array(list("abc"))
+    row = CauseRow(counts, chance, np.ones(3), clips, shapes, flexions, words, styles, styles, speakers)
+    assert without_speakers(row, "semantic_recall") == {"one": 0.5, "two": 1.0}
+    gains = without_speakers(row, "beat_f1_gain")
+    assert gains["two"] == gain(counts[:1], chance[:2], np.array(["a"])).value
+    assert gains["one"] == gain(counts[1:], chance[2:], np.array(["b", "c"])).value
+
+
+def test_claims_can_be_tested_over_speakers(results):
+    for split in results.values():
+        for metric in ("beat_f1_gain", "finger_correlation"):
+            assert len(split["without_speakers"][metric]) == split["counts"]["speakers"]

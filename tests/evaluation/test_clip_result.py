@@ -1,0 +1,94 @@
+"""A model is scored on the clips of a split, with their own styles, beginnings and sound."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import clip_result
+from ha2g_jax.evaluation.identity import clip_identity
+from ha2g_jax.evaluation.inputs import evaluate_checkpoint
+from ha2g_jax.evaluation.table import as_markdown, as_table
+from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.synthesis import Style
+
+
+@pytest.fixture(scope="module")
+def corpus(tiny_talk):
+    return Corpus.open(tiny_talk)
+
+
+@pytest.fixture(scope="module")
+def results(debug_model, corpus):
+    return clip_result.from_corpus(debug_model, corpus, "test", with_audio=True)
+
+
+def test_each_clip_is_generated_beside_the_truth(results, corpus):
+    generated, true = results
+    clips = corpus.clips("test")
+    assert [clip.id for clip in generated] == [clip.id for clip in true] == [clip.id for clip in clips]
+    for mine, truth, clip in zip(generated, true, clips, strict=True):
+        assert mine.recording == truth.recording == clip.recording
+        np.testing.assert_allclose(
+            truth.directions, positions_to_directions(corpus.skeleton, clip.positions), atol=1e-6
+        )
+        np.testing.assert_array_equal(truth.audio, clip.audio)
+        assert truth.onsets is not None and len(truth.onsets)
+        assert abs(mine.num_frames - truth.num_frames) <= 1
+        assert mine.borders == tuple(range(30, mine.num_frames - 4, 30))
+        assert mine.onsets is None and mine.audio is None
+
+
+def test_a_sample_is_of_the_same_clips_on_both_sides(debug_model, corpus):
+    generated, true = clip_result.from_corpus(debug_model, corpus, "train", limit=2, seed=1)
+    assert len(true) == 2
+    assert [clip.id for clip in generated] == [clip.id for clip in true]
+    assert true[0].audio is None
+    training = clip_result.training_motion(corpus, "train", limit=2, seed=1)
+    for motion, clip in zip(training, true, strict=True):
+        np.testing.assert_array_equal(motion, clip.directions)
+
+
+def test_a_stream_is_scored_by_what_it_returns(debug_model, corpus):
+    streamed = clip_result.generated(debug_model, corpus, "test", limit=1, look_ahead=3)
+    clip = next(clip for clip in corpus.clips("test") if clip.id == streamed[0].id)
+    stream = debug_model.stream(look_ahead=3, style=Style(values=clip_identity(debug_model, clip)))
+    expected = np.concatenate([stream.feed(clip.audio), stream.flush()])
+    np.testing.assert_array_equal(streamed[0].directions, expected)
+    assert streamed[0].borders == ()
+
+
+def test_a_corpus_that_does_not_fit_is_refused(debug_model, corpus, monkeypatch):
+    monkeypatch.setattr(Corpus, "skeleton", load_skeleton("ted_gesture"))
+    with pytest.raises(UserError, match="give a corpus that fits"):
+        clip_result.generated(debug_model, corpus, "test")
+    with pytest.raises(UserError, match="no split 'nowhere'"):
+        clip_result.true(corpus, "nowhere")
+
+
+def test_of_the_training_split_as_many_clips_are_scored_as_another_has(corpus):
+    most = max(len(corpus.clips(name)) for name in ("val", "test"))
+    assert clip_result.split_limits(corpus, ["train", "val", "test"]) == {"train": most, "val": None, "test": None}
+    assert clip_result.split_limits(corpus, ["train"]) == {"train": 40}
+
+
+def test_a_checkpoint_is_evaluated_with_one_call(debug_model, tiny_talk, tmp_path):
+    folder = model_folder.save(tmp_path / "model", debug_model.config, debug_model.assets, debug_model.variables)
+    results = evaluate_checkpoint(folder, tiny_talk, splits=["test", "train"], limit=4)
+    expected = {"checkpoint": str(folder), "data": str(tiny_talk), "corpus": "talk-v3"}
+    assert results["inputs"] == expected | {"model": loading.load(folder).assets.hash}
+    assert list(results["sections"]) == ["test", "train"]
+    for section in results["sections"].values():
+        assert section["methods"] == ["model"]
+        assert section["settings"]["reference_statistics"] == "training"
+        assert section["rows"]["ground truth"]["beats_per_second"]["value"] > 0
+        assert section["known_causes"]["rows"]["teacher"]["beat_f1"]["value"] > 0.85
+    for text in (as_table(results), as_markdown(results)):
+        for shown in ("model", "white jitter", "teacher", "beat F1", "hand shape", "majority", "linear probe"):
+            assert shown in text
+    for name in ("beat_f1", "beat_gain", "probe_accuracy"):
+        assert name in results["metrics"]
+    assert json.loads(json.dumps(results, allow_nan=False)) == results

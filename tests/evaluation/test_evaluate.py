@@ -1,0 +1,309 @@
+"""An evaluation always shows what its scores are worth: sanity rows, intervals, flags, and refusals to compare."""
+
+import dataclasses
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.comparison import compare
+from ha2g_jax.evaluation.evaluate import evaluate
+from ha2g_jax.evaluation.flags import flags
+from ha2g_jax.evaluation.rows import make_rows
+from ha2g_jax.metrics import frechet
+from ha2g_jax.metrics.frechet import RecordingMoments
+from ha2g_jax.metrics.latents import Cut, Latents, choose_cut
+from ha2g_jax.metrics.sanity import (
+    FROZEN,
+    HALF,
+    JITTER,
+    MEAN_POSE,
+    MISMATCHED,
+    SANITY_ROWS,
+    SMOOTHED,
+    TRUTH,
+)
+
+CLIPS, DRAWS = 24, 100
+
+
+@pytest.fixture(scope="module")
+def reference(perform):
+    return perform(CLIPS)
+
+
+@pytest.fixture(scope="module")
+def results(skeleton, perform, reference, features):
+    late = perform(CLIPS, delay=0.25, borders=(30, 60, 90))
+    rows = {"late": late, "late again": late}
+    return evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS)
+
+
+def value(results, row, metric):
+    return results["rows"][row][metric]["value"]
+
+
+def test_sanity_rows_stand_beside_every_method(results):
+    assert list(results["rows"]) == ["late", "late again", *SANITY_ROWS]
+    for name in results["rows"]:
+        assert results["rows"][name], name
+    for name in {"late", *SANITY_ROWS} - {HALF}:
+        assert {"beat_gain", "fgd", "diversity_l1", "speed_hellinger", "jerk_ratio"} <= results["rows"][name].keys()
+
+
+def test_results_are_json(results):
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+
+
+def test_ground_truth_is_at_no_distance_from_itself(results):
+    assert value(results, TRUTH, "fgd") == pytest.approx(0, abs=1e-9)
+    assert value(results, TRUTH, "speed_hellinger") == value(results, TRUTH, "joint_mae") == 0
+    assert value(results, TRUTH, "pck") == value(results, TRUTH, "jerk_ratio") == 1
+    assert value(results, MISMATCHED, "fgd") == pytest.approx(0, abs=1e-9)
+    assert 0 < value(results, HALF, "fgd") < value(results, MEAN_POSE, "fgd")
+
+
+def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, reference, features):
+    """Nothing where all are alike; else between them alone, whatever separates one speech from another."""
+    others = perform(CLIPS, delay=0.25)
+    rows = {"one": reference, "same": [*reference, *reference], "two": [*reference, *others]}
+    results = evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS)
+    assert "multimodality" not in results["rows"]["one"]
+    assert value(results, "same", "multimodality") == 0
+    cut = choose_cut([clip.num_frames for clip in reference], 34)
+    assert cut is not None
+    ours, theirs = (
+        features(
+            np.stack([clip.directions[start : start + 34] for clip in clips for start in cut.starts(clip.num_frames)])
+        )
+        for clips in (reference, others)
+    )
+    expected = np.abs(ours - theirs).sum(axis=1).mean()
+    assert value(results, "two", "multimodality") == pytest.approx(expected, rel=1e-4)
+    assert (
+        0 < results["rows"]["two"]["multimodality"]["low"] < expected < results["rows"]["two"]["multimodality"]["high"]
+    )
+
+
+def test_only_motion_that_meets_its_own_speech_gains(results):
+    rows = results["rows"]
+    assert rows[TRUTH]["beat_gain"]["low"] > 0.1
+    for name in (JITTER, MISMATCHED):
+        assert rows[name]["beat_gain"]["low"] < 0 < rows[name]["beat_gain"]["high"]
+    assert rows["late"]["beat_gain"]["high"] < 0
+    assert value(results, MEAN_POSE, "beat_f") == value(results, FROZEN, "beat_f") == 0
+    assert results["counts"][FROZEN]["num_still"] == CLIPS
+
+
+def test_smoothing_moves_less_and_jitter_more(results):
+    assert value(results, SMOOTHED, "jerk_ratio") < 0.9
+    assert value(results, JITTER, "jerk_ratio") > 2
+    assert value(results, FROZEN, "l1_diversity") == pytest.approx(0, abs=1e-9)
+
+
+def test_an_angle_that_never_bends_has_no_limits(skeleton, perform):
+    reference = perform(6)
+    elbow = skeleton.bone("left_wrist")
+    for clip in reference:  # the forearm goes straight on from the upper arm
+        clip.directions[:, elbow] = clip.directions[:, skeleton.bone("left_elbow")]
+    folded = perform(6)
+    for clip in folded:
+        clip.directions[:, skeleton.bone("right_wrist")] = -clip.directions[:, skeleton.bone("right_elbow")]
+    results = evaluate({"bends": perform(6), "folded": folded}, reference, skeleton, draws=2)
+    assert value(results, "bends", "limits_worst") < 0.1
+    assert value(results, "folded", "limits_worst") > 0.9
+
+
+def test_only_rows_with_a_counterpart_have_errors_of_reconstruction(results):
+    assert "joint_mae" not in results["rows"][MISMATCHED]
+    assert value(results, "late", "joint_mae") > 0
+
+
+def test_only_rows_with_known_borders_have_seams(results):
+    assert value(results, "late", "seam_velocity") == pytest.approx(1, abs=0.3)
+    assert "seam_velocity" not in results["rows"][TRUTH]
+
+
+def test_values_lie_in_the_intervals_of_means(results):
+    for name in ("late", TRUTH, JITTER):
+        for metric in ("beat_gain", "beat_f", "beats_per_second", "acceleration", "l1_diversity"):
+            score = results["rows"][name][metric]
+            assert score["low"] <= score["value"] <= score["high"]
+
+
+def test_differences_of_two_methods_are_paired(results):
+    (found,) = results["differences"].values()
+    assert list(results["differences"]) == ["late again - late"]
+    for metric in ("beat_gain", "fgd", "jerk"):
+        assert found[metric] == {"value": 0, "low": 0, "high": 0}
+
+
+def test_a_metric_that_a_sanity_row_wins_is_flagged(results):
+    rows = {name: {"beat_f": {"value": 0.5}} for name in results["rows"]}
+    assert not flags(rows, ["late"])
+    rows[JITTER] = {"beat_f": {"value": 0.6}}
+    (flag,) = flags(rows, ["late"])
+    assert "white jitter (0.600) higher than ground truth (0.500)" in flag
+    assert any("white jitter" in flag and "BEAT alignment" in flag for flag in results["flags"])
+
+
+def test_beats_far_too_often_are_flagged():
+    rows = {name: {"beats_per_second": {"value": 1.0}} for name in ("busy", "fine", *SANITY_ROWS)}
+    rows["busy"] = {"beats_per_second": {"value": 1.31}, "jerk_ratio": {"value": 4.6}}
+    rows["lazy"] = {"beats_per_second": {"value": 0.49}}
+    assert flags(rows, ["busy", "fine", "lazy"]) == [
+        "busy: 1.31 beats/s, ground truth 1.00, and 4.6 times its jerk: its F and BC are those of dense beats",
+        "lazy: 0.49 beats/s, ground truth 1.00: far fewer, whatever the F",
+    ]
+
+
+def test_the_same_seed_gives_the_same_results(results, skeleton, perform, reference, features):
+    late = perform(CLIPS, delay=0.25, borders=(30, 60, 90))
+    rows = {"late": late, "late again": late}
+    assert evaluate(rows, reference, skeleton, autoencoder=features, draws=DRAWS) == results
+
+
+def test_inputs_are_not_changed(skeleton, perform, features):
+    reference, late = perform(6), perform(6, delay=0.25)
+    for clip in (*reference, *late):
+        clip.directions.setflags(write=False)
+        assert clip.onsets is not None
+        clip.onsets.setflags(write=False)
+    before = [hashlib.sha256(clip.directions.tobytes()).hexdigest() for clip in (*reference, *late)]
+    evaluate({"late": late}, reference, skeleton, autoencoder=features, draws=2)
+    assert [hashlib.sha256(clip.directions.tobytes()).hexdigest() for clip in (*reference, *late)] == before
+
+
+def test_without_an_autoencoder_it_says_how_to_train_one(skeleton, perform):
+    results = evaluate({"late": perform(6, delay=0.25)}, perform(6), skeleton, draws=2)
+    assert not {"fgd", "diversity_l1"} & results["rows"]["late"].keys()
+    assert results["autoencoder"] is None
+    assert any("ha2g train --config" in note for note in results["notes"])
+
+
+def test_without_sound_beats_are_left_out_and_that_is_said(skeleton, perform):
+    mute = [dataclasses.replace(clip, onsets=None) for clip in perform(6)]
+    results = evaluate({"mute": mute}, mute, skeleton, draws=2)
+    assert "beat_f" not in results["rows"]["mute"]
+    assert value(results, "mute", "acceleration") > 0
+    assert "6 of 6 clips have no sound" in " ".join(results["notes"])
+
+
+def test_silent_clips_are_counted_and_not_scored(skeleton, perform):
+    clips = perform(9)
+    quiet = [dataclasses.replace(clip, onsets=np.zeros(0)) if number < 3 else clip for number, clip in enumerate(clips)]
+    results = evaluate({"same": quiet}, quiet, skeleton, draws=2)
+    assert results["counts"][TRUTH]["num_silent"] == 3
+    assert results["counts"][TRUTH]["num_used"] == 6
+    assert value(results, TRUTH, "beats_per_second_in_silence") > 0
+
+
+def test_windows_leave_the_seed_pose_out_where_clips_are_long_enough(skeleton, perform, features):
+    for num_frames, name, windows in ((38, "fgd", 6), (37, "fgd_seeded", 6), (72, "fgd", 12)):
+        clips = perform(6, num_frames)
+        results = evaluate({"same": clips}, clips, skeleton, autoencoder=features, draws=2)
+        assert name in results["rows"]["same"]
+        assert results["data"]["windows"] == windows
+    assert "FGD (seeded)" not in " ".join(results["warnings"])
+
+
+def test_few_windows_are_warned_of(skeleton, perform, features):
+    few, many = (
+        evaluate({"a": clips}, clips, skeleton, autoencoder=features, draws=2) for clips in (perform(6), perform(15))
+    )
+    assert "less than 10 times" in " ".join(few["warnings"])
+    assert not many["warnings"]
+
+
+def test_motion_is_cut_to_the_common_length_and_counted(skeleton, perform):
+    short, long = perform(6, 60), perform(6, 120)
+    results = evaluate({"short": short}, long, skeleton, draws=2)
+    assert results["data"]["seconds"] == 6 * 4
+    assert "clips whose reference was cut to the length of the motion: 6, by 24.0 s in all" in results["notes"]
+    results = evaluate({"long": long}, short, skeleton, draws=2)
+    assert "long: clips whose motion was cut to the length of the shortest: 6" in results["notes"]
+
+
+def test_several_performances_of_a_clip_are_all_scored(skeleton, perform):
+    first, second = perform(6, delay=0.0), perform(6, delay=0.25)
+    both, one, other = (evaluate({"a": clips}, first, skeleton, draws=2) for clips in (first + second, first, second))
+    mean = (value(one, "a", "acceleration") + value(other, "a", "acceleration")) / 2
+    assert value(both, "a", "acceleration") == pytest.approx(mean)
+
+
+def test_one_source_has_no_intervals_and_says_so(skeleton, perform, features):
+    clips = [dataclasses.replace(clip, recording="only") for clip in perform(4)]
+    results = evaluate({"a": clips}, clips, skeleton, autoencoder=features, draws=2)
+    assert results["rows"]["a"]["beat_f"]["low"] is None
+    assert results["rows"]["a"].get("beat_gain", {"value": None})["value"] is None
+    assert results["rows"][HALF] == {}
+    assert "one recording" in " ".join(results["warnings"])
+
+
+def test_what_cannot_be_evaluated_is_refused(skeleton, perform, features):
+    clips = perform(6)
+
+    def attempt(rows, reference=clips, **options):
+        return evaluate(rows, reference, skeleton, draws=2, **options)
+
+    with pytest.raises(UserError, match="nothing to evaluate"):
+        attempt({})
+    with pytest.raises(UserError, match="as a sanity row is"):
+        attempt({FROZEN: clips})
+    with pytest.raises(UserError, match="no clip has motion by all methods"):
+        attempt({"a": [dataclasses.replace(clip, id="other") for clip in clips]})
+    with pytest.raises(UserError, match="less than 12 frames"):
+        attempt({"a": perform(6, 10)})
+    with pytest.raises(UserError, match="one rate at a time"):
+        attempt({"a": [dataclasses.replace(clip, fps=30.0) for clip in clips]})
+    with pytest.raises(UserError, match="clips twice"):
+        attempt({"a": clips}, clips + clips)
+    with pytest.raises(UserError, match="not numbers"):
+        attempt({"a": [dataclasses.replace(clip, directions=np.full_like(clip.directions, np.nan)) for clip in clips]})
+    with pytest.raises(UserError, match="auto-encoder is of the skeleton ted_gesture at 30"):
+        attempt({"a": clips}, autoencoder=dataclasses.replace(features, fps=30.0))
+
+
+def test_results_of_two_autoencoders_are_not_compared(results):
+    other = results | {"autoencoder": results["autoencoder"] | {"id": "f" * 64}}
+    with pytest.raises(UserError, match=r"0123456789abcdef, the other of ffffffffffffffff.*cannot be compared"):
+        compare(results, other)
+    with pytest.raises(UserError, match="skeleton"):
+        compare(results, results | {"data": results["data"] | {"skeleton": "ted_expressive"}})
+    same = compare(results, results)
+    assert same["late"]["fgd"]["difference"] == 0
+    assert same["late"]["fgd"]["first"] == results["rows"]["late"]["fgd"]
+
+
+def test_moments_of_drawn_sources_are_those_of_their_latents():
+    random = np.random.default_rng(0)
+    members = np.repeat(np.arange(5), [3, 1, 4, 2, 5])
+    latents = random.standard_normal((len(members), 3)) * (1, 5, 0.1) + 100
+    counts = np.array([2, 0, 1, 0, 3])
+    found = Latents(latents, members, np.arange(len(members)), Cut("fgd", 4, 34))
+    pooled = RecordingMoments(found, 5).pool(counts)
+    direct = frechet.moments(np.repeat(latents, counts[members], axis=0))
+    assert pooled.count == direct.count
+    np.testing.assert_allclose(pooled.mean, direct.mean, rtol=1e-12)
+    np.testing.assert_allclose(pooled.scatter, direct.scatter, rtol=1e-9)
+
+
+def test_diversity_is_of_ten_draws_and_near_all_pairs(skeleton, features, results):
+    score = results["rows"][TRUTH]["diversity_l1"]
+    assert score["sd"] >= 0
+    assert score["low"] < score["value"] < score["high"]
+
+
+def test_mismatched_speech_is_another_sources(skeleton, perform, reference):
+    rows = make_rows({"a": reference}, reference, skeleton)
+    for number, onsets in enumerate(rows.rows[MISMATCHED].onsets):
+        others = [other for other, own in enumerate(rows.truth.onsets) if own is onsets]
+        assert others and rows.reference.recordings[others[0]] != rows.reference.recordings[number]
+        assert rows.rows[MISMATCHED].directions[number] is rows.truth.directions[number]
+
+
+def test_windows_do_not_overlap():
+    assert list(Cut("fgd", 4, 34).starts(72)) == [4, 38]
+    assert choose_cut([33, 20], 34) is None

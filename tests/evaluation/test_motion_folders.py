@@ -1,0 +1,138 @@
+"""Two folders are paired by the names of their files, with the sound beside them, and nothing is dropped in silence."""
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.inputs import evaluate_folders
+from ha2g_jax.evaluation.motion_folders import from_folders
+from ha2g_jax.evaluation.table import as_table
+from ha2g_jax.motion.motion import Motion
+
+SECONDS = 4
+
+
+@pytest.fixture
+def write(skeleton, perform, tmp_path):
+    """A function that writes clips to a folder and returns it."""
+
+    def write(folder, names, *, fps=15, suffix=".npz", delay=0.0):
+        clips = perform(len(names), SECONDS * 15, delay=delay)
+        for name, clip in zip(names, clips, strict=True):
+            path = tmp_path / folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            motion = Motion.from_directions(skeleton, np.repeat(clip.directions, fps // 15, axis=0), fps)
+            if suffix == ".npz":
+                motion.save(path.with_name(f"{path.name}.npz"))
+            else:
+                values = {"positions": motion.positions.tolist(), "fps": fps, "joint_names": motion.joint_names}
+                path.with_name(f"{path.name}.json").write_text(json.dumps(values))
+        return tmp_path / folder
+
+    return write
+
+
+def test_a_number_behind_the_name_makes_one_of_several_motions(write):
+    motion = write("motion", ["a.1", "a_gestures.2", "b", "c.1", "b.x"])
+    reference = write("reference", ["a", "b", "c.1"])
+    folders = from_folders(motion, reference)
+    assert [clip.id for clip in folders.motion] == ["a", "a", "b", "c.1"]
+    assert [clip.id for clip in folders.reference] == ["a", "b", "c.1"]
+    assert folders.notes == ["files of motion that have no counterpart and are left out: 1"]
+
+
+def write_sound(path, seconds=SECONDS):
+    audio = np.zeros(int(seconds * 16000), np.float32)
+    for start in range(8000, len(audio) - 800, 9000):
+        audio[start : start + 800] = 0.5 * np.sin(0.2 * np.arange(800))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    soundfile.write(path, audio, 16000)
+
+
+def test_files_are_paired_by_name_whatever_their_kind(write):
+    motion = write("motion", ["a", "b_gestures", "extra"], suffix=".json")
+    reference = write("reference", ["a", "b", "c", "d"], fps=30)
+    for name in "ab":
+        write_sound(reference / f"{name}.WAV")
+    folders = from_folders(motion, reference)
+    assert [clip.id for clip in folders.motion] == [clip.id for clip in folders.reference] == ["a", "b"]
+    assert folders.skeleton.name == "ted_gesture"
+    assert {clip.fps for clip in (*folders.motion, *folders.reference)} == {15}
+    assert all(clip.num_frames == SECONDS * 15 for clip in folders.reference)
+    assert all(clip.onsets is not None and len(clip.onsets) >= 5 for clip in folders.reference)
+    assert folders.notes == [
+        "files of motion that have no counterpart and are left out: 1",
+        "files of reference that have no counterpart and are left out: 2",
+        "clips whose reference was resampled from 30 to 15 frames per second: 2",
+    ]
+
+
+def test_sound_may_lie_beside_the_motion_and_is_missed_where_it_is_not(write):
+    motion, reference = write("motion", ["a", "b"]), write("reference", ["a", "b"])
+    write_sound(motion / "a.wav")
+    folders = from_folders(motion, reference, with_audio=True)
+    first, second = folders.reference
+    assert first.onsets is not None and first.audio is not None and len(first.audio) == SECONDS * 16000
+    assert second.onsets is None and second.audio is None
+
+
+def test_a_reference_is_as_long_as_its_sound(write):
+    motion, reference = write("motion", ["a"]), write("reference", ["a"])
+    write_sound(reference / "a.wav", 3)
+    folders = from_folders(motion, reference)
+    assert folders.reference[0].num_frames == 45
+    assert "clips whose reference was cut to the length of the sound: 1" in folders.notes
+
+
+def test_subfolders_are_recordings(write):
+    names = ["x/a", "x/b", "y/a"]
+    folders = from_folders(write("motion", names), write("reference", names))
+    assert [clip.id for clip in folders.reference] == names
+    assert [clip.recording for clip in folders.reference] == ["x", "x", "y"]
+
+
+def test_words_beside_motion_are_no_motion(write, tmp_path):
+    motion, reference = write("motion", ["a"]), write("reference", ["a"])
+    (reference / "a.json").write_text('{"words": []}')
+    assert len(from_folders(motion, reference).reference) == 1
+
+
+def test_folders_that_cannot_be_evaluated_are_refused(write, tmp_path):
+    motion = write("motion", ["a", "b"])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match=r"no motion in .*empty; expected files of \.npz, \.bvh, \.json"):
+        from_folders(motion, tmp_path / "empty")
+    with pytest.raises(UserError, match="no folder at"):
+        from_folders(tmp_path / "nowhere", motion)
+    with pytest.raises(UserError, match=r"no file in .*motion has the name of one in .*other: found a, b and c;"):
+        from_folders(motion, write("other", ["c"]))
+    (motion / "a.npz").write_bytes(b"broken")
+    with pytest.raises(UserError, match=r"a\.npz is not a whole \.npz file"):
+        from_folders(motion, write("reference", ["a"]))
+
+
+def test_a_wrong_protocol_is_said_before_anything_is_read(tmp_path):
+    with pytest.raises(UserError, match="no protocol genea; expected beat2"):
+        evaluate_folders(tmp_path / "none", tmp_path / "none", protocol="genea")
+    with pytest.raises(UserError, match="a body model is for the protocol beat2"):
+        evaluate_folders(tmp_path / "none", tmp_path / "none", body_model="SMPLX_NEUTRAL.npz")
+
+
+def test_folders_are_evaluated_with_one_call(write):
+    motion, reference = write("mine", list("abcdef"), delay=0.2), write("reference", list("abcdef"))
+    for name in "abcdef":
+        write_sound(reference / f"{name}.wav")
+    (reference / "c.wav").unlink()
+    results = evaluate_folders(motion, reference, legacy=True)
+    assert results["inputs"] == {"motion": str(motion), "reference": str(reference)}
+    assert list(results["sections"]) == ["reference"]
+    section = results["sections"]["reference"]
+    assert "1 of 6 clips have no sound, such as c," in section["notes"][-2]
+    assert section["methods"] == ["mine"]
+    assert section["rows"]["mine"]["beat_gain"]["value"] is not None
+    assert section["rows"]["ground truth"]["joint_mae"]["value"] == 0
+    assert section["legacy_v1"]["rows"]["mine"]["legacy_bc_fixed"]["value"] is not None
+    assert "mean pose" in as_table(results)

@@ -1,0 +1,96 @@
+"""The published numbers are those of the paper, and every row is a config that can be made."""
+
+import pytest
+from tables.paper_tables import TABLE_12, THRESHOLDS, Published, table
+
+from ha2g_jax.config import presets
+from ha2g_jax.errors import UserError
+
+
+def _row(found, name):
+    return next(row for row in found.rows if row.name == name)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "row", "numbers"),
+    [
+        ("table1", "ted_expressive", "Trimodal", (12.613, 0.592, 154.088)),
+        ("table1", "ted_gesture", "Speech2Gesture", (19.254, 0.764, 98.095)),
+        ("table1", "talk", "HA2G", (5.306, 0.715, 173.899)),
+        ("table3", "talk", "HA2G without text", (9.228, 0.619, 158.236)),
+        ("table4", "talk", "without hand hierarchy", (10.832, 0.606, 158.823)),
+        ("table11", "talk", "M = 7", (5.177, 0.715, 174.313)),
+        ("gesture_ablation", "ted_gesture", "HA2G-ASR", (3.091, None, None)),
+    ],
+)
+def test_published_values(name, data, row, numbers):
+    assert _row(table(name, data), row).published == numbers
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("table1", 5),
+        ("table3", 8),
+        ("table4", 6),
+        ("table11", 3),
+        ("table12", 1),
+        ("figure3", 5),
+        ("gesture_ablation", 5),
+    ],
+)
+def test_rows_are_whole_and_can_be_made(name, count):
+    data = "ted_gesture" if name == "gesture_ablation" else "ted_expressive"
+    found = table(name, data)
+    assert len(found.rows) == len({row.name for row in found.rows}) == count
+    assert found.reference in {row.name for row in found.rows}
+    for row in found.rows:
+        config = presets.make(data, "debug", row.method, row.changes)
+        assert config.method == row.method
+
+
+def test_the_full_model_is_one_config_in_all_tables():
+    full = [("table1", "HA2G"), ("table3", "HA2G Full"), ("table4", "HA2G Full"), ("table11", "M = 4")]
+    rows = [_row(table(name, "talk"), row) for name, row in full]
+    assert {row.published for row in rows} == {Published(5.306, 0.715, 173.899)}
+    assert all(row.method == "ha2g" and not row.changes for row in rows)
+
+
+def test_the_paper_s_order_is_in_the_data():
+    """Whoever is the reference is ahead in FGD of every row that the paper calls worse."""
+    for name in ("table1", "table3", "table4", "table11"):
+        found = table(name, "talk")
+        rows = [row for row in found.rows if row.published != Published()]
+        others = [row for row in rows if row.name != found.reference and not row.is_comparable]
+        best = _row(found, found.reference).published.fgd
+        assert best and all(row.published.fgd and row.published.fgd > best for row in others)
+    assert {row.name for row in table("table3", "talk").rows if row.is_comparable} == {"HA2G-ASR"}
+
+
+def test_talk_has_two_rows_beside_the_paper_s():
+    """Trimodal cannot read the words, and HA2G has no adversary; figure 3 keeps to the paper's methods."""
+    alone, no_gan = table("table1", "talk").rows[-2:]
+    config = presets.make("talk", "debug", alone.method, alone.changes)
+    assert config.model.text.kind == "none"
+    assert presets.make("talk", "debug", no_gan.method, no_gan.changes).loss.ha2g.weights.gan == 0
+    assert len(table("figure3", "talk").rows) == len(table("table1", "bvh").rows) == 5
+
+
+def test_draws_and_thresholds():
+    assert len(TABLE_12) == 10
+    assert sum(TABLE_12) / 10 == pytest.approx(172.911)
+    assert THRESHOLDS[0] == 0.01 and THRESHOLDS[-1] == 0.3
+    assert len(THRESHOLDS) == 30
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("table2", "talk", "no table 'table2'"),
+        ("table4", "ted_gesture", "choose gesture_ablation"),
+        ("gesture_ablation", "talk", "choose table4"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(name, data, message):
+    with pytest.raises(UserError, match=message):
+        table(name, data)

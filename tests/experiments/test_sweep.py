@@ -1,0 +1,193 @@
+"""A sweep trains every point of a grid, goes on after failures and stops, and sums up over the seeds."""
+
+import importlib.util
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from ha2g_jax.errors import UserError
+
+ROOT = pathlib.Path(__file__).parents[2]
+CONFIG = f"{ROOT / 'experiments' / 'configs' / 'talk.py'}:debug"
+
+# Stands for `ha2g train`: a run whose score is its learning rate plus its seed, and that fails with the seed 13.
+STUB = """
+import pathlib, json, sys
+from ha2g_jax import launch
+arguments = sys.argv[1:]
+workdir = pathlib.Path(arguments[arguments.index("--workdir") + 1])
+config = launch.load_config(arguments[1], arguments[4:])
+if config.seed == 13:
+    sys.exit("ha2g: an unlucky number")
+if config.seed == 14:
+    sys.exit(0)
+workdir.mkdir()
+score = config.train.learning_rate + config.seed
+lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss/huber": score}, {"step": 2}]
+(workdir / "metrics.jsonl").write_text("".join(json.dumps(line) + "\\n" for line in lines))
+(workdir / "config.json").write_text(config.to_json())
+(workdir / "latest" / str(config.train.steps)).mkdir(parents=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    spec = importlib.util.spec_from_file_location("sweep", ROOT / "experiments" / "sweep.py")
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def stub(tmp_path):
+    path = tmp_path / "stub.py"
+    path.write_text(STUB)
+    return [sys.executable, str(path)]
+
+
+def _flags(workdir, *grids):
+    return ["--config", CONFIG, "--workdir", str(workdir), *(flag for grid in grids for flag in ("--grid", grid))]
+
+
+def test_the_grid_is_a_product_with_readable_names(sweep, tmp_path):
+    grids = ["train.betas=(0.5,0.999),(0.9, 0.999)", "seed=0,1"]
+    runs = sweep.plan(CONFIG, tmp_path, grids, ["--config.train.steps=7"])
+    assert [run.name for run in runs] == [
+        "betas=0.5,0.999,seed=0",
+        "betas=0.5,0.999,seed=1",
+        "betas=0.9,0.999,seed=0",
+        "betas=0.9,0.999,seed=1",
+    ]
+    assert [(run.config.train.betas, run.config.seed) for run in runs[1:3]] == [((0.5, 0.999), 1), ((0.9, 0.999), 0)]
+    assert {run.config.train.steps for run in runs} == {7}
+
+
+def test_settings_of_one_name_are_told_apart(sweep, tmp_path):
+    (run,) = sweep.plan(CONFIG, tmp_path, ["model.text.layers=2", "model.inferer.layers=1"])
+    assert run.name == "model.text.layers=2,model.inferer.layers=1"
+
+
+@pytest.mark.parametrize(
+    ("grids", "named"),
+    [
+        (["train.batch_sise=1,2"], "batch_size"),
+        (["seed=0,1", "train.steps=5,many"], "many"),
+        (["seed"], "--grid seed is not KEY=VALUE"),
+        (["seed=0", "seed=1"], "a key of its own"),
+        (["seed=0,1,0"], "give every value once"),
+        (["train.betas=(0.5,0.9"], "close the brackets"),
+        (["seed=0,,1"], "leave none empty"),
+    ],
+)
+def test_a_grid_that_cannot_be_used_starts_nothing(sweep, stub, tmp_path, capsys, grids, named):
+    assert sweep.main(_flags(tmp_path / "runs", *grids), stub) == 2
+    printed = capsys.readouterr().err
+    assert named in printed and printed.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_workdir_that_is_a_file_is_named(sweep, stub, tmp_path, capsys):
+    assert sweep.main(_flags(stub[1], "seed=1"), stub) == 2
+    assert "stub.py (File exists); choose another --workdir" in capsys.readouterr().err
+
+
+def test_the_list_serves_a_slurm_array(sweep, tmp_path, capsys):
+    assert sweep.main([*_flags(tmp_path, "seed=3,4"), "--list"]) == 0
+    assert capsys.readouterr().out == "0\tseed=3\n1\tseed=4\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_task_of_a_slurm_array_trains_its_run(stub, tmp_path):
+    code = f"import runpy, sys; m = runpy.run_path({str(ROOT / 'experiments' / 'sweep.py')!r}); "
+    code += f"sys.exit(m['main']({_flags(tmp_path / 'runs', 'seed=3,4')!r}, {stub!r}))"
+    for task, expected in (("1", 0), ("2", 2)):
+        environment = os.environ | {"SLURM_ARRAY_TASK_ID": task}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == expected
+    assert "the grid has 2 runs: use --array=0-1" in done.stderr
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["seed=4"]
+
+
+def test_a_sweep_reports_failures_and_means_over_seeds(sweep, stub, tmp_path, capsys):
+    flags = _flags(tmp_path / "runs", "train.learning_rate=0.25,0.5", "seed=1,3,13")
+    assert sweep.main(flags, stub) == 1
+    printed = capsys.readouterr().out
+    assert printed.count("failed: ha2g: an unlucky number (exit code 1; see ") == 2
+    assert "learning_rate=0.25,seed=13  0 (unfinished)  -" in printed
+    assert "train.learning_rate=0.5     2 seeds         2.5 ± 1.4" in printed
+    gathered = json.loads((tmp_path / "runs" / "sweep.json").read_text())
+    assert gathered["runs"][0] == {
+        "name": "learning_rate=0.25,seed=1",
+        "settings": {"train.learning_rate": "0.25", "seed": "1"},
+        "finished": True,
+        "step": 2,
+        "validation": {"loss/huber": 1.25},
+    }
+    first, _ = gathered["groups"]
+    assert (first["settings"], first["runs"]) == ({"train.learning_rate": "0.25"}, 2)
+    assert first["mean"] == {"loss/huber": 2.25}
+    assert first["standard_deviation"]["loss/huber"] == pytest.approx(2**0.5)
+
+
+def test_a_run_that_ends_early_is_not_finished(sweep, stub, tmp_path, capsys):
+    assert sweep.main(_flags(tmp_path / "runs", "seed=14"), stub) == 1
+    assert "failed: it ended before step 2; see " in capsys.readouterr().out
+
+
+def test_what_is_finished_is_not_trained_again(sweep, stub, tmp_path):
+    flags = _flags(tmp_path / "runs", "seed=1,2")
+    assert sweep.main(flags, stub) == 0
+    assert sweep.main(flags, ["/does/not/exist"]) == 0  # the stub would also fail: its folder exists
+    assert sweep.main([*flags, "--config.train.learning_rate=1"], stub) == 1  # another config is
+
+
+def test_a_stop_reaches_the_run_and_ends_the_sweep(sweep, tmp_path, capsys):
+    path = tmp_path / "stub.py"
+    path.write_text(
+        "import pathlib, signal, sys, time\n"
+        "signal.signal(signal.SIGTERM, lambda *_: (print('saved', flush=True), sys.exit(0)))\n"
+        f"pathlib.Path({str(tmp_path / 'begun')!r}).touch()\n"
+        "time.sleep(60)\n"
+    )
+    over = threading.Event()
+
+    def stop():
+        while not (tmp_path / "begun").exists() and not over.wait(0.05):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    stopper = threading.Thread(target=stop)
+    stopper.start()
+    try:
+        code = sweep.main(_flags(tmp_path / "runs", "seed=1,2"), [sys.executable, str(path)])
+    finally:
+        over.set()
+        stopper.join()
+    assert code == 128 + signal.SIGTERM
+    assert signal.getsignal(signal.SIGTERM) is before
+    printed = capsys.readouterr().out
+    assert "seed=1: stopped" in printed and "[2/2]" not in printed
+    assert (tmp_path / "runs" / "seed=1.log").read_text() == "saved\n"
+
+
+def test_tables_keep_columns_apart_where_scores_are_missing(sweep):
+    runs = [{"name": "seed=0", "settings": {}, "finished": False, "step": 0, "validation": {}}]
+    runs += [{"name": "seed=1", "settings": {}, "finished": True, "step": 2, "validation": {"a": 1.0, "b": 2.0}}]
+    table = sweep.as_table({"runs": runs, "groups": []})
+    assert [line.split()[-2:] for line in table.splitlines()] == [["a", "b"], ["-", "-"], ["1", "2"]]
+
+
+def test_brackets_keep_their_commas(sweep):
+    assert sweep.plan(CONFIG, pathlib.Path("x"), ["train.betas=(0.5,0.9)"])[0].settings == {"train.betas": "(0.5,0.9)"}
+    with pytest.raises(UserError, match="close the brackets"):
+        sweep.plan(CONFIG, pathlib.Path("x"), ["train.betas=0.5)"])

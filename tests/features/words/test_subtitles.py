@@ -1,0 +1,109 @@
+"""Subtitles that time every word in ways of their own."""
+
+import pytest
+
+from ha2g_jax.features import words as transcripts
+from ha2g_jax.features.words import subtitles
+
+# YouTube puts lines of one blank, here ~, into its cues: they do not end them.
+YOUTUBE = """WEBVTT
+Kind: captions
+Language: en
+
+00:00:01.000 --> 00:00:03.000 align:start position:0%
+~
+so<00:00:01.400><c> good</c><00:00:02.000><c> morning</c>
+
+00:00:03.000 --> 00:00:03.010 align:start position:0%
+so good morning
+~
+
+00:00:03.010 --> 00:00:09.000 align:start position:0%
+so good morning
+everyone<00:00:04.000><c> here</c>
+
+00:00:09.000 --> 00:00:09.010 align:start position:0%
+everyone here
+~
+
+00:00:09.010 --> 00:00:10.000 align:start position:0%
+everyone here
+yes
+"""
+
+HIGHLIGHTED = """1
+00:00:01,000 --> 00:00:01,400
+<u>So</u> good morning
+
+2
+00:00:01,400 --> 00:00:02,000
+So <u>good</u> morning
+
+3
+00:00:02,000 --> 00:00:02,100
+So good morning
+
+4
+00:00:02,100 --> 00:00:03,000
+So good <u>morning</u>
+"""
+
+
+def test_youtube(tmp_path):
+    """Each word once, with its own start; the last of a line does not last through the pause after it."""
+    path = tmp_path / "a.en.vtt"
+    path.write_text(YOUTUBE.replace("~", " "))
+    words = transcripts.read_words(path)
+    assert [word.text for word in words] == ["so", "good", "morning", "everyone", "here", "yes"]
+    assert [word.start for word in words] == pytest.approx([1.0, 1.4, 2.0, 3.01, 4.0, 9.01])
+    assert words[4].end == pytest.approx(4.7)
+
+
+def test_highlighted_words(tmp_path):
+    """Whisper's --highlight_words repeats the line for each of its words."""
+    path = tmp_path / "a.srt"
+    path.write_text(HIGHLIGHTED)
+    words = transcripts.read_words(path)
+    assert [tuple(word) for word in words] == [("so", 1.0, 1.4), ("good", 1.4, 2.0), ("morning", 2.1, 3.0)]
+
+
+def test_underlining_alone_is_style(tmp_path):
+    """A line with an emphasised word is spoken whole."""
+    path = tmp_path / "a.srt"
+    path.write_text(HIGHLIGHTED[: HIGHLIGHTED.index("2\n")])
+    assert [word.text for word in transcripts.read_words(path)] == ["so", "good", "morning"]
+
+
+@pytest.mark.parametrize(
+    ("raw", "spoken"),
+    [
+        ("JOHN: Hello", " Hello"),
+        (">> DR. WHO: hello", " hello"),
+        ("- Speaker 1: Hi\n- there", " Hi\nthere"),
+        ("[SPEAKER_00]: Hi", "hi"),
+        ("Remember: never", "Remember: never"),
+        ('<font color="red">A &amp; B</font> (laughs)', "A & B"),
+    ],
+)
+def test_labels_and_sounds_are_not_spoken(raw, spoken):
+    assert subtitles.split_words(subtitles._spoken(raw)) == subtitles.split_words(spoken)
+
+
+def test_quadratic_time_is_out_of_reach(tmp_path):
+    """Long runs of blanks, of lone digits or of arrows are read in one pass; it would take hours otherwise."""
+    path = tmp_path / "a.srt"
+    for filler in (" " * 300_000, "\n" * 300_000, "1 " * 90_000, "1\n" * 150, "1:2:3,4 --> " * 20_000):
+        path.write_text(subtitles_with(filler))
+        words = transcripts.read_words(path)
+        assert words[0].text == "hello"
+
+
+def subtitles_with(filler: str) -> str:
+    return f"1\n00:00:01,000 --> 00:00:02,000\nhello\n{filler}\n"
+
+
+def test_unreadable_cues_are_reported(tmp_path, caplog):
+    path = tmp_path / "a.vtt"
+    path.write_text("WEBVTT\n\n00:01.000 --> 00:02.000\nhello\n\n00:02,000 --> 00:03,000\nlost\n")
+    assert [word.text for word in transcripts.read_words(path)] == ["hello"]
+    assert "1 of 2 cues cannot be read" in caplog.text

@@ -1,0 +1,320 @@
+"""Importing motion capture: pairing, units, axes, broken files, and a real recording that one can look at."""
+
+import logging
+import pathlib
+import re
+import shutil
+
+import numpy as np
+import pytest
+import soundfile
+from PIL import Image, ImageDraw
+
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
+from ha2g_jax.importers.mocap.import_bvh import import_bvh
+from ha2g_jax.importers.mocap.importing import UNUSABLE, with_constant_lengths
+from ha2g_jax.importers.mocap.options import ImportOptions
+from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+
+EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
+SECONDS = 6.0
+OUT = pathlib.Path(__file__).parents[3] / "out"
+
+
+def mixamo(joint: str) -> str:
+    """Our joints by their names at Mixamo."""
+    names = {"hips": "Hips", "spine": "Spine2", "neck": "Neck", "head": "Head"}
+    if joint in names:
+        return names[joint]
+    side, *rest = joint.split("_")
+    part = {"shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand"}.get(rest[0], f"Hand{rest[0].title()}")
+    return f"mixamorig:{side.title()}{part}{''.join(rest[1:])}"
+
+
+@pytest.fixture
+def recording(bvh_files):
+    """Writes a recording: motion, noise as its sound, and a word each half second."""
+
+    def write(folder: pathlib.Path, stem: str, *, seconds: float = SECONDS, sound: float | None = None, **how):
+        folder.mkdir(parents=True, exist_ok=True)
+        joint_angles = bvh_files.swing(seconds, 30, how.pop("with_fingers", True))
+        (folder / f"{stem}.bvh").write_text(bvh_files.bvh(joint_angles, name=mixamo, **how))
+        noise = np.random.default_rng(0).normal(0, 0.1, round((sound or seconds) * 16000))
+        soundfile.write(folder / f"{stem}.wav", noise, 16000)
+        rows = [f"{0.5 * i}\t{0.5 * i + 0.4}\tword{i}" for i in range(int(2 * seconds))]
+        (folder / f"{stem}.tsv").write_text("\n".join(["start\tend\tword", *rows]) + "\n")
+        return folder / f"{stem}.bvh"
+
+    return write
+
+
+@pytest.fixture(autouse=True)
+def _one_core(monkeypatch):
+    """Processes start slowly; the tests that are about them ask for more."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+
+
+def test_one_file(recording, tmp_path):
+    report = import_bvh(recording(tmp_path / "in", "talk"), tmp_path / "out", ImportOptions(licence="mine"))["train"]
+    corpus = Corpus.open(tmp_path / "out")
+    (clip,) = corpus.clips("train")
+    assert (clip.recording, clip.speaker, corpus.fps, corpus.metadata["licence"]) == ("talk", "talk", 15, "mine")
+    assert clip.positions.shape == (90, 43, 3) and clip.positions.dtype == np.float32
+    assert len(clip.audio) == SECONDS * 16000 and [word.text for word in clip.words] == [f"word{i}" for i in range(12)]
+    assert (report.videos, report.clips, report.kept) == (1, 1, len(clip.window_starts)) and report.kept > 3
+    assert corpus.metadata["import"]["train"]["windows"] == report.windows
+    assert corpus.metadata["motion"] == {"joint map mixamo, unit 0.01 m, y up": 1}
+
+
+@pytest.mark.parametrize(
+    "how", [{"per_metre": 1}, {"per_metre": 1000}, {"per_metre": 1 / 0.0254}, {"up": "z"}, {"up": "-y"}]
+)
+def test_units_and_ways_up(how, recording, tmp_path):
+    """The same person in metres, millimetres and inches, or with z up, gives the same motion."""
+    plain = read_motion(recording(tmp_path, "plain"), EXPRESSIVE, fps=15)
+    other = read_motion(recording(tmp_path, "other", **how), EXPRESSIVE, fps=15)
+    if "up" in how:  # the same rotations about axes that lie differently are another motion, but of the same person
+        assert other.up == how["up"]
+        neck, spine = (other.positions[:, EXPRESSIVE.joint(joint)] for joint in ("neck", "spine"))
+        assert np.mean((neck - spine)[:, 1]) < -0.15
+        across = (
+            other.positions[:, EXPRESSIVE.joint("left_shoulder")]
+            - other.positions[:, EXPRESSIVE.joint("right_shoulder")]
+        )
+        assert across[:, 0].mean() > 0.25
+        assert (
+            other.positions[:, EXPRESSIVE.joint("nose"), 2] < other.positions[:, EXPRESSIVE.joint("left_ear"), 2]
+        ).all()
+    else:
+        assert other.unit == pytest.approx(1 / how["per_metre"]) and plain.unit == 0.01
+        np.testing.assert_allclose(other.positions, plain.positions, atol=2e-4)  # six digits of a metre
+
+
+def test_a_unit_that_cannot_be(recording, tmp_path):
+    path = recording(tmp_path, "talk", per_metre=6)
+    with pytest.raises(UserError, match=r"talk\.bvh: it has arms 3\.3 units long .* \(--unit\)"):
+        read_motion(path, EXPRESSIVE, fps=15)
+    assert read_motion(path, EXPRESSIVE, fps=15, unit=1 / 6).unit == pytest.approx(1 / 6)
+    for unit in ("feet", -1, "nan"):
+        with pytest.raises(UserError, match="expected auto or metres"):
+            import_bvh(path, tmp_path / "out", unit=unit)
+
+
+def test_without_fingers(recording, tmp_path):
+    path = recording(tmp_path / "in", "talk", with_fingers=False)
+    with pytest.raises(UserError, match="ted_gesture"):
+        import_bvh(path, tmp_path / "out")
+    import_bvh(path, tmp_path / "out", ImportOptions(skeleton="ted_gesture"))
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    positions = clip.positions.mean(axis=0)
+    assert clip.positions.shape == (90, 10, 3)
+    assert positions[GESTURE.joint("left_shoulder"), 0] < -0.1  # TED-Gesture sees the left at -x
+    assert (
+        positions[GESTURE.joint("head"), 1] < positions[GESTURE.joint("nose"), 1] < positions[GESTURE.joint("neck"), 1]
+    )
+    assert positions[GESTURE.joint("nose"), 2] > positions[GESTURE.joint("head"), 2]
+
+
+def test_a_folder_of_speakers(recording, tmp_path, monkeypatch):
+    """In order of the paths, with the folder as speaker; several processes give the same bytes as one would."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    for speaker, stem in (("ben", "b"), ("ada", "z"), ("ada", "c")):
+        recording(tmp_path / "in" / speaker, stem)
+    import_bvh(tmp_path / "in", tmp_path / "out", ImportOptions(split="val"))
+    corpus = Corpus.open(tmp_path / "out")
+    assert [(clip.recording, clip.speaker) for clip in corpus.clips("val")] == [
+        ("c", "ada"),
+        ("z", "ada"),
+        ("b", "ben"),
+    ]
+    import_bvh(tmp_path / "in" / "ben" / "b.bvh", tmp_path / "alone", ImportOptions(speaker="ben"))
+    assert corpus.clips("val").record(2) == Corpus.open(tmp_path / "alone").clips("train").record(0)
+
+
+def test_sound_and_words_of_ones_own(recording, tmp_path):
+    path = recording(tmp_path / "in", "talk")
+    (tmp_path / "in" / "talk.wav").rename(tmp_path / "sound.wav")
+    (tmp_path / "in" / "talk.tsv").rename(tmp_path / "said.tsv")
+    with pytest.raises(UserError, match=r"talk\.bvh has no audio; put talk.wav beside it"):
+        import_bvh(path, tmp_path / "out")
+    with pytest.raises(UserError, match=r"talk\.bvh has no transcript; put talk.TextGrid"):
+        import_bvh(path, tmp_path / "out", ImportOptions(audio=tmp_path / "sound.wav"))
+    options = ImportOptions(audio=tmp_path / "sound.wav", words=tmp_path / "said.tsv", speaker="ada")
+    import_bvh(path, tmp_path / "out", options)
+    (clip,) = Corpus.open(tmp_path / "out").clips("train")
+    assert clip.speaker == "ada" and len(clip.words) == 12
+    import_bvh(path, tmp_path / "silent", ImportOptions(audio=tmp_path / "sound.wav", with_words=False))
+    (clip,) = Corpus.open(tmp_path / "silent").clips("train")
+    assert clip.words == () and clip.window_starts
+    recording(tmp_path / "in", "second")
+    with pytest.raises(UserError, match=r"holds 2 \.bvh files; give --audio and --words for one file only"):
+        import_bvh(tmp_path / "in", tmp_path / "third", ImportOptions(audio=tmp_path / "sound.wav"))
+
+
+def test_sound_of_a_stem_up_to_a_dot(recording, tmp_path):
+    path = recording(tmp_path, "talk")
+    path.rename(tmp_path / "talk.mixamo.BVH")
+    report = import_bvh(tmp_path, tmp_path / "out")["train"]
+    assert report.videos == 1 and report.kept
+
+
+def test_a_transcript_called_words_is_of_one_recording_only(recording, tmp_path):
+    path = recording(tmp_path / "in", "talk")
+    (tmp_path / "in" / "talk.tsv").rename(tmp_path / "in" / "words.tsv")
+    import_bvh(path, tmp_path / "out")
+    shutil.copy(tmp_path / "in" / "talk.wav", tmp_path / "in" / "other.wav")
+    shutil.copy(path, tmp_path / "in" / "other.bvh")
+    with pytest.raises(UserError, match="no transcript"):
+        import_bvh(tmp_path / "in", tmp_path / "second")
+
+
+def test_lengths_that_differ(recording, tmp_path, caplog):
+    with caplog.at_level(logging.WARNING):
+        import_bvh(recording(tmp_path / "a", "talk", sound=SECONDS + 0.4), tmp_path / "nearly")
+        assert not caplog.records
+        import_bvh(recording(tmp_path / "b", "talk", sound=SECONDS - 1), tmp_path / "shorter")
+    assert "talk.bvh has 6.00 s of motion and 5.00 s of audio; cut to the shorter" in caplog.text
+    (clip,) = Corpus.open(tmp_path / "shorter").clips("train")
+    assert len(clip.positions) == 75 and max(word.end for word in clip.words) <= 5
+    with pytest.raises(UserError, match=r"6\.00 s of motion and 2\.90 s of audio, which do not belong together"):
+        import_bvh(recording(tmp_path / "c", "talk", sound=2.9), tmp_path / "other")
+
+
+def test_a_broken_file_among_good_ones(recording, tmp_path, caplog):
+    recording(tmp_path / "in", "good")
+    broken = recording(tmp_path / "in", "broken")
+    broken.write_text(broken.read_text()[:-500])
+    with caplog.at_level(logging.WARNING):
+        report = import_bvh(tmp_path / "in", tmp_path / "out")["train"]
+    assert report.rejected == {UNUSABLE: 1} and report.videos == 1
+    assert "broken.bvh is cut off" in caplog.text
+    corpus = Corpus.open(tmp_path / "out")
+    assert [clip.recording for clip in corpus.clips("train")] == ["good"]
+    assert corpus.metadata["import"]["train"]["rejected"] == {UNUSABLE: 1}
+
+
+def test_nothing_is_left_of_a_failure(recording, tmp_path):
+    for stem in ("a", "b"):
+        path = recording(tmp_path / "in", stem)
+        path.write_text(re.sub("Frames: .*", "Frames: 1000000000000", path.read_text()))
+    with pytest.raises(UserError, match=r"all 2 files failed; the first: .*a\.bvh, line 247: Frames") as caught:
+        import_bvh(tmp_path / "in", tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_longer_than_any_sound(tmp_path):
+    """Refused before the motion is worked out, which would take many times the memory."""
+    path = tmp_path / "long.bvh"
+    header = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xposition\n}\nMOTION\nFrames: 8000\nFrame Time: 1\n"
+    path.write_text(header + "0\n" * 8000)
+    with pytest.raises(UserError, match=r"long\.bvh has 133 minutes of motion; expected at most 130"):
+        read_motion(path, EXPRESSIVE, fps=15)
+
+
+def test_no_window_is_left(recording, tmp_path):
+    """The message says where from and why, not only that there is nothing to write."""
+    path = recording(tmp_path / "in", "talk", seconds=1.0)
+    with pytest.raises(UserError, match=r"talk\.bvh has no usable window \(left out: too short 1\)"):
+        import_bvh(path, tmp_path / "out")
+    assert [folder.name for folder in tmp_path.iterdir()] == ["in"]
+
+
+def test_the_folder_that_one_is_in(recording, tmp_path, monkeypatch):
+    recording(tmp_path / "v1.2", "talk")
+    monkeypatch.chdir(tmp_path / "v1.2")
+    import_bvh(".", "../out")
+    assert Corpus.open(tmp_path / "out").metadata["name"] == "v1.2"
+
+
+def test_nothing_to_import(recording, tmp_path):
+    with pytest.raises(UserError, match="nothing at"):
+        import_bvh(tmp_path / "nowhere", tmp_path / "out")
+    with pytest.raises(UserError, match=r"no \.bvh file in"):
+        import_bvh(tmp_path, tmp_path / "out")
+    path = recording(tmp_path, "talk")
+    with pytest.raises(UserError, match="no joint map nothing"):
+        import_bvh(path, tmp_path / "out", joint_map="nothing")
+    with pytest.raises(UserError, match="exists"):
+        import_bvh(path, tmp_path)
+
+
+@pytest.fixture(scope="module", params=[EXPRESSIVE, GESTURE], ids=lambda skeleton: skeleton.name)
+def real(request, private_data, tmp_path_factory):
+    """The clips of a real recording, and the skeleton they were imported with."""
+    out = tmp_path_factory.mktemp("real") / "corpus"
+    import_bvh(private_data / "zeroeggs_067", out, ImportOptions(skeleton=request.param.name))
+    return list(Corpus.open(out).clips("train")), request.param
+
+
+def test_a_real_recording_is_whole(real):
+    """Bones keep their length within 1 %, and words lie within the sound, which is as long as the motion."""
+    clips, skeleton = real
+    positions = np.concatenate([clip.positions for clip in clips])
+    assert positions.shape[1:] == (skeleton.num_joints, 3)
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    assert (np.ptp(lengths, axis=0) < 0.01 * lengths.mean(axis=0)).all()
+    assert 60 < len(positions) / 15 <= 69 and sum(len(clip.words) for clip in clips) > 130
+    for clip in clips:
+        assert all(0 <= word.start < word.end <= len(clip.audio) / 16000 + 1e-6 for word in clip.words)
+        assert len(clip.audio) / 16000 == pytest.approx(len(clip.positions) / 15, abs=0.05)
+
+
+def test_bones_that_are_none_keep_their_direction():
+    """A shrug changes the distance from neck to shoulder in the file, and its direction alone in the clip."""
+    rng = np.random.default_rng(0)
+    moving = EXPRESSIVE.mean_pose + rng.normal(0, 0.005, (20, EXPRESSIVE.num_joints, 3))
+    even = with_constant_lengths(moving, EXPRESSIVE)
+    before, after = (positions_to_directions(EXPRESSIVE, positions) for positions in (moving, even))
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    np.testing.assert_array_equal(even[:, 0], moving[:, 0])
+    shoulder = np.linalg.norm(even[:, EXPRESSIVE.joint("left_shoulder")] - even[:, EXPRESSIVE.joint("neck")], axis=-1)
+    assert np.ptp(shoulder) < 1e-9
+
+
+def test_a_real_recording_is_a_person(real):
+    """Upright, facing the viewer, hands where hands are; out/bvh_*.png shows it."""
+    clips, skeleton = real
+    positions = np.concatenate([clip.positions for clip in clips])
+    images = [draw(pose, skeleton) for pose in positions[30::180]]
+    OUT.mkdir(exist_ok=True)
+    Image.fromarray(np.concatenate(images, axis=1)).save(OUT / f"bvh_{skeleton.name}.png")
+    joint = dict(zip(skeleton.joints, np.moveaxis(positions, 1, 0), strict=True))
+    mean = dict(zip(skeleton.joints, skeleton.mean_pose, strict=True))
+    left, ahead = np.sign(mean["left_shoulder"][0]), np.sign(mean["nose"][2] - mean["neck"][2])
+    trunk = joint["neck"] - joint["spine"]
+    assert (trunk[:, 1] < 0).all()  # y points down
+    assert np.degrees(np.arccos(-trunk[:, 1] / np.linalg.norm(trunk, axis=-1))).mean() < 20
+    assert (left * joint["left_shoulder"][:, 0] > left * joint["right_shoulder"][:, 0]).all()
+    for side, sign in (("left", left), ("right", -left)):
+        wrist = joint[f"{side}_wrist"]
+        assert sign * wrist[:, 0].mean() > 0.1
+        assert wrist[:, 1].mean() > joint["nose"][:, 1].mean()
+        assert ahead * (wrist - joint["spine"])[:, 2].mean() > 0.05
+        for finger in ("thumb", "index", "middle", "ring", "pinky") if skeleton is EXPRESSIVE else ():
+            parts = [joint[f"{side}_{finger}_{part}"] - wrist for part in (1, 2, 3)]
+            reach = [np.linalg.norm(part, axis=-1).mean() for part in parts]
+            assert 0.04 < reach[0] < reach[1] < reach[2] < 0.2
+    behind = joint["left_ear"] if skeleton is EXPRESSIVE else joint["head"]
+    assert np.mean(ahead * (joint["nose"] - behind)[:, 2] > 0) > 0.95
+
+
+def draw(pose: np.ndarray, skeleton) -> np.ndarray:
+    """The figure, and below it all joints from the front and from the person's side."""
+    size = 300
+    rows = [draw_figure(pose, skeleton, DEFAULT_LOOK, size, size)]
+    for axes in ([0, 1], [2, 1]):
+        image = Image.new("RGB", (size, size), "white")
+        canvas, points = ImageDraw.Draw(image), (pose - pose[0])[:, axes] * size / 1.3 + [size / 2, 0.62 * size]
+        for bone in skeleton.bones:
+            canvas.line([tuple(points[end]) for end in bone], fill=_colour(skeleton.joints[bone[1]]), width=2)
+        rows.append(np.asarray(image))
+    return np.concatenate(rows, axis=0)
+
+
+def _colour(joint: str) -> str:
+    return "red" if joint.startswith("left") else "blue" if joint.startswith("right") else "black"

@@ -1,0 +1,105 @@
+"""One video becomes clips."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from ha2g_jax.data import records
+from ha2g_jax.errors import UserError
+from ha2g_jax.importers.video import extraction
+from ha2g_jax.importers.video.recordings import VideoRecording
+from ha2g_jax.importers.video.settings import VideoSettings
+
+
+@pytest.fixture
+def extract(pose_command, tmp_path):
+    def run(video, kind="wave", **settings):
+        settings = VideoSettings(pose_command=pose_command(tmp_path / "calls", kind), **settings)
+        return extraction.extract(VideoRecording(video, "folder/talk", "ada"), settings)
+
+    return run
+
+
+def test_a_video_becomes_a_clip(extract, make_recording, tmp_path):
+    """Protects the whole import: rate, words, sound, confidence, images, and the counts of the report."""
+    extracted = extract(make_recording(tmp_path / "talk.mp4"))
+    assert not extracted.report.rejected
+    [record] = extracted.records
+    clip = records.decode_clip(record)
+    assert (clip.id, clip.recording, clip.speaker, clip.recording_start) == ("folder/talk-0", "folder/talk", "ada", 0.0)
+    assert len(clip.positions) == 89  # 59 steps of 0.1 s at 15 frames per second, and the first
+    assert abs(len(clip.audio) / 16000 - 89 / 15) < 0.001 and np.abs(clip.audio).max() > 0.2
+    assert [word.text for word in clip.words] == [f"word{number}" for number in range(11)]
+    assert clip.words[3] == ("word3", pytest.approx(1.6), pytest.approx(1.9))
+    assert clip.confidence is not None and clip.confidence[0, 20] == 0 and clip.confidence[40].min() == 1
+    assert clip.positions.shape == (89, 43, 3) and np.isfinite(clip.positions).all() and clip.window_starts
+    assert clip.reference_images is not None and clip.reference_images.shape == (7, 224, 224, 3)
+    assert (extracted.frames, extracted.frames_with_both_hands, extracted.shots) == (60, 45, 1)
+    assert extracted.seconds == pytest.approx(6, abs=0.01)
+    assert (extracted.report.videos, extracted.report.clips, extracted.report.kept) == (1, 1, len(clip.window_starts))
+
+
+def test_the_place_of_a_video_leaves_no_trace(extract, make_recording, tmp_path):
+    """Protects equal bytes on every machine, and the privacy of whoever's folders those are."""
+    video = make_recording(tmp_path / "here" / "talk.mp4")
+    shutil.copytree(video.parent, tmp_path / "there")
+    here, there = extract(video), extract(tmp_path / "there" / "talk.mp4")
+    assert here == there and here.records
+    assert all(str(tmp_path).encode() not in record for record in here.records)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds", "reason"), [("still", 6, "still"), ("unseen", 6, "keypoints unseen"), ("wave", 5, "too short")]
+)
+def test_each_condition_rejects_and_is_counted(extract, make_recording, tmp_path, kind, seconds, reason):
+    extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=seconds), kind)
+    assert extracted.records == [] and extracted.report.rejected == {reason: 1} and extracted.report.clips == 0
+
+
+def test_images_before_the_sound_are_left_out(extract, make_recording, tmp_path):
+    """Protects the pairing of speech and motion where the camera was on before the microphone."""
+    video = make_recording(tmp_path / "talk.mkv", seconds=9, sound_start=2.0)
+    clip = records.decode_clip(extract(video).records[0])
+    assert 0 <= clip.recording_start < 0.1 and len(clip.positions) / 15 == pytest.approx(7, abs=0.2)
+
+
+def test_a_time_far_off_makes_no_endless_clip(extract, make_recording, tmp_path):
+    """Protects the memory from a file that states a image an hour later."""
+    times = np.r_[np.arange(60) / 10, 3000.0]
+    clip = records.decode_clip(extract(make_recording(tmp_path / "talk.mkv", times=times)).records[0])
+    assert len(clip.positions) / 15 == pytest.approx(6, abs=0.2)
+
+
+def test_a_clip_shows_its_own_first_images(extract, make_recording, tmp_path):
+    """Protects the pairing of clips and images: two clips of one shot have different ones."""
+    extracted = extract(make_recording(tmp_path / "talk.mp4", seconds=12), max_seconds=9.0, num_reference_frames=2)
+    first, second = (records.decode_clip(record) for record in extracted.records)
+    assert second.id == "folder/talk-1" and first.reference_images is not None and second.reference_images is not None
+    shown = 10 + second.recording_start * 10  # green rises by one each image
+    assert abs(float(second.reference_images[0][..., 1].mean()) - shown) < 3
+    assert abs(float(first.reference_images[0][..., 1].mean()) - 10) < 3 and shown > 40
+
+
+def test_resampling_is_linear_at_any_spacing():
+    times = np.array([0.0, 0.1, 0.35, 0.4, 1.0])
+    values = np.stack([3 * times, 1 - times], axis=-1)[:, None]
+    at = np.array([0.0, 0.05, 0.2, 0.4, 0.99, 1.0])
+    np.testing.assert_allclose(extraction.resample(values, times, at)[:, 0].T, [3 * at, 1 - at], atol=1e-6)
+
+
+def test_poses_of_other_images_are_refused(extract, make_recording, tmp_path):
+    """Protects an estimator of one's own that skips images: everything after would be shifted."""
+    with pytest.raises(UserError, match=r"talk\.mp4 has 60 images.* 59 "):
+        extract(make_recording(tmp_path / "talk.mp4"), "short")
+
+
+def test_what_is_missing_is_named(extract, make_video, make_recording, tmp_path):
+    with pytest.raises(UserError, match=r"mute\.mp4 has no sound"):
+        extract(make_recording(tmp_path / "mute.mp4", with_sound=False))
+    with pytest.raises(UserError, match=r"(?i)transcript"):
+        extract(make_video(tmp_path / "alone" / "wordless.mp4"))
+    cut = make_recording(tmp_path / "cut.mp4")
+    cut.write_bytes(cut.read_bytes()[:3000])
+    with pytest.raises(UserError, match=r"cut\.mp4"):
+        extract(cut)

@@ -1,0 +1,133 @@
+"""Axes and face: upright, facing as the mean pose, rigid; a face that rotates with the head whatever its rest pose."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.readers.axes import find_up, to_skeleton_axes
+from ha2g_jax.motion.readers.face import add_face, face_joints
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
+
+TO_UP = {
+    "y": (0, 0, 0),
+    "-y": (0, 0, 180),
+    "z": (90, 0, 0),
+    "-z": (-90, 0, 0),
+    "x": (0, 0, -90),
+    "-x": (0, 0, 90),
+}  # degrees about x, y, z
+
+
+@pytest.fixture(params=SKELETONS)
+def skeleton(request):
+    return load_skeleton(request.param)
+
+
+def mocap(skeleton, yaw=0.0, sway=0.0) -> np.ndarray:
+    """40 frames of the mean pose in a world with y up, rotated by `yaw` and to and fro by `sway` degrees."""
+    flip = np.array([1, -1, -1]) if skeleton.name == "ted_expressive" else np.array([-1, -1, 1])
+    pose = skeleton.mean_pose * flip  # y up, facing +z, the left at +x
+    angles = yaw + sway * np.sin(np.arange(40))
+    return np.stack([Rotation.from_euler("y", angle, degrees=True).apply(pose) for angle in angles])
+
+
+@pytest.mark.parametrize("up", TO_UP)
+@pytest.mark.parametrize("yaw", [0.0, 100.0, -170.0])
+def test_the_mean_pose_comes_back(skeleton, up, yaw):
+    positions = Rotation.from_euler("xyz", TO_UP[up], degrees=True).apply(mocap(skeleton, yaw).reshape(-1, 3))
+    positions = positions.reshape(40, -1, 3) + np.array([5.0, 2.0, -3.0])
+    assert find_up(positions, skeleton) == up
+    found = to_skeleton_axes(positions, skeleton, up=up)
+    shoulders = (
+        skeleton.mean_pose[skeleton.joint("left_shoulder")] - skeleton.mean_pose[skeleton.joint("right_shoulder")]
+    )
+    own_yaw = np.rad2deg(np.arctan2(shoulders[2], abs(shoulders[0])))  # the mean pose's shoulders are not quite square
+    expected = Rotation.from_euler("y", np.sign(shoulders[0]) * own_yaw, degrees=True).apply(
+        skeleton.mean_pose - skeleton.mean_pose[0]
+    )
+    np.testing.assert_allclose(found[0], expected + skeleton.mean_pose[0], atol=1e-6)
+
+
+def test_one_rigid_motion_for_the_recording(skeleton):
+    positions = mocap(skeleton, yaw=30, sway=40) + np.linspace(0, 1, 40)[:, None, None]
+    found = to_skeleton_axes(positions, skeleton)
+    assert found.dtype == np.float64
+    before, after = (motion.reshape(-1, 3)[::7] for motion in (positions, found))
+    np.testing.assert_allclose(
+        np.linalg.norm(before[:, None] - before, axis=-1), np.linalg.norm(after[:, None] - after, axis=-1), atol=1e-9
+    )
+    np.testing.assert_allclose(found[:, 0].mean(axis=0), skeleton.mean_pose[0], atol=1e-6)
+
+
+def test_somebody_who_turns_round_and_round(skeleton):
+    """Facing nowhere on average, such a person faces as the mean pose at first."""
+    positions = np.concatenate([mocap(skeleton, yaw)[:1] for yaw in range(0, 360, 10)])
+    found = to_skeleton_axes(positions, skeleton)
+    left = skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")
+    across = found[0, left[0]] - found[0, left[1]]
+    assert np.sign(across[0]) == np.sign(skeleton.mean_pose[left[0], 0]) and abs(across[2]) < 1e-6
+
+
+def test_shoulders_one_above_the_other(skeleton):
+    lying = Rotation.from_euler("z", 90, degrees=True).apply(mocap(skeleton).reshape(-1, 3)).reshape(40, -1, 3)
+    with pytest.raises(UserError, match="shoulders lie along the y axis"):
+        to_skeleton_axes(lying, skeleton)
+
+
+def head_of(positions, skeleton, head_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A head joint over the middle of the shoulders and its rotations, from rotation vectors in degrees (T, 3)."""
+    shoulders = [skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")]
+    place = positions[:, shoulders].mean(axis=1) + np.array([0, 0.15, 0])
+    return place, Rotation.from_rotvec(head_angles, degrees=True).as_matrix()
+
+
+def test_the_face_turns_with_the_head(skeleton):
+    """A nod of 20 degrees, a rotation of 30: the nose goes where a nose goes, and the face keeps its shape."""
+    positions = mocap(skeleton)
+    head_angles = np.zeros((40, 3))
+    head_angles[0], head_angles[1] = [0, 30, 0], [0, -30, 0]  # to the person's left and right, y up
+    head_angles[2], head_angles[3] = [20, 0, 0], [-20, 0, 0]  # down and up
+    place, rotations = head_of(positions, skeleton, head_angles)
+    face = add_face(positions, place, rotations, skeleton)
+    found = to_skeleton_axes(face, skeleton)
+    nose, left = skeleton.joint("nose"), np.sign(skeleton.mean_pose[skeleton.joint("left_shoulder"), 0])
+    rest = found[10, nose]
+    assert left * (found[0, nose, 0] - rest[0]) > 0.02 and left * (found[1, nose, 0] - rest[0]) < -0.02
+    assert found[2, nose, 1] - rest[1] > 0.005 and found[3, nose, 1] - rest[1] < -0.005  # y points down
+    joints = list(face_joints(skeleton))
+    lengths = np.linalg.norm(face[:, joints] - face[:, joints[:1]], axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(lengths[:1], lengths.shape), atol=1e-9)
+    others = [joint for joint in range(skeleton.num_joints) if joint not in joints]
+    np.testing.assert_array_equal(face[:, others], positions[:, others])
+
+
+def test_on_average_the_face_is_the_mean_poses(skeleton):
+    positions = mocap(skeleton, sway=25)
+    angles = 25 * np.sin(np.arange(40))
+    head_angles = np.stack([0 * angles, angles, 0 * angles], axis=-1)  # the head goes with the body
+    found = to_skeleton_axes(add_face(positions, *head_of(positions, skeleton, head_angles), skeleton), skeleton)
+    shoulders = [skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")]
+    own_yaw = np.arctan2(*(skeleton.mean_pose[shoulders[0]] - skeleton.mean_pose[shoulders[1]])[[2, 0]])
+    middle = skeleton.mean_pose[shoulders].mean(axis=0)
+    assert abs(np.sin(own_yaw)) < 0.05
+    for joint in face_joints(skeleton):
+        place = skeleton.mean_pose[joint] - middle
+        np.testing.assert_allclose(
+            np.linalg.norm(found[:, joint] - found[:, shoulders].mean(axis=1), axis=-1),
+            np.linalg.norm(place),
+            atol=0.01,
+        )
+
+
+def test_the_rest_pose_of_the_head_makes_no_difference(skeleton):
+    """Bones stored along their own axes: any fixed rotation may come before the head's."""
+    positions = mocap(skeleton, yaw=20, sway=20)
+    head_angles = 15 * np.sin(np.arange(120).reshape(40, 3))
+    place, rotations = head_of(positions, skeleton, head_angles)
+    rest = Rotation.from_rotvec([70, -120, 40], degrees=True).as_matrix()
+    np.testing.assert_allclose(
+        add_face(positions, place, rotations, skeleton),
+        add_face(positions, place, rotations @ rest, skeleton),
+        atol=1e-9,
+    )

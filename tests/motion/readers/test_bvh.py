@@ -1,0 +1,287 @@
+"""Reading BVH: what a file says comes out, however it is written, and no file can do harm."""
+
+import re
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.readers import bvh_values as module
+from ha2g_jax.motion.readers import kinematics
+from ha2g_jax.motion.readers.bvh import read_bvh
+
+CHAIN = """HIERARCHY
+ROOT base
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  JOINT arm
+  {
+    OFFSET 0 1 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    JOINT hand
+    {
+      OFFSET 2 0 0
+      CHANNELS 3 Zrotation Yrotation Xrotation
+      End Site
+      {
+        OFFSET 1 0 0
+      }
+    }
+  }
+}
+MOTION
+Frames: 3
+Frame Time: 0.1
+0 0 0 0 0 0 0 0 0 0 0 0
+5 0 0 90 0 0 0 0 0 0 0 0
+0 0 0 0 0 0 90 0 90 0 0 0
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a file and gives its path."""
+
+    def write(content: str | bytes):
+        path = tmp_path / "motion.bvh"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def world_motion(bvh, fps):
+    """All joints of the file."""
+    return kinematics.world_motion(bvh, fps, range(len(bvh.joints)))
+
+
+def test_positions_worked_out_by_hand(written):
+    positions, rotations = world_motion(read_bvh(written(CHAIN)), 10)
+    np.testing.assert_allclose(positions[0], [[0, 0, 0], [0, 1, 0], [2, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(positions[1], [[5, 0, 0], [4, 0, 0], [4, 2, 0]], atol=1e-12)
+    # The arm rotates about z, then about the x it has left: its y points along the world's z.
+    np.testing.assert_allclose(positions[2], [[0, 0, 0], [0, 1, 0], [0, 3, 0]], atol=1e-12)
+    np.testing.assert_allclose(rotations[1][2] @ [0, 1, 0], [0, 0, 1], atol=1e-12)
+
+
+def about(axis: str, degrees: float) -> np.ndarray:
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return {
+        "X": np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        "Y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        "Z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+    }[axis]
+
+
+@pytest.mark.parametrize("order", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
+def test_every_order_of_rotations(order, written, bvh_files):
+    joint_angles = bvh_files.swing(0.5, 30)
+    bvh = read_bvh(written(bvh_files.bvh(joint_angles, order=order)))
+    positions, _ = world_motion(bvh, 30)
+    assert bvh.fps == 30 and bvh.seconds == pytest.approx(0.5) and len(positions) == 15
+    frame, body = 7, bvh_files.body()
+
+    def place(joint: str) -> tuple[np.ndarray, np.ndarray]:
+        parent, offset = body[joint]
+        origin, rotation = place(parent) if parent else (np.zeros(3), np.eye(3))
+        angles = dict(zip("XYZ", joint_angles[joint][frame], strict=True))
+        own = about(order[0], angles[order[0]]) @ about(order[1], angles[order[1]]) @ about(order[2], angles[order[2]])
+        return origin + rotation @ (100 * np.array(offset)), rotation @ own
+
+    expected = [place(joint)[0] for joint in bvh.joints]
+    assert len(expected) == 40
+    np.testing.assert_allclose(positions[frame], expected, atol=1e-3)  # the file has six digits
+
+
+def test_between_frames_bones_keep_their_length(written, bvh_files):
+    bvh = read_bvh(written(bvh_files.bvh(bvh_files.swing(2, 30))))
+    positions, _ = world_motion(bvh, 17.3)
+    children = np.arange(1, len(bvh.joints))
+    lengths = np.linalg.norm(positions[:, children] - positions[:, np.array(bvh.parents)[children]], axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(lengths[:1], lengths.shape), rtol=1e-9)
+    assert len(positions) == int((len(bvh.motion) - 1) / 30 * 17.3) + 1
+
+
+def test_half_way_is_half_the_angle(written):
+    positions, _ = world_motion(read_bvh(written(CHAIN)), 20)
+    assert len(positions) == 5
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(positions[1, 0], [2.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(positions[1, 1] - positions[1, 0], [-half, half, 0], atol=1e-12)
+
+
+FORGIVING = {
+    "tabs": lambda text: text.replace(" ", "\t"),
+    "carriage returns": lambda text: text.replace("\n", "\r\n"),
+    "blanks and empty lines": lambda text: text.replace(" ", "   ").replace("\n", "  \n\n"),
+    "upper case": lambda text: re.sub("rotation|position|End Site|Frame Time|Frames", lambda m: m[0].upper(), text),
+    "lower case": lambda text: re.sub(
+        "ROOT|JOINT|[XYZ](rotat|posit)ion|MOTION|HIERARCHY", lambda m: m[0].lower(), text
+    ),
+    "byte order mark": lambda text: "\ufeff" + text,
+    "braces on the line before": lambda text: re.sub(r"\s*\n\s*{", " {", text),
+    "no blank after a colon": lambda text: text.replace(": ", ":"),
+    "no line break at the end": lambda text: text.rstrip(),
+    "a frame on several lines": lambda text: text.replace("5 0 0 90", "5 0 0\n90"),
+    "numbers with exponents": lambda text: text.replace("90", "9.0e+01"),
+    "a frame too many": lambda text: text + "1 " * 12,
+}
+
+
+@pytest.mark.parametrize("rewrite", FORGIVING.values(), ids=FORGIVING)
+def test_spellings_of_exporters(rewrite, written):
+    plain, rewritten = read_bvh(written(CHAIN)), read_bvh(written(rewrite(CHAIN)))
+    assert (rewritten.joints, rewritten.parents, rewritten.channels) == (plain.joints, plain.parents, plain.channels)
+    assert rewritten.joints == ("base", "arm", "hand") and rewritten.parents == (-1, 0, 1)
+    np.testing.assert_array_equal(rewritten.motion, plain.motion)
+    np.testing.assert_array_equal(rewritten.offsets, plain.offsets)
+    assert rewritten.fps == plain.fps == 10
+
+
+def test_names_keep_namespaces_and_letters(written):
+    text = CHAIN.replace("ROOT base", "ROOT mixamorig:base").replace("JOINT arm", "JOINT linker Arm")
+    assert read_bvh(written(text)).joints == ("mixamorig:base", "linker Arm", "hand")
+    latin = text.replace("JOINT hand", "JOINT h\xe4nd").encode("latin-1")
+    assert read_bvh(written(latin)).joints[2] == "h\\xe4nd"
+
+
+def test_a_position_channel_takes_the_offsets_place(written):
+    text = CHAIN.replace("CHANNELS 3 Zrotation Yrotation Xrotation\n      End", "CHANNELS 1 Xposition\n      End")
+    text = text[: text.index("MOTION")] + "MOTION\nFrames: 1\nFrame Time: 0.1\n0 0 0 0 0 0 0 0 0 3\n"
+    positions, _ = world_motion(read_bvh(written(text)), 15)
+    np.testing.assert_allclose(positions, [[[0, 0, 0], [0, 1, 0], [3, 1, 0]]])
+
+
+@pytest.mark.parametrize(
+    ("text", "fps"),
+    [
+        *(("0.033333", 30), ("0.0333333", 30), ("0.033", 30), ("0.008333", 120), ("0.0083", 120), ("0.016666", 60)),
+        *(("0.033367", 30 / 1.001), ("0.041708", 24 / 1.001)),
+        *(("0.0125", 80), ("0.05", 20), ("0.04", 25), ("1e-2", 100)),
+    ],
+)
+def test_a_cut_frame_time_is_the_usual_rate(text, fps, written):
+    assert read_bvh(written(CHAIN.replace("Time: 0.1", f"Time: {text}"))).fps == pytest.approx(fps, rel=1e-12)
+
+
+def test_numbers_across_blocks(written, monkeypatch):
+    plain = read_bvh(written(CHAIN)).motion
+    for size in (1, 2, 3, 7):
+        monkeypatch.setattr(module, "_BLOCK", size)
+        np.testing.assert_array_equal(read_bvh(written(CHAIN)).motion, plain)
+
+
+MANY = "ROOT a {\nOFFSET 0 0 0\n" + "".join(f"JOINT j{i} {{\nOFFSET 0 1 0\nCHANNELS 1 Xrotation\n" for i in range(2000))
+WIDE = "".join(f"JOINT w{i} {{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n}}\n" for i in range(100))
+HOSTILE = {
+    "empty": ("", "is an empty file"),
+    "text": ("hello", "does not begin with HIERARCHY"),
+    "an image": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40, "does not begin with HIERARCHY"),
+    "zeros": (bytes(1 << 20), "line of 65536 characters"),
+    "header alone": (CHAIN[:60], "the file ends here"),
+    "no motion": (CHAIN[: CHAIN.index("MOTION")], "the file ends here"),
+    "a ring of joints": (CHAIN.replace("JOINT hand", "JOINT base"), "line 11: a second joint 'base'"),
+    "thousands of joints": ("HIERARCHY\n" + MANY, "more than 1000 joints"),
+    "absurd channels": (CHAIN.replace("CHANNELS 3", "CHANNELS 999999", 1), "CHANNELS '999999', expected 0 to 6"),
+    "negative channels": (CHAIN.replace("CHANNELS 3", "CHANNELS -1", 1), "CHANNELS '-1'"),
+    "unknown channel": (CHAIN.replace("Zrotation", "Wrotation", 1), "Wrotation"),
+    "a channel twice": (CHAIN.replace("Zrotation", "Xrotation", 1), "expected different ones"),
+    "offset of words": (CHAIN.replace("OFFSET 0 1 0", "OFFSET up up up"), "OFFSET with 'up'"),
+    "offset of nothing": (CHAIN.replace("OFFSET 0 1 0", "OFFSET nan 1 0"), "OFFSET with 'nan'"),
+    "no offset": (CHAIN.replace("OFFSET 0 1 0", ""), "joint 'arm' has no OFFSET"),
+    "braces that do not close": (CHAIN.replace("}\nMOTION", "MOTION"), "before the skeleton is complete"),
+    "braces that close twice": (CHAIN.replace("}\nMOTION", "}\n}\nMOTION"), "found '}'"),
+    "a joint in an end site": (CHAIN.replace("OFFSET 1 0 0", "JOINT x {"), "JOINT is not allowed here"),
+    "a joint outside": (CHAIN.replace("ROOT base", "JOINT base"), "JOINT is not allowed here"),
+    "a long name": (CHAIN.replace("ROOT base", "ROOT " + "base " * 99), "is not followed by {"),
+    "nothing moves": (re.sub("CHANNELS.*", "CHANNELS 0", CHAIN), "it has no motion"),
+    "frames below zero": (CHAIN.replace("Frames: 3", "Frames: -1"), "Frames: '-1'"),
+    "no frames": (CHAIN.replace("Frames: 3", "Frames: 0"), "Frames: '0'"),
+    "a million million frames": (CHAIN.replace("Frames: 3", f"Frames: {10**12}"), "Frames: '1000000000000', expected"),
+    "a million frames": (CHAIN.replace("Frames: 3", "Frames: 1000000"), "holds 3 whole frames of 12 values"),
+    "values beyond memory": (
+        CHAIN.replace("JOINT hand", WIDE + "JOINT hand").replace("Frames: 3", "Frames: 2000000"),
+        "2000000 frames of 312 channels, expected at most 30,000,000 numbers",
+    ),
+    "a name of many letters": (CHAIN.replace("ROOT base", "ROOT " + "b" * 64_000), "a name of 64000 characters"),
+    "a header without end": (CHAIN.replace("OFFSET 0 0 0", "\n" * (9 << 20)), "characters before the motion"),
+    "a number without end": (CHAIN.replace("OFFSET 0 0 0", "OFFSET 0 0 " + "1" * 10**6), "line of 65536 characters"),
+    "UTF-16": (CHAIN.encode("utf-16"), "does not begin with HIERARCHY"),
+    "NUL bytes": (CHAIN.replace("5 0 0 90", "5 0 0\x00 90"), "is '0\\x00'"),
+    "frames beyond counting": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 30}"), "expected a whole number"),
+    "frames of many digits": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 5000}"), "expected a whole number"),
+    "frame time nought": (CHAIN.replace("Time: 0.1", "Time: 0"), "Frame Time: '0'"),
+    "frame time that is no number": (CHAIN.replace("Time: 0.1", "Time: nan"), "Frame Time: 'nan'"),
+    "frame time tiny": (CHAIN.replace("Time: 0.1", "Time: 1e-300"), "Frame Time: '1e-300'"),
+    "frame time below zero": (CHAIN.replace("Time: 0.1", "Time: -0.1"), "Frame Time: '-0.1'"),
+    "cut off": (CHAIN[:-12], "holds 2 whole frames of 12 values, but its header declares 3"),
+    "NaN": (CHAIN.replace("5 0 0 90", "5 0 nan 90"), "Zposition of base in frame 2 is 'nan'"),
+    "infinite": (CHAIN.replace("5 0 0 90", "5 0 0 1e999"), "Zrotation of base in frame 2 is '1e999'"),
+    "huge": (CHAIN.replace("5 0 0 90", "1e300 0 0 90"), "Xposition of base in frame 2 is '1e300'"),
+    "NaN of Windows": (CHAIN.replace("0 90 0 90", "0 90 0 -1.#IND"), "Xrotation of arm in frame 3 is '-1.#IND'"),
+    "decimal commas": (CHAIN.replace("5 0 0 90", "5,5 0 0 90"), "Xposition of base in frame 2 is '5,5'"),
+    "a word without end": (CHAIN.replace("5 0 0 90", "1" * (1 << 21)), "a word of more than 65536 characters"),
+}
+
+
+@pytest.mark.parametrize(("content", "found"), HOSTILE.values(), ids=HOSTILE)
+def test_a_file_that_cannot_be_used(content, found, written):
+    """One line that names the file and what is wrong; memory stays near the file's size."""
+    path = written(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(UserError) as caught:
+            read_bvh(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    message = str(caught.value)
+    assert found in message and "motion.bvh" in message and "\n" not in message and len(message) < 400
+    assert peak < (4 << 20) + 8 * path.stat().st_size
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(UserError, match="no file at"):
+        read_bvh(tmp_path / "none.bvh")
+    with pytest.raises(UserError, match="a folder at"):
+        read_bvh(tmp_path)
+
+
+def read_or_refuse(path) -> None:
+    try:
+        bvh = read_bvh(path)
+    except UserError as error:
+        assert "\n" not in str(error) and path.name in str(error)
+    else:
+        assert np.isfinite(bvh.motion).all() and bvh.motion.shape[1] == sum(map(len, bvh.channels))
+        positions, _ = world_motion(bvh, 15)
+        assert np.isfinite(positions).all()
+
+
+WORDS = ["HIERARCHY", "ROOT", "JOINT", "End", "Site", "{", "}", "OFFSET", "CHANNELS", "MOTION", "Frames:", "Frame"]
+WORDS += ["Time:", "Xposition", "Zrotation", "0", "1", "3", "6", "-1", "nan", "1e9", "a", "b", "0.1", "\n", "\x00"]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(content=st.one_of(st.binary(max_size=400), st.lists(st.sampled_from(WORDS), max_size=80).map(" ".join)))
+def test_anything_is_read_or_refused(content, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "anything.bvh"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    read_or_refuse(path)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused(data, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "damaged.bvh"
+    content = bytearray(CHAIN.encode())
+    for _ in range(data.draw(st.integers(1, 3))):
+        start = data.draw(st.integers(0, len(content)))
+        end = data.draw(st.integers(start, min(start + 20, len(content))))
+        content[start:end] = data.draw(st.one_of(st.binary(max_size=8), st.sampled_from(WORDS).map(str.encode)))
+    path.write_bytes(bytes(content))
+    read_or_refuse(path)

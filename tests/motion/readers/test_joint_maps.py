@@ -1,0 +1,146 @@
+"""Joint maps: every naming finds its joints, "auto" finds the naming, and what is missing is said."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.readers import joint_maps
+from ha2g_jax.motion.readers.joint_maps import choose_map, load_map
+from ha2g_jax.skeleton import load_skeleton
+
+EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
+FINGERS = {"Thumb": "T", "Index": "I", "Middle": "M", "Ring": "R", "Pinky": "P"}
+SIDES = {"Left": "L", "Right": "R"}
+ZEROEGGS = [*("Hips", "Spine", "Spine1", "Spine2", "Spine3", "Neck", "Neck1", "Head", "HeadEnd")]
+ZEROEGGS += [side + part for side in SIDES for part in ("Shoulder", "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot")]
+ZEROEGGS += [f"{side}Hand{finger}{part}" for side in SIDES for finger in FINGERS for part in (1, 2, 3, 4)]
+MIXAMO = [name for name in ZEROEGGS if name not in ("Spine3", "Neck1", "HeadEnd")]
+BEAT = [*("Hips", "Spine", "Spine1", "Spine2", "Spine3", "Neck", "Neck1", "Head", "HeadEnd")]
+BEAT += [side + part for side in SIDES.values() for part in ("Shoulder", "Arm", "Arm1", "Hand", "UpLeg", "Leg", "Foot")]
+BEAT += [f"{side}Hand{finger}" for side in SIDES.values() for finger in "RPI"]  # within the palm
+BEAT += [f"{side}Hand{finger}{part}" for side in SIDES.values() for finger in FINGERS.values() for part in (1, 2, 3, 4)]
+NAMINGS = {"zeroeggs": ZEROEGGS, "mixamo": MIXAMO, "beat": BEAT}
+
+
+def places_of(naming: list[str], joint_map: str = "auto", skeleton=EXPRESSIVE) -> tuple[str, dict[str, str]]:
+    found, places = choose_map(naming, skeleton, joint_map, "a.bvh")
+    return found.name, {joint: naming[place] for joint, place in places.items()}
+
+
+@pytest.mark.parametrize("naming", NAMINGS)
+def test_auto_finds_the_naming(naming):
+    name, places = places_of(NAMINGS[naming])
+    assert name == naming
+    assert places == places_of(NAMINGS[naming], naming)[1]
+    assert len(places) == 38 + 1 == len(set(places.values()))
+    assert places["spine"] == ("Spine2" if naming == "mixamo" else "Spine3")
+    assert places["head"] == "Head" and places["neck"] == "Neck"
+    for side, short in SIDES.items():
+        ours = side.lower()
+        arm = [places[f"{ours}_{joint}"] for joint in ("shoulder", "elbow", "wrist")]
+        fingers = [places[f"{ours}_{finger.lower()}_{part}"] for finger in FINGERS for part in (1, 2, 3)]
+        if naming == "beat":
+            assert arm == [f"{short}Arm", f"{short}Arm1", f"{short}Hand"]
+            assert fingers == [f"{short}Hand{finger}{part}" for finger in FINGERS.values() for part in (1, 2, 3)]
+        else:
+            assert arm == [f"{side}Arm", f"{side}ForeArm", f"{side}Hand"]
+            assert fingers == [f"{side}Hand{finger}{part}" for finger in FINGERS for part in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("prefix", ["mixamorig:", "mixamorig1:", "mixamorig", "Armature|mixamorig:", "Character1:"])
+def test_a_namespace_makes_no_difference(prefix):
+    name, places = places_of([prefix + joint for joint in MIXAMO])
+    assert name == "mixamo" and places["left_elbow"] == f"{prefix}LeftForeArm"
+
+
+def test_a_longer_spine_by_the_mixamo_map():
+    assert places_of(ZEROEGGS, "mixamo")[1]["spine"] == "Spine3"
+
+
+def test_the_long_names_of_beat():
+    assert places_of(ZEROEGGS, "beat")[1]["left_ring_1"] == "LeftHandRing1"
+
+
+def test_a_file_without_fingers():
+    bare = [name for name in MIXAMO if not any(finger in name for finger in FINGERS)]
+    name, places = places_of(bare, skeleton=GESTURE)
+    assert name == "mixamo" and len(places) == 8 + 1
+    with pytest.raises(UserError, match=r"left_index_1 \(LeftHandIndex1\).* choose the skeleton ted_gesture"):
+        places_of(bare)
+
+
+def test_what_is_missing_is_said():
+    """By the map that comes nearest, with the joints of the file and how to write a map."""
+    with pytest.raises(UserError) as caught:
+        places_of([*(name for name in BEAT if name != "RArm1"), "Elbow"])
+    message = str(caught.value)
+    assert "a.bvh does not fit the joint map beat: it lacks right_elbow (RArm1 or RightForeArm);" in message
+    assert "`right_elbow: NAME`" in message and "--joint-map" in message and "Elbow" in message
+    assert "\n" not in message and "ted_gesture" not in message
+
+
+def test_two_people_in_one_file():
+    both = [f"{who}:{joint}" for who in ("ada", "ben") for joint in MIXAMO]
+    with pytest.raises(UserError, match="ada:Neck and ben:Neck, and either may be neck"):
+        places_of(both)
+
+
+def test_a_map_of_ones_own(tmp_path):
+    path = tmp_path / "mine.yaml"
+    lines = {"spine": "Chest", "neck": "Nacken", "head": "[Kopf, Haupt]", "left_shoulder": "a", "left_elbow": "b"}
+    lines |= {"left_wrist": "c", "right_shoulder": "d", "right_elbow": "e", "right_wrist": "1"}
+    lines |= {"unit": "0.01", "up": "z"}
+    path.write_text("# my actor\n" + "\n".join(f"{key}: {value}" for key, value in lines.items()))
+    mine = load_map(str(path))
+    assert (mine.unit, mine.up, mine.names["head"]) == (0.01, "z", ("Kopf", "Haupt"))
+    name, places = places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
+    assert name == str(path) and places["head"] == "Haupt" and places["right_wrist"] == "1"
+    path.write_text(path.read_text().replace("left_elbow: b", "left_elbow: c"))
+    with pytest.raises(UserError, match="uses c for both left_elbow and left_wrist"):
+        places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
+
+
+FAULTS = {
+    "not yaml": ("spine: [", "is not YAML"),
+    "a list": ("- spine", "is not a joint map"),
+    "empty": ("", "is not a joint map"),
+    "numbers as keys": ("1: Spine", "is not a joint map"),
+    "a joint of no name": ("spine:", "no name for spine"),
+    "a name that is a truth": ("spine: no", "no name for spine"),
+    "a name that is a table": ("spine: {a: b}", "no name for spine"),
+    "unit in words": ("unit: metres", "has `unit: metres"),
+    "unit below zero": ("unit: -1", "has `unit: -1"),
+    "unit that is a list": ("unit: [1]", "has `unit"),
+    "up to nowhere": ("up: w", "has `up: w"),
+    "up that is a list": ("up: [y]", "has `up"),
+    "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
+    "nested too deep": ("spine: " + "[" * 20000, "is not YAML"),
+    "too long": ("# " + "x" * (1 << 18), "more than 65536 bytes"),
+}
+
+
+@pytest.mark.parametrize(("text", "found"), FAULTS.values(), ids=FAULTS)
+def test_a_map_that_is_none(text, found, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_map(str(path))
+    message = str(caught.value)
+    assert "mine.yaml" in message and found in message and "\n" not in message and len(message) < 500
+
+
+def test_no_such_map():
+    with pytest.raises(UserError, match="no joint map nothing; give auto, zeroeggs, beat, mixamo, genea, ha2g or"):
+        load_map("nothing")
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(content=st.one_of(st.binary(max_size=60), st.text("spine:[]{}&*!-\n #'\"0x", max_size=60).map(str.encode)))
+def test_any_map_is_read_or_refused(content, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(content)
+    try:
+        assert isinstance(load_map(str(path)), joint_maps.JointMap)
+    except UserError as error:
+        assert "\n" not in str(error)

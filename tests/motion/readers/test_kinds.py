@@ -1,0 +1,251 @@
+"""Motion of every kind goes through every command, at the joint positions that a reader of its own finds."""
+
+import functools
+import json
+import shutil
+from typing import Any
+
+import numpy as np
+import pygltflib
+import pytest
+from motion_files.conftest import FRAMES, read_bvh_positions
+
+from ha2g_jax import cli
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation.evaluate import evaluate
+from ha2g_jax.motion import formats
+from ha2g_jax.motion.lower_body import LowerBody
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers import read_motion
+from ha2g_jax.motion.readers.smplx_template import JOINTS
+
+KINDS = (
+    *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),
+    *("SMPL-X joints", "SMPL-X joints array", "BVH", "GENEA BVH", "BEAT BVH", "ZeroEGGS BVH"),
+    *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
+    *("TED-Gesture positions", "named positions", "named positions npz"),
+)
+POSED = ("BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package", "BVH", "GENEA BVH", "BEAT BVH")
+WITHOUT_RATE = {
+    *("directions", "directions less mean", "TED-Gesture directions", "TED-Expressive positions"),
+    *("TED-Gesture positions", "SMPL-X joints array"),
+}
+NAMES = {"spine": "spine3"}
+LOWER = [
+    *("pelvis", "left_hip", "left_knee", "left_ankle", "left_foot"),
+    *("right_hip", "right_knee", "right_ankle", "right_foot"),
+]
+
+
+def rigid(points: np.ndarray, to: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that brings points (n, 3) nearest to others, `points @ rotation`; never a reflection."""
+    left, _, right = np.linalg.svd(points.reshape(-1, 3).T @ to.reshape(-1, 3))
+    sign = np.diag([1, 1, np.sign(np.linalg.det(left @ right))])
+    return left @ sign @ right
+
+
+def lower_of(motion: Motion) -> LowerBody:
+    assert motion.lower is not None
+    return motion.lower
+
+
+def run(*arguments) -> int:
+    return cli.main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch):
+    """Intervals of ten draws, which take no time."""
+    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))
+
+
+def go_through_all(path, folder, capsys, *rate):
+    """Give a file to every command, which must succeed."""
+    for suffix in formats.SUFFIXES:
+        assert run("export", path, *rate, "-o", folder / f"x{suffix}") == 0
+    assert run("export", path, *rate, "-o", folder / "smplx.npz", "--rig", "smplx") == 0
+    assert run("view", path, *rate, "-o", folder / "x.html") == 0
+    assert run("keyframes", path, *rate, "-o", folder / "x.svg", "--size", 64, "--count", 2) == 0
+    assert run("video", path, *rate, "-o", folder / "x.mp4", "--size", "64x64", "--workers", 1) == 0
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        shutil.copy(path, folder / name / f"talk{path.suffix}")
+    capsys.readouterr()
+    assert run("evaluate", "--motion", folder / "a", "--reference", folder / "b", *rate) == 0
+    assert "1 clips" in capsys.readouterr().out
+    assert Motion.load(folder / "x.npz").num_frames == FRAMES
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_goes_through_every_command(kind, files, tmp_path, capsys):
+    go_through_all(files[kind], tmp_path, capsys, *(("--source-fps", 30) if kind in WITHOUT_RATE else ()))
+
+
+def test_a_real_recording_goes_through_every_command(private_data, tmp_path, capsys):
+    [path] = private_data.glob("zeroeggs_067/*.bvh")
+    head, motion = path.read_text().split("MOTION")
+    _, rate, *rows = motion.strip().splitlines()[: 2 + FRAMES]
+    (tmp_path / "real.bvh").write_text("\n".join([f"{head}MOTION", f"Frames: {FRAMES}", rate, *rows]) + "\n")
+    go_through_all(tmp_path / "real.bvh", tmp_path, capsys)
+
+
+def test_a_real_array_of_another_layout_is_refused_in_one_line(private_data, capsys):
+    [path] = private_data.glob("zeroeggs_neutral_001/*.npy")
+    assert run("export", path, "-o", "x.glb") == 2
+    assert "holds an array of shape (7286, 9, 7); expected directions (T, 126)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", [*POSED, "SMPL-X joints"])
+def test_joints_are_where_an_independent_reader_finds_them(kind, files, person):
+    motion = read_motion(files[kind])
+    names = [name for name in motion.joint_names if NAMES.get(name, name) in JOINTS and name != "head"]
+    ours = motion.positions[:, [motion.joint_names.index(name) for name in names]].astype(np.float64)
+    theirs = np.stack([person.at(NAMES.get(name, name)) for name in names], axis=1) - person.at("spine3")[:, None]
+    assert len(names) == 38
+    turn = rigid(theirs, ours)
+    np.testing.assert_allclose(theirs @ turn, ours, atol=1e-3)
+    assert turn[1, 1] == pytest.approx(-1, abs=1e-6)  # up became y down
+    assert turn[2, 2] < -0.9  # ahead became -z
+
+
+@pytest.mark.parametrize("kind", POSED)
+def test_legs_and_place_are_where_an_independent_reader_finds_them(kind, files, person):
+    lower = lower_of(read_motion(files[kind]))
+    theirs = np.stack([person.at(name) for name in LOWER], axis=1)
+    turn = rigid(theirs - theirs[:, :1], lower.positions() - lower.positions()[:, :1])
+    np.testing.assert_allclose(theirs @ turn, lower.positions(), atol=1e-3)
+    assert turn[1, 1] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", POSED)
+def test_legs_and_place_reach_the_files_of_other_programs(kind, files, person, tmp_path):
+    motion = read_motion(files[kind])
+    expected = lower_of(motion).positions()
+    formats.export(motion, tmp_path / "x.bvh")
+    found = read_bvh_positions(tmp_path / "x.bvh")
+    np.testing.assert_allclose(np.stack([found[name] for name in LOWER], axis=1) / 100, expected, atol=1e-3)
+    formats.export(motion, tmp_path / "mixamo.bvh", rig="mixamo")
+    found = read_bvh_positions(tmp_path / "mixamo.bvh")
+    np.testing.assert_allclose(found["mixamorig:LeftFoot"] / 100, expected[:, 3], atol=1e-3)
+    formats.export(motion, tmp_path / "x.glb")
+    gltf: Any = pygltflib.GLTF2().load(str(tmp_path / "x.glb"))
+    moved = {(gltf.nodes[channel.target.node].name, channel.target.path) for channel in gltf.animations[0].channels}
+    assert {("pelvis", "translation"), ("pelvis", "rotation"), ("left_knee", "rotation")} <= moved
+
+
+def test_a_face_of_fewer_values_is_carried_to_other_kinds_and_back(files, tmp_path):
+    formats.export(read_motion(files["smplx package"]), tmp_path / "own.npz")
+    formats.export(read_motion(tmp_path / "own.npz"), tmp_path / "smplx.npz", rig="smplx")
+    with np.load(files["smplx package"]) as given, np.load(tmp_path / "smplx.npz") as found:
+        np.testing.assert_allclose(found["expressions"], given["expression"], atol=1e-6)
+        np.testing.assert_allclose(found["poses"][:, 66:69], given["jaw_pose"], atol=1e-6)
+
+
+def test_the_place_reaches_vrm_and_tables(files, tmp_path):
+    motion = read_motion(files["BEAT2"])
+    expected = lower_of(motion).translation
+    formats.export(motion, tmp_path / "x.json")
+    tree = json.loads((tmp_path / "x.json").read_text())
+    roots = np.array([frame["positions"][0] for frame in tree["frames"]])
+    np.testing.assert_allclose(roots, expected, atol=1e-3)
+    formats.export(motion, tmp_path / "x.vrma")
+    gltf: Any = pygltflib.GLTF2().load_binary(str(tmp_path / "x.vrma"))
+    moved = {(gltf.nodes[channel.target.node].name, channel.target.path) for channel in gltf.animations[0].channels}
+    assert {("hips", "translation"), ("leftUpperLeg", "rotation"), ("rightFoot", "rotation")} <= moved
+
+
+def test_smplx_keeps_root_legs_and_face(files, person, tmp_path):
+    formats.export(read_motion(files["BEAT2"]), tmp_path / "x.npz", rig="smplx")
+    with np.load(files["BEAT2"]) as given, np.load(tmp_path / "x.npz") as found:
+        for name in ("expressions", "arkit"):
+            np.testing.assert_allclose(found[name], given[name], atol=1e-6)
+        legs = [JOINTS.index(name) for name in LOWER[1:]]
+        poses = found["poses"].reshape(FRAMES, 55, 3)
+        np.testing.assert_allclose(poses[:, legs], person.poses[:, legs], atol=1e-5)
+        np.testing.assert_allclose(poses[:, 22], person.poses[:, 22], atol=1e-6)
+        assert found["trans"].shape == (FRAMES, 3)
+        np.testing.assert_allclose(found["trans"][:, 1], person.trans[:, 1], atol=1e-6)
+
+
+def test_a_saved_motion_keeps_legs_and_face(files, tmp_path):
+    motion = read_motion(files["BEAT2"])
+    motion.save(tmp_path / "x.npz")
+    again = read_motion(tmp_path / "x.npz")
+    np.testing.assert_array_equal(lower_of(again).rotations, lower_of(motion).rotations)
+    assert set(again.face) == {"expressions", "jaw", "arkit"}
+
+
+def test_direction_arrays_are_read_whole_and_less_the_mean(files):
+    expected = read_motion(files["BEAT2"]).directions
+    for kind, is_residual in (("directions", False), ("directions less mean", True)):
+        motion = read_motion(files[kind])
+        np.testing.assert_allclose(motion.directions, expected, atol=1e-5)
+        assert motion.fps == 15
+        assert motion.meta["read_from"]["mean_was_subtracted"] is is_residual
+
+
+@pytest.mark.parametrize("scale", [0.5, 3.0])
+def test_directions_that_may_be_either_are_refused(scale, files, tmp_path):
+    np.save(tmp_path / "x.npy", scale * np.load(files["directions"]))
+    with pytest.raises(UserError, match=r"x\.npy has vectors whose lengths differ from 1") as caught:
+        read_motion(tmp_path / "x.npy")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_real_recording_is_not_mirrored_and_its_mirror_image_is(private_data, tmp_path):
+    [path] = private_data.glob("zeroeggs_067/*.bvh")
+    assert read_motion(path, fps=15).lower is not None
+    head, motion = path.read_text().split("MOTION")
+    lines, channels = [], []
+    for line in head.splitlines():
+        words = line.split()
+        if words[:1] == ["OFFSET"]:
+            line = f"OFFSET {-float(words[1])} {words[2]} {words[3]}"
+        if words[:1] == ["CHANNELS"]:
+            channels += words[2:]
+        lines.append(line)
+    signs = np.array([-1 if it in ("Xposition", "Yrotation", "Zrotation") else 1 for it in channels])
+    _, rate, *rows = motion.strip().splitlines()[:302]
+    rows = [" ".join(map(str, signs * np.array(row.split(), float))) for row in rows]
+    text = "\n".join([*lines, "MOTION", f"Frames: {len(rows)}", rate, *rows]) + "\n"
+    (tmp_path / "mirrored.bvh").write_text(text)
+    with pytest.raises(UserError, match="left and right are mirrored"):
+        read_motion(tmp_path / "mirrored.bvh")
+
+
+def test_a_real_recording_is_where_an_independent_reader_finds_it(private_data):
+    [path] = private_data.glob("zeroeggs_067/*.bvh")
+    motion, found = read_motion(path), read_bvh_positions(path)
+    ours = {"spine": "Spine3", "neck": "Neck"}
+    for side in ("left", "right"):
+        parts = {
+            "shoulder": "Arm",
+            "elbow": "ForeArm",
+            "wrist": "Hand",
+            "index_3": "HandIndex3",
+            "thumb_1": "HandThumb1",
+        }
+        ours |= {f"{side}_{part}": f"{side.title()}{name}" for part, name in parts.items()}
+    theirs = np.stack([found[name] - found["Spine3"] for name in ours.values()], axis=1) / 100
+    places = motion.positions[:, [motion.joint_names.index(name) for name in ours]].astype(np.float64)
+    np.testing.assert_allclose(theirs @ rigid(theirs, places), places, atol=1e-3)
+    legs = np.stack([found["Hips"], found["LeftFoot"], found["RightToeBase"]], axis=1) / 100
+    lower = lower_of(motion).positions()[:, [0, 3, 8]]
+    np.testing.assert_allclose(legs @ rigid(legs - legs[:, :1], lower - lower[:, :1]), lower, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["x.pkl", "x.npy"])
+def test_a_pickle_is_refused_by_its_name_and_by_its_content(name, tmp_path, capsys):
+    import pickle
+
+    (tmp_path / name).write_bytes(pickle.dumps({"poses": [1]}))
+    for command, out in (("export", "x.bvh"), ("view", "x.html"), ("keyframes", "x.svg"), ("video", "x.mp4")):
+        assert run(command, tmp_path / name, "-o", tmp_path / out) == 2
+        assert "is a pickle, which may run code" in capsys.readouterr().err
+
+
+def test_the_kind_is_found_by_content_and_not_by_suffix(files, tmp_path):
+    for kind in ("BEAT2", "BVH", "directions", "named positions"):
+        shutil.copy(files[kind], tmp_path / "motion.dat")
+        assert read_motion(tmp_path / "motion.dat").meta["read_from"] == read_motion(files[kind]).meta["read_from"]

@@ -1,0 +1,283 @@
+"""SMPL-X poses become the positions that the rotations mean, on a body with the proportions of a person."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.readers.smplx import read_smplx
+from ha2g_jax.motion.readers.smplx_template import FACE, JOINTS, PARENTS, template
+from ha2g_jax.skeleton import load_skeleton
+
+EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
+BODY = template()
+RNG = np.random.default_rng(0)
+
+
+def _poses(num_frames: int, **axis_angles) -> np.ndarray:
+    """(frames, 165) T-poses, but for joints rotated by an axis-angle."""
+    poses = np.zeros((num_frames, len(JOINTS), 3))
+    for joint, axis_angle in axis_angles.items():
+        poses[:, JOINTS.index(joint)] = axis_angle
+    return poses.reshape(num_frames, -1)
+
+
+def _read(folder, skeleton=EXPRESSIVE, fps=30.0, source_fps=None, up="auto", **arrays) -> dict[str, np.ndarray]:
+    """Joint -> (frames, 3) of a file with these arrays."""
+    np.savez(folder / "a.npz", allow_pickle=True, **({"mocap_frame_rate": 30} | arrays))
+    motion = read_smplx(folder / "a.npz", skeleton, BODY, fps=fps, source_fps=source_fps, up=up)
+    return dict(zip(skeleton.joints, motion.positions.swapaxes(0, 1), strict=True))
+
+
+def _hang_independently(poses: np.ndarray) -> np.ndarray:
+    """The 55 joints of one frame by chains of 4 x 4 matrices and matrix exponentials."""
+    worlds = []
+    for joint, parent in enumerate(PARENTS):
+        x, y, z = poses[joint]
+        local = np.eye(4)
+        local[:3, :3] = scipy.linalg.expm(np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+        local[:3, 3] = BODY.points[joint] - (BODY.points[parent] if parent >= 0 else 0)
+        worlds.append(local if parent < 0 else worlds[parent] @ local)
+    return np.array([world[:3, 3] for world in worlds])
+
+
+def _directions(joints: dict[str, np.ndarray], start: str, end: str) -> np.ndarray:
+    bone = joints[end] - joints[start]
+    return bone / np.linalg.norm(bone, axis=-1, keepdims=True)
+
+
+def test_the_template_is_a_tree_of_symmetric_bones_like_an_adults():
+    assert len(JOINTS) == len(PARENTS) == 55
+    assert all(parent < joint for joint, parent in enumerate(PARENTS))
+    assert [JOINTS[PARENTS[JOINTS.index(name)]] for name in ("left_index_1", "right_thumb_3", "jaw", "neck")] == [
+        *("left_wrist", "right_thumb_2", "head", "spine3")
+    ]
+    names = (*JOINTS, *FACE)
+    left = np.array([point for name, point in zip(names, BODY.points) if name.startswith("left")])
+    right = np.array([point for name, point in zip(names, BODY.points) if name.startswith("right")])
+    np.testing.assert_array_equal(left * [-1, 1, 1], right)
+    assert BODY.points[:, 1].max() - BODY.points[:, 1].min() == pytest.approx(1.7, abs=0.05)
+
+
+@pytest.mark.parametrize(("skeleton", "left", "ahead"), [(EXPRESSIVE, 1, -1), (GESTURE, -1, 1)])
+def test_a_t_pose_stands_upright_and_faces_as_the_skeleton_does(tmp_path, skeleton, left, ahead):
+    joints = _read(tmp_path, skeleton, poses=_poses(2))
+    np.testing.assert_allclose(joints["spine"], skeleton.mean_pose[[0, 0]], atol=1e-6)
+    for start, end in (("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist")):
+        np.testing.assert_allclose(_directions(joints, start, end), [[left, 0, 0]] * 2, atol=1e-6)
+    assert (_directions(joints, "spine", "neck")[:, 1] < -0.99).all()
+    assert (_directions(joints, "neck", "nose")[:, 2] * ahead > 0.5).all()
+
+
+def test_arms_hang_down_and_a_bent_elbow_points_ahead(tmp_path):
+    quarter = np.pi / 2
+    poses = _poses(2, left_shoulder=(0, 0, -quarter), right_shoulder=(0, 0, quarter), left_elbow=(0, -quarter, 0))
+    joints = _read(tmp_path, poses=poses)
+    for side in ("left", "right"):
+        np.testing.assert_allclose(_directions(joints, f"{side}_shoulder", f"{side}_elbow"), [[0, 1, 0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(_directions(joints, "right_elbow", "right_wrist"), [[0, 1, 0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(_directions(joints, "left_elbow", "left_wrist"), [[0, 0, -1]] * 2, atol=1e-6)
+    # The palm looks inwards, the thumb up.
+    assert (_directions(joints, "left_wrist", "left_thumb_2")[:, 1] < -0.5).all()
+
+
+def test_joints_lie_where_an_independent_computation_puts_them(tmp_path):
+    poses = RNG.uniform(-0.6, 0.6, (3, 55, 3))
+    poses[:, :10] *= 0.1  # upright, so that the way up is plain
+    trans = RNG.uniform(-1, 1, (3, 3))
+    joints = _read(tmp_path, poses=poses.reshape(3, -1).astype(np.float64), trans=trans)
+    world = np.array([_hang_independently(frame) for frame in poses]) + trans[:, None]
+    names = {"spine": "spine3"}
+    ours = [joint for joint in EXPRESSIVE.joints if joint not in FACE]
+    expected = np.stack([world[:, JOINTS.index(names.get(joint, joint))] for joint in ours], axis=1)
+    found = np.stack([joints[joint] for joint in ours], axis=1)
+    # One rigid motion leads from one to the other for all frames together.
+    centred = [(points - points.mean((0, 1))).reshape(-1, 3) for points in (expected, found)]
+    rotation, _ = scipy.linalg.orthogonal_procrustes(*centred)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    np.testing.assert_allclose(centred[0] @ rotation, centred[1], atol=2e-6)
+
+
+def test_the_face_is_fixed_on_the_head(tmp_path):
+    poses = np.tile(_poses(1), (3, 1)).reshape(3, 55, 3)
+    poses[1, JOINTS.index("head")] = (0, np.pi / 2, 0)
+    poses[2, JOINTS.index("jaw")] = (0.4, 0, 0)
+    joints = _read(tmp_path, poses=poses.reshape(3, -1))
+    ahead = joints["nose"] - (joints["left_ear"] + joints["right_ear"]) / 2
+    assert ahead[0, 2] < -0.1
+    assert ahead[1, 0] > 0.1  # to the left
+    np.testing.assert_allclose(ahead[[0, 1], [0, 2]], 0, atol=1e-6)
+    np.testing.assert_array_equal(joints["nose"][2], joints["nose"][0])
+
+
+def test_bones_keep_their_length_at_any_frame_rate_and_known_frames_their_pose(tmp_path):
+    poses = RNG.uniform(-1, 1, (31, 55, 3))
+    poses[:, :10] *= 0.1
+    slow, same = (_read(tmp_path, poses=poses.reshape(31, -1), fps=fps) for fps in (12, 30))
+    assert len(slow["neck"]) == 13
+    for parent, child in EXPRESSIVE.bones:
+        if EXPRESSIVE.joints[child] in ("nose", "left_shoulder", "right_shoulder"):
+            continue  # no bones of SMPL-X
+        lengths = np.linalg.norm(slow[EXPRESSIVE.joints[child]] - slow[EXPRESSIVE.joints[parent]], axis=-1)
+        np.testing.assert_allclose(lengths, lengths[0], atol=1e-6)
+    # Each second frame at 12 fps is each fifth of the file; only the mean facing differs.
+    reach = [np.linalg.norm(joints["left_wrist"] - joints["right_elbow"], axis=-1) for joints in (slow, same)]
+    np.testing.assert_allclose(reach[0][::2], reach[1][::5], atol=1e-6)
+
+
+def test_half_way_between_two_frames_an_elbow_has_turned_by_half(tmp_path):
+    poses = np.stack([_poses(1)[0], _poses(1, left_elbow=(0, -np.pi / 2, 0))[0]])
+    joints = _read(tmp_path, poses=poses, fps=60)
+    cosines = _directions(joints, "left_elbow", "left_wrist") @ _directions(joints, "left_shoulder", "left_elbow")[0]
+    np.testing.assert_allclose(cosines, np.cos([0, np.pi / 4, np.pi / 2]), atol=1e-6)
+
+
+TURNS = {"y": (0, 0, 0), "z": (np.pi / 2, 0, 0), "-y": (0, 0, np.pi), "-z": (-np.pi / 2, 0, 0), "x": (0, 0, -np.pi / 2)}
+
+
+@pytest.mark.parametrize("up", TURNS)
+def test_the_way_up_is_found(tmp_path, up):
+    np.savez(tmp_path / "a.npz", poses=_poses(2, pelvis=TURNS[up]), mocap_framerate=120.0)
+    motion = read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15)
+    assert motion.up == up
+    np.testing.assert_allclose(motion.positions[0], _straight(tmp_path), atol=1e-6)
+
+
+def _straight(folder) -> np.ndarray:
+    return np.stack([place[0] for place in _read(folder, poses=_poses(1)).values()])
+
+
+def _positions_file(folder, count: int, suffix: str = ".npz", **more):
+    """The T-pose in a camera's axes, y down and away from the camera on z, as a pose estimator gives it."""
+    points = BODY.points[: min(count, 60)] * [1, -1, -1] + [0.3, 0.2, 4.0]
+    frames = np.tile(np.concatenate([points, np.zeros((count - len(points), 3))]), (4, 1, 1)).astype(np.float32)
+    path = folder / f"a{suffix}"
+    if suffix == ".npy":
+        np.save(path, frames)
+    else:
+        np.savez(path, allow_pickle=True, **({"joints": frames} | more))
+    return path
+
+
+@pytest.mark.parametrize(("count", "suffix"), [(55, ".npz"), (76, ".npz"), (127, ".npz"), (144, ".npz"), (144, ".npy")])
+def test_positions_of_an_estimator_give_the_same_joints(tmp_path, count, suffix):
+    motion = read_smplx(_positions_file(tmp_path, count, suffix), EXPRESSIVE, BODY, fps=15, source_fps=15)
+    assert (motion.up, motion.kind) == ("-y", f"positions of {count} joints")
+    measured = [joint not in FACE or count > 55 for joint in EXPRESSIVE.joints]
+    np.testing.assert_allclose(motion.positions[0][measured], _straight(tmp_path)[measured], atol=1e-6)
+    joints = dict(zip(EXPRESSIVE.joints, motion.positions[0], strict=True))
+    assert joints["nose"][2] < joints["neck"][2] - 0.05
+    assert joints["left_ear"][0] > 0.03 > -0.03 > joints["right_ear"][0]
+    assert joints["left_eye"][1] < joints["neck"][1] - 0.05
+
+
+def test_positions_of_an_estimator_give_a_head_to_the_other_skeleton(tmp_path):
+    motion = read_smplx(_positions_file(tmp_path, 127, fps=25), GESTURE, BODY, fps=15)
+    joints = dict(zip(GESTURE.joints, motion.positions[0], strict=True))
+    assert joints["head"][1] < joints["nose"][1] - 0.05 < joints["neck"][1] - 0.1
+
+
+def _bad_frame(value: float) -> np.ndarray:
+    poses = _poses(5)
+    poses[3, 7] = value
+    return poses
+
+
+BAD = {
+    "no array": ({"betas": np.zeros(10)}, "no array poses or joints"),
+    "body of SMPL": ({"poses": np.zeros((4, 72))}, r"poses has shape \(4, 72\); expected \(frames, 165\)"),
+    "no frames": ({"poses": np.zeros((0, 165))}, "poses has shape"),
+    "flat": ({"poses": np.zeros(165)}, "poses has shape"),
+    "other joints": ({"joints": np.zeros((4, 25, 3))}, "joints has shape"),
+    "nan": ({"poses": _bad_frame(np.nan)}, "frame 4 of poses"),
+    "infinite": ({"poses": _bad_frame(np.inf)}, "frame 4 of poses"),
+    "huge": ({"poses": _bad_frame(1e300)}, "frame 4 of poses"),
+    "text": ({"poses": np.full((4, 165), "a")}, "instead of numbers"),
+    "hours": ({"poses": _poses(9000), "mocap_frame_rate": 1}, "150 minutes at 1 frames per second"),
+    "endless": ({"joints": np.zeros((400_001, 55, 3), np.float16)}, "has 400001 frames"),
+    "no rate": ({"poses": _poses(4), "mocap_frame_rate": np.zeros(0)}, "mocap_frame_rate is"),
+    "rate of 0": ({"poses": _poses(4), "mocap_frame_rate": 0}, "mocap_frame_rate is '0'"),
+    "endless rate": ({"poses": _poses(4), "mocap_frame_rate": np.nan}, "mocap_frame_rate is 'nan'"),
+    "trans of other length": ({"poses": _poses(4), "trans": np.zeros((3, 3))}, r"trans has shape \(3, 3\)"),
+    "trans lost": ({"poses": _poses(4), "trans": np.full((4, 3), np.nan)}, "frame 1 of trans"),
+    "millimetres": ({"joints": np.tile(BODY.points[:55] * 1000, (3, 1, 1))}, "metres, about 0.55"),
+    "one point": ({"joints": np.ones((3, 55, 3))}, "lie on one line"),
+    "objects": ({"poses": np.array([None, 1])}, "Python objects"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_files_that_are_no_motion_are_refused_in_one_line(tmp_path, name):
+    arrays, message = BAD[name]
+    with pytest.raises(UserError, match=message) as error:
+        _read(tmp_path, **arrays)
+    assert str(error.value).count(str(tmp_path / "a.npz")) == 1
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_without_frame_rate_asks_for_it(tmp_path):
+    np.savez(tmp_path / "a.npz", poses=_poses(4))
+    with pytest.raises(UserError, match="--source-fps"):
+        read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15)
+    assert read_smplx(tmp_path / "a.npz", EXPRESSIVE, BODY, fps=15, source_fps=60).seconds == pytest.approx(4 / 60)
+
+
+def test_a_way_up_that_is_along_the_shoulders_is_refused(tmp_path):
+    with pytest.raises(UserError, match="shoulders"):
+        _read(tmp_path, poses=_poses(4, pelvis=(0, 0, np.pi / 2)), up="y")
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(
+    shapes=st.fixed_dictionaries(
+        {},
+        optional={
+            "poses": st.sampled_from([(2, 165), (2, 55, 3), (0, 165), (2, 164), (165,), ()]),
+            "joints": st.sampled_from([(2, 55, 3), (2, 127, 3), (2, 3, 55), ()]),
+            "trans": st.sampled_from([(2, 3), (3, 2), ()]),
+            "betas": st.sampled_from([(300,), (1, 16), (0, 3), (), (2, 2, 2)]),
+            "mocap_frame_rate": st.sampled_from([(), (1,), (2,)]),
+        },
+    ),
+    dtype=st.sampled_from(["f4", "f8", "i4", "?", "U3", "f2"]),
+    seed=st.integers(0, 9),
+)
+def test_arrays_of_any_shape_are_read_or_refused(tmp_path_factory, shapes, dtype, seed):
+    random = np.random.default_rng(seed)
+    path = tmp_path_factory.getbasetemp() / "fuzz.npz"
+    np.savez(path, **{name: (30 * random.random(shape)).astype(dtype) for name, shape in shapes.items()})
+    try:
+        motion = read_smplx(path, EXPRESSIVE, BODY, fps=15)
+    except UserError as error:
+        assert "\n" not in str(error)
+    else:
+        assert np.isfinite(motion.positions).all()
+
+
+WHOLE = ("poses.npz", "joints.npy")
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(
+    name=st.sampled_from(WHOLE),
+    changes=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=4),
+    keep=st.floats(0.5, 1),
+)
+def test_a_damaged_file_is_read_or_refused(tmp_path_factory, name, changes, keep):
+    path = tmp_path_factory.getbasetemp() / name
+    if path.suffix == ".npz":
+        np.savez(path, poses=_poses(3), mocap_frame_rate=30)
+    else:
+        np.save(path, np.tile(BODY.points[:55], (3, 1, 1)))
+    content = bytearray(path.read_bytes())
+    for place, value in changes:
+        content[int(place * len(content))] = value
+    path.write_bytes(content[: len(content) if changes else int(keep * len(content))])
+    try:
+        motion = read_smplx(path, EXPRESSIVE, BODY, fps=15, source_fps=30)
+    except UserError as error:
+        assert "\n" not in str(error)
+    else:
+        assert np.isfinite(motion.positions).all()

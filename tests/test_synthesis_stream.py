@@ -1,0 +1,303 @@
+"""A stream gives the frames that a file would, early, and no frame from a sample that it may not know."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import FFT_SIZE, SAMPLE_RATE, mel_power
+from ha2g_jax.features.unheard import hide_unheard
+from ha2g_jax.motion.control import Controls, Pin, Span, rest_pose
+from ha2g_jax.motion.control.parts import arm_parts, bones_of
+from ha2g_jax.synthesis import Stream, Style, stream
+
+FPS, HALF_SECOND = 15, 8  # frames
+
+
+def speech(seconds: float, seed: int = 0, level: float = 0.1) -> np.ndarray:
+    """Noise with the rhythm of syllables, four of them a second."""
+    time = np.arange(round(seconds * SAMPLE_RATE)) / SAMPLE_RATE
+    samples = np.random.default_rng(seed).normal(0, level, len(time)) * np.sin(4 * np.pi * time) ** 2
+    return samples.astype(np.float32)
+
+
+def streamed(model, samples: np.ndarray, cut: int | None = None, **options) -> np.ndarray:
+    """All frames of samples that are fed `cut` at a time, or all at once."""
+    stream = model.stream(**options)
+    cuts = range(0, len(samples), cut or max(len(samples), 1))
+    return np.concatenate(
+        [*(stream.feed(samples[start : start + (cut or len(samples))]) for start in cuts), stream.flush()]
+    )
+
+
+@pytest.mark.parametrize("seconds", [0.2, 2.2667, 2.3, 4.2667, 9.03])
+def test_whole_windows_give_the_frames_of_a_file(debug_model, seconds):
+    samples = speech(seconds, 1)
+    loudest = float(mel_power(np.pad(samples, FFT_SIZE // 2, mode="reflect")).max())
+    whole = {"look_ahead": 34, "hop": 30, "reference": loudest}
+    expected = debug_model.generate(samples, seed=3, style=Style(speaker="ada"))
+    found = streamed(debug_model, samples, 1000, seed=3, style=Style(speaker="ada"), **whole)
+    np.testing.assert_allclose(found, expected.directions, atol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def trained_model(debug_model):
+    """A model that was trained with windows whose end was hidden."""
+    config = debug_model.config.copy_and_resolve_references()
+    config.data.lookahead = 0.5
+    return dataclasses.replace(debug_model, config=config)
+
+
+@pytest.mark.parametrize("is_trained", [False, True])
+@pytest.mark.parametrize(("look_ahead", "hop"), [(0, 1), (3, 1), (3, 4), (8, 2), (0, 30)])
+def test_no_sample_after_the_look_ahead_changes_a_frame(debug_model, trained_model, look_ahead, hop, is_trained):
+    """To the bit, with 0 dB as it runs; and the next sample heard does change the next frames."""
+    debug_model, samples = trained_model if is_trained else debug_model, speech(3)
+    before = streamed(debug_model, samples, look_ahead=look_ahead, hop=hop)
+    for runs in (1, 2, 5) if hop < 30 else (1,):
+        frames = runs * hop
+        heard = (frames - 1 + look_ahead) * SAMPLE_RATE // FPS
+        other = np.concatenate([samples[:heard], speech(3, seed=9, level=0.3)[heard:]])
+        after = streamed(debug_model, other, look_ahead=look_ahead, hop=hop)
+        np.testing.assert_array_equal(after[:frames], before[:frames])
+        assert not np.array_equal(after[frames : frames + 3], before[frames : frames + 3])
+
+
+@pytest.mark.parametrize("look_ahead", [1, 3, 15, 30])
+def test_only_a_model_that_was_trained_for_it_meets_hidden_ends(debug_model, trained_model, look_ahead, monkeypatch):
+    hidden = []
+
+    def record(mel, start, heard, fps):
+        result = hide_unheard(mel, start, heard, fps)
+        hidden.append(int((result != mel).any(axis=0).sum()))
+        return result
+
+    monkeypatch.setattr(stream, "hide_unheard", record)
+    debug_model.stream(look_ahead=look_ahead).feed(speech(3))
+    assert hidden and not any(hidden)
+    hidden.clear()
+    trained_model.stream(look_ahead=look_ahead).feed(speech(3))
+    assert all(hidden) == (look_ahead < 30)
+
+
+@pytest.mark.parametrize(("look_ahead", "hop"), [(0, 1), (1, 1), (3, 1), (3, 5), (5, 30)])
+def test_a_frame_comes_as_soon_as_it_is_known(debug_model, look_ahead, hop):
+    """Not later than the latency that the stream states, and not before its samples."""
+    stream = debug_model.stream(look_ahead=look_ahead, hop=hop)
+    assert stream.latency == max(look_ahead + hop, 1.5) / FPS
+    count, piece = 0, 64
+    for start in range(0, 5 * SAMPLE_RATE // (1 + (hop < 30)), piece):
+        count += len(stream.feed(np.zeros(piece, np.float32)))
+        heard = (start + piece) / SAMPLE_RATE * FPS
+        due = max(int(heard - look_ahead + 1), 0) // hop * hop
+        assert due - 1 <= count <= due  # without any look-ahead, the last one is half a frame later
+        assert count == due or (look_ahead == 0 and heard - count <= 0.5)
+
+
+@pytest.fixture(scope="module")
+def at_once(debug_model) -> tuple[np.ndarray, np.ndarray]:
+    samples = speech(0.7)
+    return samples, streamed(debug_model, samples, hop=2)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cuts=st.lists(st.integers(0, 11200), max_size=12))
+def test_bytes_do_not_depend_on_the_cuts(debug_model, at_once, cuts):
+    samples, expected = at_once
+    stream = debug_model.stream(hop=2)
+    parts = [stream.feed(part) for part in np.split(samples, sorted(cuts))]
+    assert np.concatenate([*parts, stream.flush()]).tobytes() == expected.tobytes()
+
+
+def test_one_sample_at_a_time_gives_the_same_bytes(debug_model, at_once):
+    samples, expected = at_once
+    assert streamed(debug_model, samples, 1, hop=2).tobytes() == expected.tobytes()
+
+
+def test_ten_minutes_at_once_give_the_same_bytes(debug_model):
+    samples = np.tile(speech(60), 10)
+    whole = {"look_ahead": 0, "hop": 26}
+    expected = streamed(debug_model, samples, 16001, **whole)
+    assert expected.shape == (9000, 42, 3)
+    assert streamed(debug_model, samples, **whole).tobytes() == expected.tobytes()
+
+
+def _held_bytes(value: Any, seen: set[int]) -> int:
+    """Return the size of all arrays that a value refers to, those of the model left out."""
+    if id(value) in seen:
+        return 0
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    if isinstance(value, list | tuple | dict):
+        return sum(_held_bytes(item, seen) for item in (value.values() if isinstance(value, dict) else value))
+    own = type(value).__module__.startswith(("ha2g_jax.synthesis.stream", "ha2g_jax.features", "ha2g_jax.motion"))
+    return _held_bytes(vars(value), seen) if own and hasattr(value, "__dict__") else 0
+
+
+@pytest.mark.parametrize("hop", [13, 30])
+def test_the_memory_of_a_stream_does_not_grow(debug_model, hop):
+    stream, sizes = debug_model.stream(hop=hop), []
+    for _ in range(3):
+        stream.feed(speech(60))
+        sizes.append(_held_bytes(stream, {id(debug_model.variables), id(debug_model.assets), id(stream.spec)}))
+    assert sizes[0] > 50_000
+    assert max(sizes) - min(sizes) < 5_000 + 4 * 42 * 3 * hop  # samples of a column, and frames that are held
+
+
+@pytest.mark.parametrize("seconds", [0, 1 / 16000, 0.03, 0.1, 1 / 3, 2.2334, 2.31])
+@pytest.mark.parametrize("options", [{"look_ahead": 0}, {}, {"look_ahead": 34, "hop": 3}, {"look_ahead": 0, "hop": 30}])
+def test_frames_are_duration_times_fps_rounded(debug_model, seconds, options):
+    samples = speech(seconds)
+    frames = streamed(debug_model, samples, 700, **options)
+    assert frames.shape == (max(1, round(len(samples) / SAMPLE_RATE * FPS)), 42, 3) and frames.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(frames, axis=-1), 1, atol=1e-5)
+
+
+def test_nothing_is_compiled_after_the_start(debug_model):
+    events = []
+    jax.monitoring.register_event_duration_secs_listener(record := lambda event, *_, **__: events.append(event))
+    try:
+        stream = debug_model.stream(look_ahead=1)
+        events.clear()
+        stream.feed(speech(1))
+        stream.controls, stream.style, stream.muted = Controls(energy=1.2), Style(seed=4), True
+        stream.feed(speech(1))
+        stream.flush()
+        assert not [event for event in events if event.startswith("/jax/core/compile")]
+    finally:
+        jax.monitoring.unregister_event_duration_listener(record)
+
+
+def test_samples_that_are_no_numbers_are_silence(debug_model):
+    samples = speech(1)
+    samples[4000:4100] = 0
+    damaged = samples.copy()
+    damaged[4000:4100:3], damaged[4001:4100:3] = np.nan, np.inf
+    np.testing.assert_array_equal(streamed(debug_model, damaged), streamed(debug_model, samples))
+
+
+def test_a_gap_is_bridged_with_silence(debug_model):
+    stream, other = debug_model.stream(), debug_model.stream()
+    bridged = np.concatenate([stream.feed(speech(1)), stream.skip(1.5), stream.feed(speech(1)), stream.flush()])
+    samples = np.concatenate([speech(1), np.zeros(24000, np.float32), speech(1)])
+    np.testing.assert_array_equal(bridged, np.concatenate([other.feed(samples), other.flush()]))
+
+
+@pytest.fixture(scope="module")
+def plain(debug_model) -> np.ndarray:
+    return streamed(debug_model, speech(3))
+
+
+def _changed_at(debug_model, seconds: float, change) -> tuple[np.ndarray, int]:
+    """The frames of 3 s of speech with a change of the stream on the way, and how many came before it."""
+    stream = debug_model.stream()
+    first = stream.feed(speech(3)[: round(seconds * SAMPLE_RATE)])
+    change(stream)
+    rest = stream.feed(speech(3)[round(seconds * SAMPLE_RATE) :])
+    return np.concatenate([first, rest, stream.flush()]), len(first)
+
+
+CHANGES = {
+    "energy": Controls(energy=0.2),
+    "extent": Controls(extent=1.5),
+    "one hand": Controls(handedness="left"),
+    "mirror": Controls(mirror=True),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_control_takes_effect_within_half_a_second(debug_model, plain, name):
+    frames, count = _changed_at(debug_model, 1, lambda stream: setattr(stream, "controls", CHANGES[name]))
+    always = streamed(debug_model, speech(3), controls=CHANGES[name])
+    np.testing.assert_array_equal(frames[:count], plain[:count])
+    np.testing.assert_allclose(frames[count + HALF_SECOND :], always[count + HALF_SECOND :], atol=1e-5)
+    assert np.abs(frames[count + HALF_SECOND :] - plain[count + HALF_SECOND :]).max() > 0.01
+    first, whole = (np.abs(other - plain)[count].max() for other in (frames, always))
+    assert 0 < first < 0.1 * whole  # the way there is eased
+
+
+def test_a_mute_rests_both_arms_until_it_ends(debug_model, plain):
+    arms = bones_of(arm_parts(debug_model.assets.skeleton))
+    frames, count = _changed_at(debug_model, 1, lambda stream: setattr(stream, "muted", True))
+    resting = frames[count + HALF_SECOND :]
+    rest = np.broadcast_to(rest_pose(debug_model.assets.skeleton)[arms], resting[:, arms].shape)
+    np.testing.assert_allclose(resting[:, arms], rest, atol=1e-5)
+    others = np.setdiff1d(np.arange(42), arms)
+    np.testing.assert_array_equal(frames[:, others], plain[:, others])
+
+
+def test_a_style_takes_effect_with_the_next_frames(debug_model):
+    plain = streamed(debug_model, speech(3), style=Style(speaker="ada"))
+    stream = debug_model.stream(style=Style(speaker="ada"))
+    first = stream.feed(speech(3)[:16000])
+    stream.style = Style(speaker="ben")
+    assert stream.style.speaker == "ben"
+    frames = np.concatenate([first, stream.feed(speech(3)[16000:]), stream.flush()])
+    np.testing.assert_array_equal(frames[: len(first)], plain[: len(first)])
+    assert np.abs(frames[len(first) + HALF_SECOND :] - plain[len(first) + HALF_SECOND :]).max() > 1e-3
+
+
+BAD_ARGUMENTS = {
+    "look-ahead": ({"look_ahead": 35}, "expected 0 to 34 frames"),
+    "negative look-ahead": ({"look_ahead": -1}, "look-ahead is -1"),
+    "no hop": ({"hop": 0}, "expected 1 to 26 frames, or 30"),
+    "long hop": ({"hop": 28}, "the hop is 28"),
+    "hop": ({"hop": 1.0}, "the hop is 1.0"),
+    "reference": ({"reference": float("nan")}, "0 dB is nan"),
+    "speaker": ({"style": Style(speaker="eve")}, "expected one of: ada, ben"),
+    "seed": ({"seed": -1}, "negative"),
+    "pins": ({"controls": Controls(pins=(Pin(1, 2),))}, "pins are at times of a whole motion"),
+    "mutes": ({"controls": Controls(mutes=(Span(1, 2),))}, "mutes are .* set `muted`"),
+    "energy": ({"controls": Controls(energy=3)}, "the energy is 3"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ARGUMENTS)
+def test_bad_arguments_are_refused(debug_model, name):
+    arguments, message = BAD_ARGUMENTS[name]
+    with pytest.raises(UserError, match=message):
+        debug_model.stream(**arguments)
+
+
+def test_a_model_that_reads_words_is_refused(debug_model):
+    words = dataclasses.replace(
+        debug_model, spec=debug_model.spec._replace(method="trimodal", inputs=("audio", "words"))
+    )
+    with pytest.raises(UserError, match="trimodal reads audio, words, but a stream"):
+        words.stream()
+
+
+def test_what_a_stream_cannot_take_leaves_it_as_it_was(debug_model, plain):
+    stream = debug_model.stream()
+    first = stream.feed(speech(3)[:16000])
+    for samples in (np.zeros((100, 2), np.float32), np.zeros(100, np.int16)):
+        with pytest.raises(UserError, match="expected float mono at 16 kHz"):
+            stream.feed(samples)
+    with pytest.raises(UserError, match="the energy is"):
+        stream.controls = Controls(energy=-1)
+    with pytest.raises(UserError, match="expected one of: ada, ben"):
+        stream.style = Style(speaker="eve")
+    with pytest.raises(UserError, match="a gap of -1 s"):
+        stream.skip(-1)
+    frames = np.concatenate([first, stream.feed(speech(3)[16000:]), stream.flush()])
+    np.testing.assert_array_equal(frames, plain)
+
+
+@pytest.mark.parametrize("call", [lambda stream: stream.feed(speech(1)), Stream.flush, lambda stream: stream.skip(1)])
+def test_after_the_end_is_no_more(debug_model, call):
+    stream = debug_model.stream()
+    stream.flush()
+    with pytest.raises(UserError, match="the stream has ended"):
+        call(stream)
+
+
+def test_broken_weights_are_noticed(debug_model):
+    broken = dataclasses.replace(debug_model, variables=jax.tree.map(lambda x: x * np.nan, debug_model.variables))
+    with pytest.raises(UserError, match="not finite"):
+        broken.stream(look_ahead=0).feed(speech(1))
