@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import run_logged, stop_signals
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.launch import load_config
 from ha2g_jax.train.metrics_file import METRICS, read_metrics
 

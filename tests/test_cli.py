@@ -12,7 +12,7 @@ import ha2g_jax
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.talk.speakers import default_styles
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 
 
 def parsers(parser, name="ha2g"):

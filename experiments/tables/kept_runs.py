@@ -4,9 +4,8 @@ import json
 import pathlib
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.partial_folder import partial_folder
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file, whole_folder, writing
 from ha2g_jax.train.metrics_file import METRICS, read_metrics
 from tables.plan import Plan, Run, checkpoint_folder, is_finished, read_stored, scores_path
 
@@ -31,10 +30,8 @@ def keep_run(run: Run, plan: Plan, has_legacy: bool, folder: pathlib.Path) -> No
     Raises:
         UserError: a file cannot be read or written, or there is a copy of another training of this run.
     """
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _not_written(folder, error) from error
     if not is_finished(run):
         return
     scores = None if run.name == plan.autoencoder.name else scores_path(run, plan, has_legacy)
@@ -87,16 +84,7 @@ def _weights(run: Run) -> dict[str, bytes]:
 
 
 def _write(content: dict[str, bytes], copy: pathlib.Path) -> None:
-    try:
-        with partial_folder(copy) as part:
-            for name, data in content.items():
-                (part / name).parent.mkdir(parents=True, exist_ok=True)
-                (part / name).write_bytes(data)
-            part.chmod(0o755)
-            part.rename(copy)
-    except OSError as error:
-        raise _not_written(copy, error) from error
-
-
-def _not_written(path: pathlib.Path, error: OSError) -> UserError:
-    return UserError(f"cannot write {shown(path)} ({reason(error).lower()}); use another folder")
+    with whole_folder(copy) as folder:
+        for name, data in content.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)

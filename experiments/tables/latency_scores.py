@@ -18,7 +18,7 @@ from ha2g_jax.evaluation.identity import clip_identity
 from ha2g_jax.evaluation.rows import make_rows
 from ha2g_jax.evaluation.talk.known_causes import MODEL, has_known_causes, rows_with_chance
 from ha2g_jax.evaluation.talk.scores import Trial, known_truth, observe, semantic_floors
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.metrics.jackknife import Estimate
 from ha2g_jax.metrics.known_causes import CauseRow
 from ha2g_jax.metrics.row import Row

@@ -12,7 +12,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.reading import reading
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from tables.facts import describe_work, run_states
 from tables.jobs import Perform, perform_in_process, run_all
 from tables.latency_estimates import Scores

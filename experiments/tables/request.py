@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import check_file
+from ha2g_jax.files.writing import check_file
 
 _DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
 

@@ -14,7 +14,7 @@ from ha2g_jax.evaluation.clip_result import ClipResult, from_corpus, split_limit
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.evaluation.talk.known_causes import score_known_causes, score_motion
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.metrics import beats, diversity
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from tables.plan import Plan, Run, is_copy, read_stored, retrieval_path, scores_path

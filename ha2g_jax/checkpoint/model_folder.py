@@ -8,8 +8,6 @@ import contextlib
 import dataclasses
 import json
 import pathlib
-import shutil
-import tempfile
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -23,7 +21,7 @@ from ha2g_jax.config import settings as configs
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file, whole_folder
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.methods.method import Spec
@@ -73,21 +71,10 @@ def save(
         UserError: `folder` exists and is not empty, or cannot be written, for example because the disk is full.
     """
     folder = pathlib.Path(folder)
-    with _writing(folder):
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise UserError(f"{shown(folder)} exists already; choose another folder or remove it")
-        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-        # The name of the folder may have as many letters as a name can have.
-        temporary = pathlib.Path(tempfile.mkdtemp(prefix=".model-", dir=folder.absolute().parent))
-        try:
-            found = weights.write(temporary / WEIGHTS, variables, is_exact=is_exact)
-            assets = dataclasses.replace(assets, hash=found)
-            write_description(temporary, _settings_of_model(config), assets)
-            (temporary / WEIGHTS).chmod(0o644)
-            temporary.chmod(0o755)
-            temporary.replace(folder)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+    with whole_folder(folder) as temporary:
+        found = weights.write(temporary / WEIGHTS, variables, is_exact=is_exact)
+        write_description(temporary, _settings_of_model(config), dataclasses.replace(assets, hash=found))
+        (temporary / WEIGHTS).chmod(0o644)
     return folder
 
 
@@ -252,13 +239,3 @@ def _settings_of_model(config: Config) -> Config:
 
 def _expected_shapes(folder: pathlib.Path, spec: Spec) -> weights.Shapes:
     return {name: leaf.shape for name, leaf in weights.flatten(shapes_of(folder, spec)).items()}
-
-
-@contextlib.contextmanager
-def _writing(folder: pathlib.Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise UserError(
-            f"cannot write {shown(folder)} ({reason(error).lower()}); use another folder or free disk space"
-        ) from error

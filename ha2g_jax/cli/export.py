@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ha2g_jax.cli.parser import add_reading
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import check_kept
+from ha2g_jax.files.writing import check_kept
 
 if TYPE_CHECKING:
     import numpy as np

@@ -15,8 +15,8 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.corpus import FILE, TRAIN
 from ha2g_jax.data.statistics import MotionStatistics
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.partial_folder import partial_folder
 from ha2g_jax.files.reading import check_utf8, reason, shown
+from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import load_skeleton
 
@@ -50,8 +50,7 @@ class CorpusWriter:
     ):
         self._path = pathlib.Path(path)
         check_utf8(self._path)
-        if os.path.lexists(self._path):
-            raise _exists(self._path)
+        check_new(self._path)
         for split in splits:
             if not schema.is_split_name(split):
                 raise UserError(f"{split[:60]!r} cannot be the name of a split; use up to 60 letters, digits, - and _")
@@ -69,25 +68,18 @@ class CorpusWriter:
 
     def __enter__(self) -> "CorpusWriter":
         self._end = contextlib.ExitStack()
-        with self._writing():
-            self._new_folders = [folder for folder in self._path.parents if not folder.exists()]
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._folder = self._end.enter_context(partial_folder(self._path))
+        self._folder = self._end.enter_context(whole_folder(self._path))
         return self
 
-    def __exit__(self, error_type: type | None, *_: object) -> None:
-        try:
-            if error_type is None:
+    def __exit__(self, _: type | None, error: BaseException | None, __: object) -> None:
+        with self._end:  # an exception in it removes the folder
+            if error is None:
                 self._close_shard()
                 self._finish()
             else:
                 with contextlib.suppress(UserError):  # the exception inside the context is the one to report
                     self._close_shard()
-        finally:
-            self._end.close()
-            with contextlib.suppress(OSError):  # a folder that is not empty is kept
-                for folder in self._new_folders:
-                    folder.rmdir()
+                raise error
 
     def add(self, split: str, record: bytes) -> None:
         """Append an encoded clip to a split; all clips of one split must be added before those of the next.
@@ -166,13 +158,6 @@ class CorpusWriter:
         self._check(text)
         with self._writing():
             (self._folder / FILE).write_text(text, newline="\n")
-            self._folder.chmod(0o755)
-            try:
-                self._folder.rename(self._path)
-            except OSError as error:
-                if os.path.lexists(self._path):  # another process has made it in the meantime
-                    raise _exists(self._path) from error
-                raise
 
     def _describe(self, name: str) -> dict[str, Any]:
         with self._writing(), (self._folder / name).open("rb") as file:
@@ -190,7 +175,3 @@ class CorpusWriter:
             schema.check(json.loads(text))
         except (TypeError, ValueError) as error:
             raise UserError(f"cannot write {shown(self._path)} ({reason(error)}); correct the data") from error
-
-
-def _exists(path: pathlib.Path) -> UserError:
-    return UserError(f"{shown(path)} exists already; choose another folder or remove it")

@@ -10,7 +10,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import DEFAULT_LOOK, Look, fit
 from ha2g_jax.figure.page import Page, Picture, Text, as_png, as_svg, text_width
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 
 MAX_COUNT = 100

@@ -12,7 +12,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import parse_json, reading, reason, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_JOINTS, MAX_MOTION_META_BYTES
 from ha2g_jax.motion import checks, lower_body
 from ha2g_jax.motion.lower_body import LowerBody

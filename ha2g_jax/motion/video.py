@@ -22,7 +22,7 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, Look, View, fit
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.progress import progress_bar

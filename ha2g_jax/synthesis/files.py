@@ -12,7 +12,7 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
-from ha2g_jax.files.whole_file import check_kept, whole_file
+from ha2g_jax.files.writing import check_kept, whole_file
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.sound_files import has_sound
 from ha2g_jax.files.reading import check_regular, reading, shown
-from ha2g_jax.files.whole_file import check_kept
+from ha2g_jax.files.writing import check_kept
 from ha2g_jax.motion import formats
 
 VIDEO, PAGE = ".mp4", ".html"

@@ -8,7 +8,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import check_kept
+from ha2g_jax.files.writing import check_kept
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.joint_maps import AUTO

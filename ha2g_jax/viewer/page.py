@@ -11,7 +11,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_MOTION_FRAMES
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.viewer import sound

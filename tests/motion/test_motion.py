@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 

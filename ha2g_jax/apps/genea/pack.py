@@ -1,12 +1,10 @@
 """A pack of samples for the GENEA leaderboard, as a folder or a `.zip`, with a manifest of seeds and hashes."""
 
-import contextlib
 import hashlib
 import json
 import os
 import pathlib
 import zipfile
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,9 +13,8 @@ from ha2g_jax.apps.genea.sample import FPS
 from ha2g_jax.apps.genea.sources import Clip, FromFiles, FromModel, Source, read_shapes
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
-from ha2g_jax.files.partial_folder import partial_folder
-from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import temporary_folder, whole_file, whole_folder
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.smplx_model import read_body_model
 from ha2g_jax.motion.resample import num_frames
@@ -86,15 +83,15 @@ def write_pack(
         with stage("loading the model"):
             model = load(checkpoint)
         source = FromModel(model, samples or SAMPLES, seed, style, body)
-    with _writing(out), partial_folder(out.absolute()) as folder:
-        _add_samples(folder, source, paths, shape_of)
-        folder.chmod(0o755)
-        _check_place(out)
-        if out.suffix.lower() == ZIP:
-            with stage("packing"), whole_file(out) as temporary:
-                _zip(folder, temporary)
-        else:
-            folder.rename(out.absolute())
+    if out.suffix.lower() == ZIP:
+        with whole_file(out) as archive, temporary_folder(out.absolute()) as folder:
+            _add_samples(folder, source, paths, shape_of)
+            with stage("packing"):
+                _zip(folder, archive)
+            _check_place(out)  # another process may have made it meanwhile
+    else:
+        with whole_folder(out) as folder:
+            _add_samples(folder, source, paths, shape_of)
     return out
 
 
@@ -148,14 +145,3 @@ def _zip(folder: pathlib.Path, path: pathlib.Path) -> None:
             with file.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
                 while part := source.read(1 << 20):
                     target.write(part)
-
-
-@contextlib.contextmanager
-def _writing(out: pathlib.Path) -> Iterator[None]:
-    try:
-        out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise UserError(
-            f"cannot write {shown(out)} ({reason(error).lower()}); use another folder or free disk space"
-        ) from error

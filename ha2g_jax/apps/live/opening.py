@@ -16,7 +16,7 @@ from ha2g_jax.apps.live.vmc import PORT, VmcSink
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 from ha2g_jax.motion.rigs import OWN, load_rig
 from ha2g_jax.viewer.live_page import live_page

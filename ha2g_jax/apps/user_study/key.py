@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_json, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 
 RATING, PREFERENCE, MISMATCH, ATTENTION = "rating", "preference", "mismatch", "attention"
 KINDS = (RATING, PREFERENCE, MISMATCH, ATTENTION)

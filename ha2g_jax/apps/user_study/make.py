@@ -12,9 +12,7 @@ from ha2g_jax.apps.user_study.key import ATTENTION, RATING, Key, Stimulus, item_
 from ha2g_jax.apps.user_study.site import DEFAULT_TITLE, Wording, read_wording, write_site
 from ha2g_jax.apps.user_study.sources import name_systems, read_sources
 from ha2g_jax.apps.user_study.stimuli import render
-from ha2g_jax.errors import UserError
-from ha2g_jax.files.partial_folder import partial_folder
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.motion.video import check_size
@@ -45,7 +43,7 @@ def make_study(
 
     Args:
         motions: folder of each system, as DIR or NAME=DIR, with motion of the same clips.
-        out: folder to write, which must not exist.
+        out: folder to write, which does not exist or is empty.
         speech: folder of the sounds, see `sources.read_sources`.
         protocol: parts of the study, of `design.PARTS`.
         clips: number of clips, drawn at random; by default all.
@@ -70,7 +68,7 @@ def make_study(
     out = pathlib.Path(out)
     check_size((size, size))
     wording = read_wording(title=title, consent=consent, closing=closing, post=post)
-    _check_place(out)
+    check_new(out)
     seed = secrets.randbelow(MAX_SEED) if seed is None else seed
     systems = name_systems(motions)
     options = {"clips": clips, "clip_seconds": clip_seconds, "joint_map": joint_map, "source_fps": source_fps}
@@ -83,22 +81,13 @@ def make_study(
         attention=attention,
         seed=seed,
     )
-    try:
-        out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        with partial_folder(out.absolute()) as folder:
-            media = folder / "site" / "media"
-            media.mkdir(parents=True)
-            render(design.stimuli, sources, media, size=size)
-            key = _make_key(design, media, list(systems), list(sources.durations), wording, seed)
-            write_site(folder / "site", key, design.lists, wording)
-            write_key(folder / "key.json", key)
-            folder.chmod(0o755)
-            _check_place(out)
-            folder.rename(out.absolute())
-    except OSError as error:
-        raise UserError(
-            f"cannot write {shown(out)} ({reason(error).lower()}); use another folder or free disk space"
-        ) from error
+    with whole_folder(out) as folder:
+        media = folder / "site" / "media"
+        media.mkdir(parents=True)
+        render(design.stimuli, sources, media, size=size)
+        key = _make_key(design, media, list(systems), list(sources.durations), wording, seed)
+        write_site(folder / "site", key, design.lists, wording)
+        write_key(folder / "key.json", key)
     return out
 
 
@@ -127,8 +116,3 @@ def _stimulus(planned: Planned, video: pathlib.Path) -> Stimulus:
     is_check = planned.scene.part == ATTENTION
     sound = None if is_check else planned.scene.clip
     return Stimulus(planned.system, planned.clip, planned.clip == sound, sound, digest)
-
-
-def _check_place(out: pathlib.Path) -> None:
-    if out.exists() or out.is_symlink():
-        raise UserError(f"{shown(out)} exists; choose another folder with -o, or remove it")

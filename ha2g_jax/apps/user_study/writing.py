@@ -16,7 +16,7 @@ from typing import Any
 
 from ha2g_jax.apps.user_study.report import Chart, Section, Table, sections
 from ha2g_jax.evaluation.corpus.charts import table as html_table
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 
 PAGE, MARKDOWN, NUMBERS = "report.html", "report.md", "report.json"
 """Files of the folder; charts are beside them as `.svg`."""

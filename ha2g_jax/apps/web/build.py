@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from ha2g_jax.apps.web import sources
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache_folder import cache_folder, one_maker
-from ha2g_jax.files.partial_folder import partial_folder
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage
 
 _OLDEST_NODE = 20
@@ -42,18 +42,13 @@ def build_scripts() -> pathlib.Path:
     with one_maker(folder):
         if folder.is_dir():  # another process has built it meanwhile
             return folder
-        try:
-            with partial_folder(folder) as temporary:
-                project = sources.copy(found, temporary)
-                with stage("installing what ha2g-web is built with"):
-                    _run([npm, "ci", "--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error"], project)
-                with stage("building the site"):
-                    _run([npm, "run", "--silent", "build:site"], project)
-                (project / _RESULT).rename(folder)
-        except OSError as error:
-            raise UserError(
-                f"cannot write {shown(folder)} ({reason(error).lower()}); set HA2G_CACHE to another folder"
-            ) from error
+        with writing(folder, "set HA2G_CACHE to another folder"), temporary_folder(folder) as temporary:
+            project = sources.copy(found, temporary)
+            with stage("installing what ha2g-web is built with"):
+                _run([npm, "ci", "--no-audit", "--no-fund", "--ignore-scripts", "--loglevel=error"], project)
+            with stage("building the site"):
+                _run([npm, "run", "--silent", "build:site"], project)
+            (project / _RESULT).rename(folder)
     return folder
 
 

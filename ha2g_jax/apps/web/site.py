@@ -1,19 +1,17 @@
 """The folder of the site: page, scripts, model, and what a browser keeps of them to work offline."""
 
 import base64
-import contextlib
 import hashlib
 import json
 import pathlib
 import shutil
-from collections.abc import Iterator
 
 from ha2g_jax import __version__
 from ha2g_jax.apps.web import sources
 from ha2g_jax.apps.web.build import build_scripts
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.partial_folder import partial_folder
-from ha2g_jax.files.reading import read_json, reason, shown
+from ha2g_jax.files.reading import read_json, shown
+from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage
 from ha2g_jax.viewer.document import read_asset, three_library
 
@@ -47,9 +45,9 @@ def write_site(
     out = pathlib.Path(out)
     _check_place(out)
     scripts = build_scripts()
-    with _writing(out):
+    with writing(out):
         out.absolute().parent.mkdir(parents=True, exist_ok=True)
-        with partial_folder(out.absolute()) as folder:
+        with temporary_folder(out.absolute()) as folder:
             _add_page(folder, scripts)
             with stage("exporting the model"):
                 _add_model(folder / "model", checkpoint, weights, license)
@@ -101,7 +99,7 @@ def hash_of(path: pathlib.Path) -> str:
 
 def _check_place(out: pathlib.Path) -> None:
     """Check that a folder may be replaced: a site has a list, and no file that the list does not name."""
-    with _writing(out):
+    with writing(out):
         if not out.exists() or (out.is_dir() and not any(out.iterdir())):
             return
         found = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()]
@@ -120,7 +118,7 @@ def _put(folder: pathlib.Path, out: pathlib.Path) -> None:
     if not out.exists():
         folder.rename(out)
         return
-    with partial_folder(out) as aside:
+    with temporary_folder(out) as aside:
         old = aside / "old"
         try:
             out.rename(old)
@@ -129,13 +127,3 @@ def _put(folder: pathlib.Path, out: pathlib.Path) -> None:
             if old.exists() and not out.exists():
                 old.rename(out)
             raise
-
-
-@contextlib.contextmanager
-def _writing(out: pathlib.Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise UserError(
-            f"cannot write {shown(out)} ({reason(error).lower()}); use another folder or free disk space"
-        ) from error

@@ -16,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.limits import MAX_ONNX_BYTES
 from ha2g_jax.methods.ha2g.model import HA2G

@@ -16,7 +16,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.files.whole_file import check_kept
+from ha2g_jax.files.writing import check_kept
 from ha2g_jax.importers.video import extraction, pose_environment, runners, shots, work_folder
 from ha2g_jax.importers.video.extraction import Extraction
 from ha2g_jax.importers.video.recordings import VideoRecording, find_recordings

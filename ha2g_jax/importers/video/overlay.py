@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.media import MEDIA_ERRORS, open_media
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import images
 from ha2g_jax.importers.video.decoding import decode, open_video
 from ha2g_jax.skeleton import Skeleton, load_skeleton

@@ -9,7 +9,7 @@ import msgpack
 from ha2g_jax.data import records
 from ha2g_jax.data.import_report import SplitReport
 from ha2g_jax.files.reading import check_regular, reading, shown
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import extraction
 from ha2g_jax.importers.video.extraction import Extraction
 from ha2g_jax.importers.video.recordings import VideoRecording

@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 import pygltflib
 
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh

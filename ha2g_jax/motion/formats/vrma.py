@@ -2,7 +2,7 @@
 
 import pathlib
 
-from ha2g_jax.files.whole_file import whole_file
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.gltf import Document, describe
 

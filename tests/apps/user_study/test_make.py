@@ -152,7 +152,7 @@ def spoil(root, case):
     elif case == "no sound":
         (root / "speech" / "clip-two.wav").unlink()
     elif case == "existing":
-        (root / "out").mkdir()
+        (root / "out" / "before").mkdir(parents=True)
     elif case == "short motion":
         with np.load(root / SYSTEMS[0] / "clip-one.npz") as arrays:
             changed = {name: value[:5] if value.ndim == 3 else value for name, value in arrays.items()}
@@ -167,7 +167,7 @@ def spoil(root, case):
         ("missing clip", (), "Secret Beta has no motion of clip-two, which another system has"),
         ("broken motion", (), "clip-one.npz"),
         ("no sound", (), "no sound of clip-two"),
-        ("existing", (), "out exists; choose another folder with -o"),
+        ("existing", (), "out exists already; choose another folder or remove it"),
         ("short motion", (), "0.3 s of motion for 1.2 s of sound"),
         ("empty consent", ("--consent", "{root}/consent.txt"), "consent.txt is empty"),
         ("", ("--post", "http://example.org/x"), "answers cannot be sent to http://example.org/x"),

@@ -1,11 +1,12 @@
-"""A path that is no file is refused in one line, and a link stays a link."""
+"""What is written is there whole or not at all; a path that cannot be written is refused in one line."""
 
+import errno
 import pathlib
 
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.whole_file import check_file, check_kept, whole_file
+from ha2g_jax.files.writing import check_file, check_kept, check_new, whole_file, whole_folder
 
 
 @pytest.mark.parametrize("path", [".", "/", ""])
@@ -58,3 +59,39 @@ def test_the_longest_name_can_be_written(tmp_path):
     with whole_file(path) as temporary:
         temporary.write_text("new")
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_folder_is_there_when_it_is_complete(tmp_path):
+    path = tmp_path / "above" / f"{'a' * 255}"
+    with whole_folder(path) as folder:
+        (folder / "file.txt").write_text("new")
+        assert not path.exists()
+    assert [found.name for found in tmp_path.rglob("*")] == ["above", path.name, "file.txt"]
+    assert path.stat().st_mode & 0o777 == 0o755
+    with pytest.raises(KeyboardInterrupt), whole_folder(tmp_path / "other" / "new") as folder:
+        (folder / "file.txt").write_text("new")
+        raise KeyboardInterrupt
+    assert [found.name for found in tmp_path.iterdir()] == ["above"]
+
+
+def test_a_folder_replaces_nothing_but_an_empty_one(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with whole_folder(tmp_path / "empty") as folder:
+        (folder / "file.txt").write_text("new")
+    (tmp_path / "link").symlink_to("nowhere")
+    for name in ("empty", "empty/file.txt", "link"):
+        with pytest.raises(UserError, match="exists already; choose another folder or remove it"):
+            check_new(tmp_path / name)
+        with pytest.raises(UserError, match="exists already"), whole_folder(tmp_path / name):
+            pytest.fail("the path was taken")
+    with pytest.raises(UserError, match="exists already"), whole_folder(tmp_path / "raced") as folder:
+        (tmp_path / "raced" / "first").mkdir(parents=True)
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["empty", "link", "raced"]
+
+
+def test_a_full_disk_is_one_line(tmp_path):
+    line = r"cannot write .*new \(no space left on device\); buy a disk"
+    for write in (whole_file, whole_folder):
+        with pytest.raises(UserError, match=line), write(tmp_path / "new", "buy a disk"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+    assert not list(tmp_path.iterdir())

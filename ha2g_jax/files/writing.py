@@ -1,0 +1,209 @@
+"""Writing of files and folders whole or not at all, and checks of the places for them."""
+
+import contextlib
+import errno
+import os
+import pathlib
+import re
+import secrets
+import shutil
+import zlib
+from collections.abc import Iterable, Iterator
+
+import filelock
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason, shown
+
+_MAX_NAME = 200  # bytes; most file systems allow 255 for a whole name
+_TOKEN_BYTES = 4
+_ADVICE = "use another folder or free disk space"
+
+
+def check_file(path: str | pathlib.Path) -> None:
+    """Check that a path names a file and not a folder, before work whose result will be written to it.
+
+    Raises:
+        UserError: the path is that of a folder.
+    """
+    path = pathlib.Path(path)
+    if not path.name or path.is_dir():
+        raise UserError(f"cannot write {shown(path)} (is a folder); give the path of a file")
+
+
+def check_kept(
+    results: Iterable[pathlib.Path],
+    inputs: Iterable[pathlib.Path | None],
+    *,
+    what: str = "result",
+    option: str = "--out",
+) -> None:
+    """Check that no result would overwrite a file that is read, before the work.
+
+    Args:
+        results: paths of the files that are written.
+        inputs: paths of the files that are read; None stands for an input that was not given.
+        what: name of a result in the message.
+        option: option that names the results.
+
+    Raises:
+        UserError: a result would overwrite one of the inputs.
+    """
+    kept = {os.path.realpath(path): path for path in inputs if path is not None}
+    for path in results:
+        if (resolved := os.path.realpath(path)) in kept:
+            raise UserError(f"the {what} would overwrite {shown(kept[resolved])}; choose another path with {option}")
+
+
+def check_new(folder: str | pathlib.Path) -> None:
+    """Check that a folder can be made, before work whose result will be written to it.
+
+    Raises:
+        UserError: there is something at the path that is not an empty folder.
+    """
+    folder = pathlib.Path(folder)
+    is_empty = folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())
+    if os.path.lexists(folder) and not is_empty:
+        raise UserError(f"{shown(folder)} exists already; choose another folder or remove it")
+
+
+@contextlib.contextmanager
+def writing(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[None]:
+    """Turn a failure to write, such as a full disk, into a `UserError` that names the path.
+
+    Args:
+        path: file or folder that is written in this context.
+        advice: what the user can do.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise UserError(f"cannot write {shown(path)} ({reason(error).lower()}); {advice}") from error
+
+
+@contextlib.contextmanager
+def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pathlib.Path]:
+    """Provide a temporary path, which is renamed to `path` when the context ends without an exception.
+
+    If the context is left in any other way, Ctrl-C included, nothing is left behind and an older file at `path` stays.
+    Missing folders are made.
+
+    Args:
+        path: path of the file to write.
+        advice: what the user can do if it cannot be written.
+
+    Yields:
+        The temporary path, beside `path` and with the same suffix.
+
+    Raises:
+        UserError: the file cannot be written, or the disk is full.
+    """
+    path = pathlib.Path(path)
+    if not path.name:
+        check_file(path)
+    if path.is_symlink():  # its target is written, and the link stays
+        path = pathlib.Path(os.path.realpath(path))
+    temporary = path.with_name(f".{_short(path.stem)}.{os.getpid()}{path.suffix}")
+    with writing(path, advice), _parents(path):
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "is a folder")
+        try:
+            temporary.touch()
+            yield temporary
+            temporary.replace(path)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pathlib.Path]:
+    """Provide a new folder, which is renamed to `path` when the context ends without an exception.
+
+    If the context is left in any other way, nothing is left behind; what the process leaves that is killed meanwhile,
+    the next one removes. Missing folders above it are made.
+
+    Args:
+        path: folder to make, which does not exist or is empty.
+        advice: what the user can do if it cannot be written.
+
+    Yields:
+        The folder, beside `path`.
+
+    Raises:
+        UserError: there is something at `path`, or the folder cannot be written.
+    """
+    path = pathlib.Path(path).absolute()
+    with writing(path, advice), _parents(path):
+        check_new(path)
+        with temporary_folder(path) as folder:
+            yield folder
+            folder.chmod(0o755)
+            check_new(path)  # another process may have made it meanwhile
+            folder.rename(path)
+
+
+@contextlib.contextmanager
+def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Provide a new folder beside `path`; what is left of it at the end is removed.
+
+    A lock, which ends with this process however it ends, tells other processes that the folder is in use. Folders for
+    the same `path` whose process is dead are removed first.
+
+    Args:
+        path: file or folder that is made of it, whose parent exists.
+
+    Yields:
+        The folder, which only this user can read.
+
+    Raises:
+        OSError: the folder cannot be made.
+    """
+    _remove_dead(path)
+    folder = path.with_name(f".{_short(path.name)}-{secrets.token_hex(_TOKEN_BYTES)}")
+    lock = filelock.FileLock(_lock_of(folder))
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks: nobody removes the folder for us
+            lock.acquire(timeout=0)
+        folder.mkdir(0o700)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        lock.release()
+        with contextlib.suppress(OSError):
+            _lock_of(folder).unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _parents(path: pathlib.Path) -> Iterator[None]:
+    """Make the folders above a path; those that are empty at the end are removed again."""
+    new: list[pathlib.Path] = []
+    try:
+        new += [folder for folder in path.parents if not folder.exists()]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # a folder that is not empty is kept
+            for folder in new:
+                folder.rmdir()
+
+
+def _short(name: str) -> str:
+    """Return a name, or its checksum if the name of the temporary file would be too long."""
+    encoded = os.fsencode(name)
+    return name if len(encoded) <= _MAX_NAME else f"{zlib.crc32(encoded):08x}"
+
+
+def _lock_of(folder: pathlib.Path) -> pathlib.Path:
+    return folder.with_name(f"{folder.name}.lock")
+
+
+def _remove_dead(path: pathlib.Path) -> None:
+    """Remove the folders for `path` that no living process has locked, and their locks."""
+    name = re.compile(rf"(\.{re.escape(_short(path.name))}-[0-9a-f]{{{2 * _TOKEN_BYTES}}})\.lock")
+    found = [match[1] for other in path.parent.iterdir() if (match := name.fullmatch(other.name))]
+    for folder in map(path.with_name, found):
+        # Timeout: its process lives. OSError: another user's, or the folder is being removed by another process.
+        with contextlib.suppress(filelock.Timeout, OSError), filelock.FileLock(_lock_of(folder), timeout=0):
+            shutil.rmtree(folder, ignore_errors=True)
+            _lock_of(folder).unlink(missing_ok=True)
