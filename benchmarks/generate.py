@@ -21,6 +21,7 @@ import time
 from typing import Any
 
 import numpy as np
+from ha2g_jax.cli.values import duration, positive
 from memory import peak_memory
 from random_model import random_model
 
@@ -28,7 +29,6 @@ import ha2g_jax
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
-from ha2g_jax.cli.values import duration, positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.synthesis import Generator, Model

@@ -18,8 +18,8 @@ import time
 from collections.abc import Iterator
 
 import lmdb
-
 from ha2g_jax.cli.values import duration, positive
+
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.ted import arrow_values, importer, lmdb_videos
 

@@ -27,11 +27,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from ha2g_jax.cli.values import duration, positive
 from memory import peak_memory
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
-from ha2g_jax.cli.values import duration, positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 

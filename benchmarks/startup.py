@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 import soundfile
-
 from ha2g_jax.cli.values import duration, positive
+
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 

@@ -1,6 +1,7 @@
 """The command `ha2g` as a whole: its help says what everything is, and a mistake is shown with the right usage."""
 
 import argparse
+import itertools
 import json
 import pathlib
 import re
@@ -26,7 +27,7 @@ def parsers(parser, name="ha2g"):
                 yield from parsers(below, f"{name} {command}")
 
 
-COMMANDS = dict(parsers(cli._parser()))
+COMMANDS = dict(parsers(cli.make_parser()))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -41,8 +42,8 @@ def test_every_argument_says_what_it_is(name):
     ("arguments", "command"),
     [
         (["generate", "a.wav"], "ha2g generate"),
-        (["view", "a.npz"], "ha2g view"),
-        (["data", "validate", "a"], "ha2g data validate"),
+        (["export", "a.npz", "-o", "a.bvh"], "ha2g export"),
+        (["data", "inspect", "a"], "ha2g data inspect"),
         (["data", "split", "a", "b"], "ha2g data split"),
     ],
 )
@@ -82,10 +83,10 @@ def test_speakers_of_another_model_have_names_only(debug_model, tmp_path, capsys
 
 
 def test_the_demo_can_be_exported(tmp_path, capsys):
-    assert cli.main(["export-model", "demo", str(tmp_path / "folder")]) == 0
+    assert cli.main(["model", "export", "demo", str(tmp_path / "folder")]) == 0
     weights = pathlib.Path(cli.__file__).parent.parent / "assets" / "demo" / "model.safetensors"
     assert (tmp_path / "folder" / "model.safetensors").read_bytes() == weights.read_bytes()
-    assert cli.main(["export-model", str(tmp_path / "nothing"), str(tmp_path / "other")]) == 2
+    assert cli.main(["model", "export", str(tmp_path / "nothing"), str(tmp_path / "other")]) == 2
     assert "no model in" in capsys.readouterr().err
 
 
@@ -98,7 +99,7 @@ def test_sigterm_leaves_nothing_half_written(tmp_path, monkeypatch):
             signal.raise_signal(signal.SIGTERM)
             pytest.fail("the command went on")
 
-    monkeypatch.setattr(cli, "_speakers", end)
+    monkeypatch.setattr(cli.generate, "_list_speakers", end)
     before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         with pytest.raises(SystemExit) as stop:
@@ -107,3 +108,17 @@ def test_sigterm_leaves_nothing_half_written(tmp_path, monkeypatch):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("old", "new"), cli.ALIASES.items())
+def test_an_earlier_name_of_a_command_still_works_and_is_not_in_the_help(old, new):
+    assert cli.current_names([*old, "a", "--out", "b"]) == [*new, "a", "--out", "b"]
+    assert f"ha2g {' '.join(old)}" not in COMMANDS
+    words = itertools.takewhile(lambda word: not word.startswith("-"), new)
+    assert " ".join(["ha2g", *words]) in COMMANDS
+
+
+def test_the_help_lists_every_command_once():
+    names = [name for group in cli.GROUPS.values() for name in group]
+    assert sorted(names) == sorted({name.split()[1] for name in COMMANDS if " " in name})
+    assert re.findall(r"^  (\w+) ", cli.make_parser().format_help(), re.MULTILINE) == names

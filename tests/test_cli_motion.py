@@ -56,7 +56,7 @@ def test_export_hands_rig_and_length_of_the_sound_on(files, tmp_path, monkeypatc
 
 def test_video_of_several_motions_with_sound(files, tmp_path, capfd):
     out = tmp_path / "x.mp4"
-    run("video", files / "a.npz", files / "b.npz", "--audio", files / "speech.wav", "-o", out, "--size", "160x96")
+    run("export", files / "a.npz", files / "b.npz", "--audio", files / "speech.wav", "-o", out, "--size", "160x96")
     with av.open(str(out)) as container:
         video = container.streams.video[0]
         assert (video.width, video.height, video.frames) == (160, 96, 30)
@@ -69,7 +69,7 @@ def test_video_of_several_motions_with_sound(files, tmp_path, capfd):
 def test_video_says_when_motion_and_sound_differ_in_length(files, tmp_path, capsys):
     soundfile.write(files / "long.wav", np.random.default_rng(0).normal(0, 0.1, 32000), 16000)
     out = tmp_path / "x.mp4"
-    run("video", files / "a.npz", "--audio", files / "long.wav", "-o", out, "--size", "64x64")
+    run("export", files / "a.npz", "--audio", files / "long.wav", "-o", out, "--size", "64x64")
     assert capsys.readouterr().err == "ha2g: a lasts 1.0 s, the sound 2.0 s\n"
     with av.open(str(out)) as container:
         assert container.streams.video[0].frames == 60
@@ -79,7 +79,7 @@ def test_video_says_when_motion_and_sound_differ_in_length(files, tmp_path, caps
 def test_keyframes_of_several_motions_with_words(files, tmp_path, suffix):
     out = tmp_path / f"strip{suffix}"
     options = ["--words", files / "words.tsv", "--count", 2, "--size", 64, "--names", "ground truth", "HA2G"]
-    run("keyframes", files / "a.npz", files / "b.npz", "-o", out, *options)
+    run("export", files / "a.npz", files / "b.npz", "-o", out, *options)
     if suffix == ".png":
         with Image.open(out) as image:
             assert image.width == 2 * 70 + 6
@@ -89,8 +89,8 @@ def test_keyframes_of_several_motions_with_words(files, tmp_path, suffix):
 
 def test_video_and_key_frames_show_a_bvh_beside_a_motion(files, tmp_path):
     run("export", files / "a.npz", "-o", files / "true.bvh")
-    run("video", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.mp4", "--size", "64x64")
-    run("keyframes", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.svg", "--count", 2, "--size", 64)
+    run("export", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.mp4", "--size", "64x64")
+    run("export", files / "true.bvh", files / "a.npz", "-o", tmp_path / "x.svg", "--count", 2, "--size", 64)
     assert all(name in (tmp_path / "x.svg").read_text() for name in ("true", "a"))
     with av.open(str(tmp_path / "x.mp4")) as container:
         assert container.streams.video[0].frames == 30
@@ -114,16 +114,20 @@ MISTAKES = {
     "format": (["export", "{}/a.npz", "-o", "{out}/x.fbx"], ".fbx"),
     "rig": (["export", "{}/a.npz", "-o", "{out}/x.bvh", "--rig", "robot"], "robot"),
     "overwrites": (["export", "{}/a.npz", "-o", "{}/a.npz"], "overwrite"),
-    "video suffix": (["video", "{}/a.npz", "-o", "{out}/x.avi"], "written as .mp4"),
-    "size": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "big"], "WIDTHxHEIGHT"),
-    "odd size": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "101x100"], "even sides"),
-    "workers": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--workers", "0"], "1 or more"),
-    "no sound": (["video", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
-    "names": (["video", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.mp4", "--names", "x"], "1 names for 2"),
-    "same names": (["video", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
-    "figure suffix": (["keyframes", "{}/a.npz", "-o", "{out}/x.pdf"], ".png or .svg"),
-    "count": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
-    "words": (["keyframes", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "not a transcript"),
+    "no such suffix": (["export", "{}/a.npz", "-o", "{out}/x.avi"], "expected one of .mp4, .html"),
+    "option of a page": (
+        ["export", "{}/a.npz", "-o", "{out}/x.mp4", "--words", "w.tsv"],
+        "--words does not apply to .mp4",
+    ),
+    "two motions": (["export", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.bvh"], "holds one motion, not 2"),
+    "size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "big"], "WIDTHxHEIGHT"),
+    "odd size": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--size", "101x100"], "even sides"),
+    "no sound": (["export", "{}/a.npz", "-o", "{out}/x.mp4", "--audio", "{}/words.tsv"], "words.tsv"),
+    "names": (["export", "{}/a.npz", "{}/b.npz", "-o", "{out}/x.mp4", "--names", "x"], "1 names for 2"),
+    "same names": (["export", "{}/a.npz", "{}/a.npz", "-o", "{out}/x.mp4"], "contains a motion twice"),
+    "figure suffix": (["export", "{}/a.npz", "-o", "{out}/x.pdf"], ".png, .svg"),
+    "count": (["export", "{}/a.npz", "-o", "{out}/x.png", "--count", "0"], "1 to 100"),
+    "words": (["export", "{}/a.npz", "-o", "{out}/x.png", "--words", "{}/speech.wav"], "not a transcript"),
 }
 
 
@@ -144,5 +148,5 @@ def test_the_real_speech_makes_a_strip_with_its_words(private_data, tmp_path):
     skeleton = load_skeleton("ted_expressive")
     turning = skeleton.mean_directions + np.random.default_rng(0).normal(0, 0.1, (1032, 42, 3)).cumsum(axis=0) / 30
     Motion.from_directions(skeleton, turning, 15).save(tmp_path / "m.npz")
-    run("keyframes", tmp_path / "m.npz", "--words", folder / "words.tsv", "-o", tmp_path / "s.svg", "--count", 4)
+    run("export", tmp_path / "m.npz", "--words", folder / "words.tsv", "-o", tmp_path / "s.svg", "--count", 4)
     assert (tmp_path / "s.svg").read_text().count("<tspan") > 8

@@ -90,7 +90,7 @@ def test_flags_and_changes_with_old_names_are_read_and_named(capsys):
 def test_a_config_file_with_old_names_is_read_and_named(tmp_path, capsys):
     file = tmp_path / "mine.py"
     file.write_text(
-        "from ha2g_jax import presets\n"
+        "from ha2g_jax.config import presets\n"
         "def get_config(size=''):\n"
         "    config = presets.make('talk', size)\n"
         "    config.model.audio.blocks = (1, 2, 1, 1)\n"

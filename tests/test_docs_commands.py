@@ -140,7 +140,7 @@ def test_commands_of_a_page_are_those_of_the_program(page, monkeypatch):
     monkeypatch.chdir(ROOT)
     for command in COMMANDS[page]:
         if command[0] != "train":
-            cli._parser().parse_args(command)
+            cli.make_parser().parse_args(cli.current_names(command))
         elif pathlib.Path(page).name not in OF_THE_READER:
             text = " ".join(command).replace("train ... ", "train --config talk:paper --workdir runs/talk ")
             launch._parse(["ha2g train", *text.replace(":DATA", ":talk").split()[1:]])
@@ -148,7 +148,7 @@ def test_commands_of_a_page_are_those_of_the_program(page, monkeypatch):
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_in_the_text_exist(page):
-    names = {name for name, _ in _parsers(cli._parser(), "ha2g")}
+    names = {name for name, _ in _parsers(cli.make_parser(), "ha2g")}
     text = BLOCK.sub("", page.read_text())
     for command in re.findall(r"`(ha2g(?: [a-z][a-z-]+)+)", text):
         assert any(command == name or command.startswith(f"{name} ") for name in names - {"ha2g"}), command

@@ -1,35 +1,209 @@
-"""The `ha2g data` commands that make, describe, check, merge and divide corpora; arguments only.
-
-Each command calls one function of the package. The commands that import data are in `data_imports`.
-"""
+"""The `ha2g data` commands, for corpora: arguments only; each calls one function of the package."""
 
 import argparse
 import json
 import pathlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ha2g_jax.cli import data_imports
-from ha2g_jax.cli.parser import read_seed
-from ha2g_jax.cli.values import positive
+from ha2g_jax.cli.parser import add_reading, positive, read_seed, refuse_others, stored_text
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.skeleton import SKELETONS
+
+if TYPE_CHECKING:
+    from ha2g_jax.data.import_report import Report
 
 _SPLITS = ("train", "val", "test")
+_MOTION = ("skeleton", "fps", "speaker", "audio", "words", "no_words", "license")
+# Options of `data import` that have an effect, by the kind of the recordings.
+_IMPORT = {
+    "ted": ("split", "workers"),
+    "bvh": (*_MOTION, "split", "joint_map", "unit"),
+    "smplx": (*_MOTION, "split", "model", "up", "source_fps"),
+}
 
 
 def add_commands(commands: Any) -> None:
     """Add `data` and its subcommands to the commands of a parser."""
-    parser = commands.add_parser("data", help="import, make, check and divide data sets")
-    parser.description = "Import, make, check and divide data sets (corpora). See docs/data.md."
-    data = parser.add_subparsers(required=True, metavar="COMMAND")
-    data_imports.add_commands(data)
-    for add in (_add_make_talk, _add_inspect_talk, _add_stats, _add_inspect, _add_validate, _add_merge, _add_split):
+    parser = commands.add_parser("data", help="import recordings; make, inspect, merge and divide corpora")
+    parser.description = "Import recordings; make, inspect, merge and divide corpora. See docs/data.md."
+    data = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for add in (_add_import, _add_build_video, _add_make_talk, _add_inspect, _add_merge, _add_split):
         add(data)
+
+
+def _add_import(data: Any) -> None:
+    command = data.add_parser("import", help="import TED-Expressive, TED-Gesture, or motion capture with sound")
+    command.description = (
+        "Make a corpus of the LMDB folders of TED-Expressive or TED-Gesture, of motion capture in BVH, or of SMPL-X or "
+        "SMPL-H poses or joint positions (BEAT2, Embody 3D, Seamless Interaction). The kind is found by the files; "
+        "sound and transcript of a motion file lie beside it with the same name."
+    )
+    command.add_argument(
+        "src",
+        type=pathlib.Path,
+        metavar="SRC",
+        help="an LMDB folder or a folder of them; a motion file or a folder",
+    )
+    _add_destination(command)
+    command.add_argument("--kind", choices=tuple(_IMPORT), help="kind of recordings, if SRC has several")
+    motion = command.add_argument_group("motion capture")
+    motion.add_argument(
+        "--skeleton", choices=SKELETONS, help="43 joints with fingers, or 10 without (default: ted_expressive)"
+    )
+    motion.add_argument("--fps", type=positive, metavar="N", help="frames per second of the corpus (default: 15)")
+    motion.add_argument(
+        "--speaker", type=stored_text, metavar="NAME", help="name of the speaker (default: by folders and files)"
+    )
+    motion.add_argument("--audio", type=pathlib.Path, metavar="FILE", help="sound, if SRC is one file")
+    motion.add_argument("--words", type=pathlib.Path, metavar="FILE", help="transcript, if SRC is one file")
+    motion.add_argument("--no-words", action="store_true", help="allow recordings without a transcript")
+    add_reading(motion)
+    motion.add_argument("--unit", metavar="METRES", help="metres in one unit of BVH (default: by the arms' length)")
+    motion.add_argument(
+        "--model", type=pathlib.Path, metavar="NPZ", help="an SMPL-X body model (default: a neutral template)"
+    )
+    motion.add_argument(
+        "--up", choices=("auto", "y", "-y", "z", "-z", "x", "-x"), help="axis of SMPL-X files that points up"
+    )
+    _add_split_and_license(command)
+    command.add_argument("--workers", type=positive, metavar="N", help="processes for TED (default: one per core)")
+    command.add_argument("--json", action="store_true", help="print the report as JSON")
+    command.set_defaults(run=_import)
+
+
+def _import(arguments: argparse.Namespace) -> None:
+    kind = arguments.kind or _kind_of(arguments.src)
+    every = {name: None for names in _IMPORT.values() for name in names}
+    refuse_others(arguments, _IMPORT[kind], tuple(every), {"ted": "TED's LMDB", "bvh": "BVH", "smplx": "SMPL-X"}[kind])
+    given = {name: value for name in _IMPORT[kind] if (value := getattr(arguments, name)) not in (None, False)}
+    if kind == "ted":
+        from ha2g_jax.importers.ted import importer
+
+        report = importer.import_ted(arguments.src, arguments.dst, **given)
+    else:
+        from ha2g_jax.importers.mocap import import_bvh, import_smplx
+        from ha2g_jax.importers.mocap.options import ImportOptions
+
+        common = {name: given.pop(name) for name in (*_MOTION, "split") if name in given}
+        options = ImportOptions(
+            with_words=not common.pop("no_words", False), licence=common.pop("license", ""), **common
+        )
+        convert = import_bvh.import_bvh if kind == "bvh" else import_smplx.import_smplx
+        report = convert(arguments.src, arguments.dst, options, **given)
+    _print_report(report, arguments)
+
+
+def _kind_of(src: pathlib.Path) -> str:
+    """Return the kind of the recordings, "ted", "bvh" or "smplx", by the suffixes of the files."""
+    suffixes = {path.suffix.lower() for path in ([src] if src.is_file() else src.rglob("*")) if path.is_file()}
+    kinds = {"ted": {".mdb"}, "bvh": {".bvh"}, "smplx": {".npz", ".npy"}}
+    found = [kind for kind, of_kind in kinds.items() if of_kind & suffixes]
+    if not found:
+        raise UserError(f"no data.mdb (TED), .bvh, .npz or .npy (SMPL-X) in {shown(src)}; give a folder of recordings")
+    if len(found) > 1:
+        raise UserError(f"{shown(src)} has several kinds of recordings; choose one with --kind {' or '.join(found)}")
+    return found[0]
+
+
+def _add_destination(command: argparse.ArgumentParser) -> None:
+    command.add_argument("dst", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
+
+
+def _add_split_and_license(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--split", type=stored_text, help="name of the split of all clips (default: train)")
+    command.add_argument("--license", type=stored_text, metavar="TEXT", help="licence of the data, kept in the corpus")
+
+
+def _add_build_video(data: Any) -> None:
+    command = data.add_parser("build-video", help="import videos of speakers: shots, 3-D body and hands, words")
+    command.description = (
+        "Import videos of speakers: find shots, estimate 3-D body and hands, read or recognise the words. The pose "
+        "estimator, MediaPipe, is installed once in an environment of its own by --install."
+    )
+    command.add_argument(
+        "paths", type=pathlib.Path, nargs="*", metavar="VIDEO", help="video files or folders, then DST, the new corpus"
+    )
+    command.add_argument("--install", action="store_true", help="install the pose estimator (400 MB) and end")
+    command.add_argument(
+        "--python", help="with --install: interpreter, Python 3.11 or 3.12 (default: the running one, or one on PATH)"
+    )
+    command.add_argument("--settings", type=pathlib.Path, metavar="JSON", help="file of settings (see docs/data.md)")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="one setting, such as min_seconds=5; repeatable",
+    )
+    command.add_argument("--recognise", metavar="MODEL", help="Whisper model for videos without a transcript")
+    command.add_argument(
+        "--pose-command", metavar="COMMAND", help="another pose estimator, which reads {video} and writes {out}"
+    )
+    command.add_argument(
+        "--runner", choices=("local", "ray"), default="local", help="run on this machine or on Ray (default: local)"
+    )
+    command.add_argument("--address", help="address of the Ray cluster (default: RAY_ADDRESS, else a local or new one)")
+    command.add_argument(
+        "--workers", type=positive, metavar="N", help="number of videos at the same time (default: one per core)"
+    )
+    command.add_argument(
+        "--overlay", type=pathlib.Path, metavar="DIR", help="folder for copies of the videos with the skeleton drawn"
+    )
+    _add_split_and_license(command)
+    command.add_argument("--json", action="store_true", help="print the report as JSON")
+    command.set_defaults(run=_build_video)
+
+
+def _build_video(arguments: argparse.Namespace) -> None:
+    if arguments.install:
+        from ha2g_jax.importers.video import pose_environment
+
+        print(pose_environment.install(python=arguments.python))
+        return
+    if len(arguments.paths) < 2:
+        raise UserError("give video files or folders, and then the folder of the new corpus; or --install")
+    from ha2g_jax.importers.video import settings
+
+    *videos, arguments.dst = arguments.paths
+    options = {"recognise": arguments.recognise, "pose_command": arguments.pose_command}
+    pairs = [*arguments.set, *(f"{name}={value}" for name, value in options.items() if value)]
+    stored = settings.read_settings(arguments.settings) if arguments.settings else None
+    chosen = settings.from_pairs(pairs, stored)  # an error in them is reported before the slow imports
+
+    from ha2g_jax.data.corpus import Corpus
+    from ha2g_jax.importers.video import build
+
+    report = build.build_video(
+        videos,
+        arguments.dst,
+        settings=chosen,
+        runner=arguments.runner,
+        workers=arguments.workers,
+        address=arguments.address,
+        split=arguments.split or "train",
+        overlay=arguments.overlay,
+        licence=arguments.license or "",
+    )
+    _print_report(report, arguments)
+    if not arguments.json:
+        counts = Corpus.open(arguments.dst).metadata["video"]
+        print(f"both hands seen in {counts['frames_with_both_hands']} of {counts['frames']} frames")
+
+
+def _print_report(report: "Report", arguments: argparse.Namespace) -> None:
+    from ha2g_jax.data import import_report
+
+    if arguments.json:
+        print(json.dumps(import_report.as_json(report), indent=1))
+    else:
+        print(import_report.as_table(report), arguments.dst, sep="\n")
 
 
 def _add_make_talk(data: Any) -> None:
     command = data.add_parser("make-talk", help="make the Talk corpus: synthetic speech and gestures")
     command.description = "Make a Talk corpus: synthetic speech and gestures with known causes. See docs/talk.md."
-    command.add_argument("out", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
+    _add_destination(command)
     command.add_argument("--speakers", type=int, default=48, metavar="N", help="number of speakers (default: 48)")
     command.add_argument("--minutes", type=float, default=144, metavar="M", help="minutes of speech (default: 144)")
     command.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the random draws (default: 0)")
@@ -47,96 +221,61 @@ def _add_make_talk(data: Any) -> None:
 def _make_talk(arguments: argparse.Namespace) -> None:
     from ha2g_jax.data.talk import build
 
-    build.make_talk(
-        arguments.out,
-        speakers=arguments.speakers,
-        minutes=arguments.minutes,
-        seed=arguments.seed,
-        workers=arguments.workers,
-        fps=arguments.fps,
-        synthesiser=arguments.synthesiser,
-    )
-    print(arguments.out)
-
-
-def _add_inspect_talk(data: Any) -> None:
-    command = data.add_parser("inspect-talk", help="write a page on a Talk corpus: kinematics, angles, images")
-    command.description = "Write an HTML page on the kinematics, angles, causes and images of a Talk corpus."
-    command.add_argument("data", type=pathlib.Path, metavar="CORPUS", help="folder of a Talk corpus")
-    default = pathlib.Path("talk_report")
-    command.add_argument(
-        "-o",
-        "--out",
-        type=pathlib.Path,
-        default=default,
-        metavar="FILE",
-        help="page to write (default: talk_report.html)",
-    )
-    command.add_argument(
-        "--recording", type=pathlib.Path, metavar="BVH", help="motion capture of a real speaker for comparison"
-    )
-    command.set_defaults(run=_inspect_talk)
-
-
-def _inspect_talk(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.evaluation.corpus.talk_report import write_report
-
-    print(write_report(arguments.data, arguments.out, recording=arguments.recording))
-
-
-def _add_stats(data: Any) -> None:
-    command = data.add_parser("stats", help="print hours, speakers, words, bone lengths and angles of a corpus")
-    command.description = "Print hours, speakers, words, bone lengths and angles of a corpus."
-    command.add_argument("data", type=pathlib.Path, metavar="CORPUS", help="folder of a corpus")
-    command.add_argument("--json", action="store_true", help="print JSON")
-    command.set_defaults(run=_stats)
-
-
-def _stats(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
-
-    summary = summarise(arguments.data)
-    print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
+    names = ("speakers", "minutes", "seed", "workers", "fps", "synthesiser")
+    build.make_talk(arguments.dst, **{name: getattr(arguments, name) for name in names})
+    print(arguments.dst)
 
 
 def _add_inspect(data: Any) -> None:
-    command = data.add_parser("inspect", help="write a page on a corpus, with statistics and clips to watch")
+    command = data.add_parser("inspect", help="print the numbers of a corpus, check it, or write a page on it")
     command.description = (
-        "Write an HTML page on a corpus, with statistics, the report of its import, and clips to watch."
+        "Print hours, speakers, words, bone lengths and angles of a corpus; check every file and record of it; or "
+        "write a page with statistics, the report of its import, and clips to watch; of Talk also one of its causes."
     )
-    command.add_argument("data", type=pathlib.Path, metavar="CORPUS", help="folder of a corpus")
-    command.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="page to write (default: CORPUS.html)")
-    command.add_argument("--samples", type=int, default=4, metavar="N", help="number of clips to watch (default: 4)")
+    command.add_argument("corpus", type=pathlib.Path, metavar="CORPUS", help="folder of a corpus")
+    command.add_argument("--check", action="store_true", help="check it; the exit code is 1 if an error is found")
+    command.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="page to write, .html")
+    command.add_argument("--samples", type=int, metavar="N", help="clips to watch in the page (default: 4)")
+    command.add_argument(
+        "--recording", type=pathlib.Path, metavar="BVH", help="a real speaker to compare a Talk corpus with in the page"
+    )
+    command.add_argument("--json", action="store_true", help="print JSON")
     command.set_defaults(run=_inspect)
 
 
-def _inspect(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.evaluation.corpus.report import write_report
+def _inspect(arguments: argparse.Namespace) -> int:
+    page = ("samples", "recording", "out")
+    if arguments.check:
+        refuse_others(arguments, (), page, "--check")
+        return _check(arguments)
+    if arguments.out is None:
+        from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
 
-    folder = arguments.data.resolve() if arguments.data.name in ("", "..") else arguments.data
-    if not folder.name:
-        raise UserError(f"no corpus in {folder}; give the folder of a corpus")
-    page = arguments.out or folder.with_name(f"{folder.name}.html")
-    print(write_report(arguments.data, page, num_samples=arguments.samples))
+        refuse_others(arguments, (), page, "the printed numbers; name a page with --out")
+        summary = summarise(arguments.corpus)
+        print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
+        return 0
+    from ha2g_jax.data.corpus import Corpus
+    from ha2g_jax.evaluation.corpus import report, talk_report
+
+    refuse_others(arguments, (), ("json",), "a page")
+    samples = 4 if arguments.samples is None else arguments.samples
+    print(report.write_report(arguments.corpus, arguments.out, num_samples=samples))
+    if Corpus.open(arguments.corpus).metadata.get("name", "").startswith("talk"):
+        causes = arguments.out.with_stem(f"{arguments.out.stem}_causes")
+        print(talk_report.write_report(arguments.corpus, causes, recording=arguments.recording))
+    return 0
 
 
-def _add_validate(data: Any) -> None:
-    command = data.add_parser("validate", help="check every file and record of a corpus")
-    command.description = "Check every file and record of a corpus. The exit code is 1 if an error is found."
-    command.add_argument("data", type=pathlib.Path, metavar="CORPUS", help="folder of a corpus")
-    command.add_argument("--json", action="store_true", help="print JSON")
-    command.set_defaults(run=_validate)
-
-
-def _validate(arguments: argparse.Namespace) -> int:
+def _check(arguments: argparse.Namespace) -> int:
     from ha2g_jax.data import validation
 
-    verdict = validation.examine(arguments.data)
+    verdict = validation.examine(arguments.corpus)
     if arguments.json:
         print(json.dumps(verdict._asdict(), indent=1))
     else:
         notes = [f"note: {note}" for note in verdict.notes]
-        print(*notes, *(verdict.findings or [f"{arguments.data} is valid"]), sep="\n")
+        print(*notes, *(verdict.findings or [f"{arguments.corpus} is valid"]), sep="\n")
     return 1 if verdict.findings else 0
 
 
@@ -144,7 +283,7 @@ def _add_merge(data: Any) -> None:
     command = data.add_parser("merge", help="merge several corpora of one skeleton and frame rate")
     command.description = "Merge several corpora of one skeleton and frame rate into a new one."
     command.add_argument("src", type=pathlib.Path, nargs="+", metavar="SRC", help="folders of the corpora to merge")
-    command.add_argument("dst", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
+    _add_destination(command)
     command.add_argument("--same-speakers", action="store_true", help="treat speakers of the same name as one person")
     command.set_defaults(run=_merge)
 
@@ -162,7 +301,7 @@ def _add_split(data: Any) -> None:
         "Divide the clips of a corpus into training, validation and test splits. A recording is never divided."
     )
     command.add_argument("src", type=pathlib.Path, metavar="SRC", help="folder of the corpus to divide")
-    command.add_argument("dst", type=pathlib.Path, metavar="DST", help="folder of the new corpus")
+    _add_destination(command)
     command.add_argument(
         "--by",
         choices=("recording", "speaker"),

@@ -5,7 +5,7 @@ import json
 import pathlib
 from typing import Any
 
-from ha2g_jax.cli.parser import add_reading, read_seed
+from ha2g_jax.cli.parser import add_reading, read_seed, reading, refuse_others
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import SKELETONS
 
@@ -26,23 +26,14 @@ _OPTIONS = {
     "--checkpoint with --data": ("checkpoint", "data", "split", "look_ahead", "autoencoder", "legacy"),
     "--checkpoint with --speech": ("checkpoint", "speech"),
     "--motion with --reference": (
-        *(
-            "motion",
-            "reference",
-            "skeleton",
-            "joint_map",
-            "source_fps",
-            "protocol",
-            "body_model",
-            "autoencoder",
-            "legacy",
-        ),
+        *("motion", "reference", "skeleton", "joint_map", "source_fps"),
+        *("protocol", "body_model", "autoencoder", "legacy"),
     ),
 }
 _CORPUS, _SPEECH, _FOLDERS = _OPTIONS
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `evaluate` to the commands of a parser."""
     command = commands.add_parser(
         "evaluate",
@@ -80,7 +71,7 @@ def add_command(commands: Any) -> None:
         "--reference", type=pathlib.Path, metavar="DIR", help="true motion of the same names, with sound"
     )
     folders.add_argument("--skeleton", choices=SKELETONS, help="skeleton of both folders (default: that of the files)")
-    add_reading(folders, joint_map=None)
+    add_reading(folders)
     folders.add_argument("--protocol", choices=("beat2",), help="add the scores of the papers on BEAT2 (SMPL-X only)")
     folders.add_argument(
         "--body-model", type=pathlib.Path, metavar="FILE", help="SMPLX_NEUTRAL.npz for the joints of --protocol beat2"
@@ -108,7 +99,8 @@ def run(arguments: argparse.Namespace) -> None:
         UserError: no input is named, an option does not apply to it, or it cannot be evaluated.
     """
     kind = _input_of(arguments)
-    _refuse_others(arguments, kind)
+    every = dict.fromkeys(name for names in _OPTIONS.values() for name in names)
+    refuse_others(arguments, _OPTIONS[kind], tuple(every), kind)
     if kind == _CORPUS and arguments.checkpoint is None and arguments.data is None:
         raise UserError(
             "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE or --motion DIR "
@@ -122,8 +114,7 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
         if kind == _FOLDERS:
-            options |= {"joint_map": arguments.joint_map or "auto", "source_fps": arguments.source_fps}
-            options |= {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
+            options |= reading(arguments) | {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
             options |= {"body_model": arguments.body_model}
             results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
         else:
@@ -142,15 +133,3 @@ def _input_of(arguments: argparse.Namespace) -> str:
     if arguments.motion is None or arguments.reference is None:
         raise UserError("--motion and --reference go together; give both folders")
     return _FOLDERS
-
-
-def _refuse_others(arguments: argparse.Namespace, kind: str) -> None:
-    """Refuse options that the input does not have."""
-    every = dict.fromkeys(name for names in _OPTIONS.values() for name in names)
-    given = [name for name in every if getattr(arguments, name) is not None and name not in _OPTIONS[kind]]
-    if given:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise UserError(
-            f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out, or give "
-            "another input (see ha2g evaluate --help)"
-        )

@@ -1,11 +1,12 @@
-"""The commands `ha2g export`, `ha2g video` and `ha2g keyframes`: arguments only."""
+"""The command `ha2g export`: arguments only. The suffix of the file decides what is written."""
 
 import argparse
 import pathlib
 import re
+import sys
 from typing import TYPE_CHECKING, Any
 
-from ha2g_jax.cli.parser import add_reading
+from ha2g_jax.cli.parser import add_reading, reading, refuse_others
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import check_kept
@@ -17,109 +18,102 @@ if TYPE_CHECKING:
 
 _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a warning
 
+# Options that have an effect, by the suffix of the file to write.
+_OPTIONS = {
+    ".mp4": ("audio", "names", "size"),
+    ".html": ("audio", "words"),
+    ".png": ("words", "names", "size", "count"),
+    ".svg": ("words", "names", "size", "count"),
+    **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
+    **dict.fromkeys((".bvh", ".json", ".csv", ".npz"), ("rig",)),
+}
+_ONE_MOTION = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
+
 
 def add_commands(commands: Any) -> None:
-    """Add the commands `export`, `video` and `keyframes` to a parser.
-
-    Args:
-        commands: subparsers of the parser of `ha2g`.
-    """
-    export = commands.add_parser("export", help="export motion for Blender, Unity, Unreal, three.js or a robot")
-    export.add_argument("motion", type=pathlib.Path, metavar="MOTION", help="motion of ha2g or of others")
-    add_reading(export)
-    export.add_argument(
-        "-o",
-        "--out",
-        type=pathlib.Path,
-        required=True,
-        metavar="FILE",
-        help="file to write; its suffix is the format: .bvh, .glb, .vrma, .json, .csv or .npz",
+    """Add `export` to the commands of a parser."""
+    export = commands.add_parser("export", help="write motion for Blender, Unity, Unreal or a robot, as video or page")
+    export.description = (
+        "Write motion in the format that the suffix of the file names: .bvh, .glb, .vrma, .json, .csv or .npz for "
+        "other programs; .mp4, a video; .html, a page that shows the motion in a browser and works offline; .png or "
+        ".svg, a figure of key frames, as in a paper. Video, page and figure take several motions, side by side."
     )
     export.add_argument(
-        "--rig",
-        default="ha2g",
-        help="joints of the file: ha2g, mixamo, smplx, unity, unreal, vrm or a new one of assets/rigs (default: ha2g)",
+        "motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="motion of ha2g or of other programs"
     )
-    export.add_argument("--audio", type=pathlib.Path, help="the speech, whose length is stored in .glb and .vrma")
-    export.set_defaults(run=_export)
-
-    video = commands.add_parser("video", help="write an .mp4 of one motion, or of several side by side, with the sound")
-    _add_motions(video)
-    video.add_argument("--audio", type=pathlib.Path, help="the speech (default: a silent video)")
-    video.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".mp4 file to write")
-    video.add_argument(
-        "--size", default="1920x1080", metavar="WIDTHxHEIGHT", help="size in pixels (default: 1920x1080)"
+    export.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help="file to write")
+    export.add_argument(
+        "--rig", help="joints of the file: ha2g, mixamo, smplx, unity, unreal or vrm (default: ha2g; .vrma: vrm)"
     )
-    video.add_argument("--workers", type=int, help="threads that draw and encode (default: one for each core)")
-    video.set_defaults(run=_video)
-
-    keyframes = commands.add_parser("keyframes", help="draw a figure of key frames with the words, as in a paper")
-    _add_motions(keyframes)
-    keyframes.add_argument(
-        "-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".png or .svg file to write"
+    export.add_argument(
+        "--audio", type=pathlib.Path, help="the speech, for video and page; its length, for .glb and .vrma"
     )
-    keyframes.add_argument("--words", type=pathlib.Path, help="a transcript with times: TextGrid, JSON, SRT, VTT, TSV")
-    keyframes.add_argument("--count", type=int, default=8, help="number of key frames (default: 8)")
-    keyframes.add_argument("--size", type=int, default=240, help="side of each picture in pixels (default: 240)")
-    keyframes.set_defaults(run=_keyframes)
-
-
-def _add_motions(command: argparse.ArgumentParser) -> None:
-    command.add_argument("motions", type=pathlib.Path, nargs="+", metavar="MOTION", help="motion of ha2g or of others")
-    add_reading(command)
-    command.add_argument(
+    export.add_argument("--words", type=pathlib.Path, help="a transcript with times, for page and figure")
+    export.add_argument(
         "--names", nargs="+", metavar="NAME", help="names of the motions (default: the names of the files)"
     )
+    export.add_argument(
+        "--size", metavar="WIDTHxHEIGHT", help="pixels of the video (1920x1080), or of a key frame, one number (240)"
+    )
+    export.add_argument("--count", type=int, help="number of key frames (default: 8)")
+    add_reading(export)
+    export.set_defaults(run=_export)
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.motion import formats
-    from ha2g_jax.motion.readers import read_motion
+    suffix = arguments.out.suffix.lower()
+    if suffix not in _OPTIONS:
+        raise UserError(
+            f"cannot write {shown(arguments.out)}: {suffix or 'no suffix'}; expected one of {', '.join(_OPTIONS)}"
+        )
+    every = {name: None for names in _OPTIONS.values() for name in names}
+    refuse_others(arguments, _OPTIONS[suffix], tuple(every), suffix)
+    check_kept([arguments.out], [*arguments.motions, arguments.audio, arguments.words])
+    if suffix in _ONE_MOTION:
+        _export_motion(arguments, suffix)
+    elif suffix == ".mp4":
+        _write_video(arguments)
+    elif suffix == ".html":
+        from ha2g_jax.viewer.files import view_files
 
-    check_kept([arguments.out], [arguments.motion, arguments.audio])
-    motion = read_motion(arguments.motion, joint_map=arguments.joint_map, source_fps=arguments.source_fps)
-    seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
-    formats.export(motion, arguments.out, rig=arguments.rig, audio_seconds=seconds)
+        view_files(arguments.motions, arguments.out, audio=arguments.audio, words=arguments.words, **reading(arguments))
+    else:
+        _draw_key_frames(arguments)
     print(arguments.out)
 
 
-def _video(arguments: argparse.Namespace) -> None:
+def _export_motion(arguments: argparse.Namespace, suffix: str) -> None:
+    from ha2g_jax.motion import formats, rigs
+    from ha2g_jax.motion.readers import read_motion
+
+    if len(arguments.motions) > 1:
+        raise UserError(f"{suffix} holds one motion, not {len(arguments.motions)}; export them one by one")
+    motion = read_motion(arguments.motions[0], **reading(arguments))
+    seconds = _seconds(_read_audio(arguments.audio)) if arguments.audio else None
+    formats.export(motion, arguments.out, rig=arguments.rig or rigs.OWN, audio_seconds=seconds)
+
+
+def _write_video(arguments: argparse.Namespace) -> None:
     from ha2g_jax.motion.video import write_video
 
-    check_kept([arguments.out], [*arguments.motions, arguments.audio])
-    if arguments.out.suffix.lower() != ".mp4":
-        raise UserError(f"a video is written as .mp4; name it {arguments.out.stem}.mp4")
-    if arguments.workers is not None and arguments.workers < 1:
-        raise UserError(f"{arguments.workers} workers; give 1 or more")
     motions = _load(arguments)
     audio = _read_audio(arguments.audio) if arguments.audio else None
     if audio is not None:
         _compare_lengths(motions, _seconds(audio))
-    write_video(
-        arguments.out,
-        motions if len(motions) > 1 or arguments.names else next(iter(motions.values())),
-        audio,
-        size=read_size(arguments.size),
-        workers=arguments.workers,
-    )
-    print(arguments.out)
+    write_video(arguments.out, _one_or_named(motions, arguments), audio, size=read_size(arguments.size or "1920x1080"))
 
 
-def _keyframes(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.features import words as transcripts
+def _draw_key_frames(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.features.words import read_words
     from ha2g_jax.motion import keyframes
 
-    check_kept([arguments.out], [*arguments.motions, arguments.words])
+    size = read_size(arguments.size or "240")
+    if not isinstance(size, int):
+        raise UserError(f"the size of a key frame is one number of pixels, not {arguments.size}")
     motions = _load(arguments)
-    words = transcripts.read_words(arguments.words) if arguments.words else ()
-    keyframes.write(
-        arguments.out,
-        motions if len(motions) > 1 or arguments.names else next(iter(motions.values())),
-        count=arguments.count,
-        words=words,
-        size=arguments.size,
-    )
-    print(arguments.out)
+    words = read_words(arguments.words) if arguments.words else ()
+    count = 8 if arguments.count is None else arguments.count
+    keyframes.write(arguments.out, _one_or_named(motions, arguments), count=count, words=words, size=size)
 
 
 def read_size(text: str) -> int | tuple[int, int]:
@@ -144,15 +138,16 @@ def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     """Load the motions by name; the names of files with equal names include their folders."""
     from ha2g_jax.viewer.files import names_of, read_shown
 
-    paths, names = arguments.motions, arguments.names
-    if names is None:
-        names = names_of(paths)
+    paths, names = arguments.motions, arguments.names or names_of(arguments.motions)
     if len(names) != len(paths):
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
         raise UserError("two motions have the same name; give different names with --names")
-    options = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
-    return {shown(name): read_shown(path, **options) for name, path in zip(names, paths, strict=True)}
+    return {shown(name): read_shown(path, **reading(arguments)) for name, path in zip(names, paths, strict=True)}
+
+
+def _one_or_named(motions: dict[str, "Motion"], arguments: argparse.Namespace) -> "Motion | dict[str, Motion]":
+    return motions if len(motions) > 1 or arguments.names else next(iter(motions.values()))
 
 
 def _read_audio(path: pathlib.Path) -> "np.ndarray":
@@ -169,8 +164,6 @@ def _seconds(audio: "np.ndarray") -> float:
 
 def _compare_lengths(motions: dict[str, "Motion"], seconds: float) -> None:
     """Print a warning where the lengths differ: a shorter motion stands still at its end, and a longer one is cut."""
-    import sys
-
     for name, motion in motions.items():
         length = motion.num_frames / motion.fps
         if abs(length - seconds) > _MOST_DIFFERENCE:

@@ -6,8 +6,7 @@ import pathlib
 from typing import Any
 
 from ha2g_jax.cli.generate import add_style, read_style
-from ha2g_jax.cli.parser import add_reading, read_seed
-from ha2g_jax.cli.values import positive
+from ha2g_jax.cli.parser import add_reading, positive, read_seed, reading
 from ha2g_jax.errors import UserError
 
 
@@ -58,7 +57,7 @@ def _pack(arguments: argparse.Namespace) -> None:
     from ha2g_jax.apps.genea.pack import write_pack
     from ha2g_jax.synthesis.style import RANDOM
 
-    options: dict[str, Any] = {"joint_map": arguments.joint_map, "source_fps": arguments.source_fps}
+    options = reading(arguments)
     style = read_style(arguments)
     if arguments.motion is None:
         options |= {"checkpoint": arguments.checkpoint or "demo", "seed": arguments.seed or 0, "style": style}

@@ -1,7 +1,8 @@
-"""The command `ha2g generate`: arguments only; it calls one function of the package."""
+"""The commands `ha2g generate` and `speakers`: arguments only; each calls one function of the package."""
 
 import argparse
 import dataclasses
+import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from ha2g_jax.synthesis import Style
 
 
-def add_command(commands: Any) -> None:
-    """Add `generate` to the commands of a parser."""
+def add_commands(commands: Any) -> None:
+    """Add `generate` and `speakers` to the commands of a parser."""
     command = commands.add_parser("generate", help="generate motion and a video from speech files")
     command.description = "Generate motion from speech files, and write it in one format, or as motion and video."
     command.add_argument(
@@ -38,10 +39,11 @@ def add_command(commands: Any) -> None:
     command.add_argument(
         "--format", metavar="SUFFIX", help="write this format where OUT names none, for example bvh (default: npz, mp4)"
     )
+    command.add_argument("--rig", help="joints of .bvh, .glb, .json, .csv or .npz, as of ha2g export (default: ha2g)")
     command.add_argument(
         "--checkpoint",
         default="demo",
-        help="'demo', a workdir, a model folder, hf://OWNER/NAME, or an .onnx of ha2g export-onnx",
+        help="'demo', a workdir, a model folder, hf://OWNER/NAME, or an .onnx of ha2g model onnx",
     )
     command.add_argument(
         "--backend",
@@ -60,6 +62,14 @@ def add_command(commands: Any) -> None:
     add_style(command)
     _add_controls(command)
     command.set_defaults(run=run)
+
+    speakers = commands.add_parser("speakers", help="list the speakers of a model, and how they move if that is known")
+    speakers.description = "List the speakers of a model, which ha2g generate takes as --speaker and --style."
+    speakers.add_argument(
+        "--checkpoint", default="demo", help="'demo', a workdir, a model folder or hf://OWNER/NAME (default: demo)"
+    )
+    speakers.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    speakers.set_defaults(run=_list_speakers)
 
 
 def add_style(command: argparse.ArgumentParser) -> None:
@@ -149,6 +159,7 @@ def run(arguments: argparse.Namespace) -> None:
         out=arguments.out,
         checkpoint=arguments.checkpoint,
         backend=arguments.backend,
+        rig=arguments.rig,
         suffix=None if arguments.format is None else "." + arguments.format.lower().removeprefix("."),
         style=read_style(arguments),
         seed=arguments.seed,
@@ -166,3 +177,10 @@ def _print_path(path: pathlib.Path) -> None:
     """Print the path of a file that is complete, above a progress bar on the same terminal."""
     with tqdm.external_write_mode():
         print(path, flush=True)
+
+
+def _list_speakers(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.synthesis import speakers
+
+    rows = speakers.describe_speakers(arguments.checkpoint)
+    print(json.dumps(rows, indent=1) if arguments.json else speakers.as_table(rows))

@@ -12,7 +12,7 @@ from ha2g_jax.cli.parser import read_seed
 from ha2g_jax.progress import stage
 
 
-def add_command(commands: Any) -> None:
+def add_commands(commands: Any) -> None:
     """Add `live` to the commands of a parser."""
     command = commands.add_parser("live", help="generate motion while someone speaks, and send it to other programs")
     command.description = (

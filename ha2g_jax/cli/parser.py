@@ -1,4 +1,4 @@
-"""The parser of the commands: a mistake is answered with the usage of the command that it was made in."""
+"""The parser of the commands, and the values and options that several commands have."""
 
 import argparse
 from collections.abc import Sequence
@@ -6,6 +6,10 @@ from typing import Any
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SEED
+
+_MAX_DIGITS = 9
+
+CONFIG = "a preset, such as talk:small or trimodal:talk:small, or FILE[:SIZE], as for ha2g train"
 
 
 class Parser(argparse.ArgumentParser):
@@ -28,13 +32,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def read_seed(text: str) -> int:
-    """Parse a seed of the command line.
-
-    Args:
-        text: a whole number.
-
-    Returns:
-        The number, from 0 to `MAX_SEED`.
+    """Parse a seed, a whole number from 0 to `MAX_SEED`.
 
     Raises:
         UserError: the text is another one.
@@ -44,19 +42,52 @@ def read_seed(text: str) -> int:
     return int(text)
 
 
-def add_reading(command: Any, *, joint_map: str | None = "auto") -> None:
-    """Add the options that reading motion of others may need.
+def positive(text: str) -> int:
+    """Parse a whole number from 1 on."""
+    if not text.isdecimal() or not int(text[:_MAX_DIGITS]) >= 1 or len(text) > _MAX_DIGITS:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from 1 to {'9' * _MAX_DIGITS}")
+    return int(text)
 
-    Args:
-        command: parser or group of a command.
-        joint_map: default of `--joint-map`.
-    """
+
+def stored_text(value: str) -> str:
+    """Parse a text that is stored in a corpus, so that it must be UTF-8."""
+    try:
+        value.encode()
+    except UnicodeEncodeError as error:
+        raise argparse.ArgumentTypeError("the text is not UTF-8") from error
+    return value
+
+
+def add_reading(command: Any) -> None:
+    """Add the options that reading the motion of other programs may need; None where they are not given."""
     command.add_argument(
         "--joint-map",
-        default=joint_map,
         metavar="MAP",
         help="joint names of BVH files: auto, mixamo, zeroeggs, beat, genea, ha2g or a YAML file (default: auto)",
     )
     command.add_argument(
         "--source-fps", type=float, metavar="FPS", help="frames per second of files that do not say it"
     )
+
+
+def reading(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `add_reading` as keyword arguments of `motion.readers.read_motion`."""
+    return {"joint_map": arguments.joint_map or "auto", "source_fps": arguments.source_fps}
+
+
+def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: Sequence[str], kind: str) -> None:
+    """Refuse options that are given but have no effect.
+
+    Args:
+        arguments: parsed arguments, with None or False for an option that is not given.
+        allowed: names of the options that have an effect.
+        every: names of the options to check.
+        kind: what the options would belong to, for the message.
+
+    Raises:
+        UserError: an option of `every` that is not `allowed` is given.
+    """
+    given = [name for name in every if name not in allowed and getattr(arguments, name) not in (None, False)]
+    if given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise UserError(f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out")

@@ -1,22 +1,20 @@
-"""The command `ha2g serve`: arguments only."""
+"""The commands `ha2g serve` and `web`: arguments only; each calls one function of the package."""
 
 import argparse
 import os
+import pathlib
 from typing import Any
 
 from ha2g_jax.apps.serve.settings import Settings
-from ha2g_jax.cli.values import positive
+from ha2g_jax.cli.model import add_weights
+from ha2g_jax.cli.parser import positive
 
 _DEFAULT = Settings()
 _MEBIBYTE = 1 << 20
 
 
-def add_command(commands: Any) -> None:
-    """Add the command `serve` to a parser.
-
-    Args:
-        commands: subparsers of the parser of `ha2g`.
-    """
+def add_commands(commands: Any) -> None:
+    """Add `serve` and `web` to the commands of a parser."""
     serve = commands.add_parser("serve", help="answer requests for motion over HTTP and WebSocket")
     serve.description = (
         "Answer requests for motion over HTTP (POST /v1/motion) and streams over WebSocket (/v1/stream); see "
@@ -83,6 +81,28 @@ def add_command(commands: Any) -> None:
     )
     serve.set_defaults(run=_serve)
 
+    web = commands.add_parser("web", help="write a site that generates gestures in the browser, without a server")
+    web.description = (
+        "Write a folder with a page, its scripts and a model, which any static host can serve. Node.js builds the "
+        "scripts once, for which npm needs the network; docs/web.md says how to publish the folder."
+    )
+    web.add_argument(
+        "checkpoint",
+        nargs="?",
+        default="demo",
+        help="'demo', a workdir of ha2g train, a checkpoint in it, or a model folder (default: demo)",
+    )
+    web.add_argument(
+        "-o",
+        "--out",
+        type=pathlib.Path,
+        default=pathlib.Path("site"),
+        metavar="FOLDER",
+        help="folder to write; a site that is there is replaced (default: site)",
+    )
+    add_weights(web)
+    web.set_defaults(run=_web)
+
 
 def _serve(arguments: argparse.Namespace) -> None:
     from ha2g_jax.apps import serve
@@ -103,3 +123,12 @@ def _serve(arguments: argparse.Namespace) -> None:
         grace=arguments.grace,
     )
     serve.serve(arguments.checkpoint, settings)
+
+
+def _web(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.onnx import reading
+
+    reading.check_extra("onnx")
+    from ha2g_jax.apps.web import write_site
+
+    print(write_site(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

@@ -13,7 +13,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.files.writing import check_kept, whole_file
-from ha2g_jax.motion import formats
+from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.backends import load
@@ -29,6 +29,7 @@ def generate_files(
     *,
     backend: str | None = None,
     suffix: str | None = None,
+    rig: str | None = None,
     words: pathlib.Path | None = None,
     size: int | tuple[int, int] = 720,
     report: Callable[[pathlib.Path], None] = lambda path: None,
@@ -48,6 +49,7 @@ def generate_files(
         checkpoint: model, see `backends.load`.
         backend: what computes the motion, one of `backends.BACKENDS`; by default the checkpoint decides.
         suffix: format of the results, one of `SUFFIXES`, where `out` names none.
+        rig: joints of the results, see `motion.formats.export`; video and page have none.
         words: path of a transcript of the speech, for a model that reads words, where there is one file; by default a
             transcript beside the speech is used. HA2G needs none.
         size: width and height of the video in pixels, one number for both.
@@ -68,6 +70,10 @@ def generate_files(
     tasks = plan(speech, out, suffix, _others(words, options))
     if words is not None and len(tasks) > 1:
         raise UserError(f"{shown(words)} is one transcript, and there are {len(tasks)} files; leave out --words")
+    if rig is not None:
+        for task in tasks:
+            for path in task.paths:
+                formats.choose_rig(path, rig)
     if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
         from ha2g_jax.motion.video import check_size
 
@@ -78,14 +84,14 @@ def generate_files(
         results = [path for task in tasks for path in task.paths]
         check_kept(results, [find_transcript(task.speech) for task in tasks])
     if len(tasks) == 1:
-        _generate(model, tasks[0], words, size, report, options)
+        _generate(model, tasks[0], words, rig, size, report, options)
         return tasks[0].paths
     model.check_options(**options)  # said once, not for each file
     failed = 0
     with progress_bar("generating", len(tasks), "file") as bar:
         for task in tasks:
             try:
-                _generate(model, task, None, size, report, options)
+                _generate(model, task, None, rig, size, report, options)
             except UserError as error:
                 failed += 1
                 tqdm.write(f"{shown(task.speech)} failed: {error}", file=sys.stderr)
@@ -110,6 +116,7 @@ def _generate(
     model: Generator[Any],
     task: Task,
     words: pathlib.Path | None,
+    rig: str | None,
     size: int | tuple[int, int],
     report: Callable[[pathlib.Path], None],
     options: Options,
@@ -124,13 +131,18 @@ def _generate(
         with stage(f"generating {audio.duration:.1f} s of motion"):
             motion = model.generate(audio, words=spoken, **options)
         for path in temporary:
-            _write(path, motion, audio, spoken, size)
+            _write(path, motion, audio, spoken, rig, size)
     for path in task.paths:
         report(path)
 
 
 def _write(
-    path: pathlib.Path, motion: Motion, audio: Audio, words: tuple[Word, ...], size: int | tuple[int, int]
+    path: pathlib.Path,
+    motion: Motion,
+    audio: Audio,
+    words: tuple[Word, ...],
+    rig: str | None,
+    size: int | tuple[int, int],
 ) -> None:
     """Write a motion in the format of the suffix of the path, with the sound if the format has sound."""
     suffix = path.suffix.lower()
@@ -146,7 +158,7 @@ def _write(
             name = shown(pathlib.Path(audio.name or "").stem)
             write_page(path, {name: motion}, audio.samples, words=words)
         else:
-            formats.export(motion, path)
+            formats.export(motion, path, rig=rig or rigs.OWN)
 
 
 def read_words(

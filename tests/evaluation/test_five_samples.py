@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 import pytest
-from study.conftest import LinearFeatures
+from evaluation.conftest import LinearFeatures
 
 from ha2g_jax.evaluation import inputs
 from ha2g_jax.evaluation.evaluate import evaluate

@@ -45,7 +45,7 @@ def a_step(monkeypatch, tmp_path, tiny_talk):
     monkeypatch.setattr(doctor, "_step", lambda config, corpus: machine.Finding("step", "quick"))
     path = tmp_path / "config.py"
     path.write_text(
-        "from ha2g_jax import config as configs\n"
+        "from ha2g_jax.config import settings as configs\n"
         "def get_config(size):\n"
         "    config = configs.sized(configs.paper('ted_expressive'), size)\n"
         f"    config.data.path = {str(tiny_talk)!r}\n"

@@ -51,7 +51,7 @@ def test_a_row_compares_a_term_with_the_reconstruction():
 def config_file(tiny_talk, tmp_path):
     path = tmp_path / "config.py"
     path.write_text(
-        f"""from ha2g_jax import presets
+        f"""from ha2g_jax.config import presets
 def get_config(size=""):
     return presets.make("talk", "debug", "seq2seq", {{"data.path": {str(tiny_talk)!r}}})
 """

@@ -15,7 +15,7 @@ from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.retargeting import retarget
 
-__all__ = ["SUFFIXES", "export"]
+__all__ = ["SUFFIXES", "choose_rig", "export"]
 
 SUFFIXES = (".bvh", ".glb", ".vrma", ".json", ".csv", ".npz")
 
@@ -46,15 +46,7 @@ def export(
     """
     path = pathlib.Path(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        found = suffix or "no suffix"
-        raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join(SUFFIXES)}")
-    allowed = _RIGS.get(suffix, rigs.RIGS)
-    if rig == rigs.OWN and rig not in allowed:
-        rig = allowed[0]
-    target = rigs.load_rig(rig)
-    if rig not in allowed:
-        raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
+    target = choose_rig(path, rig)
     motion.check()
     if suffix == ".npz" and rig == rigs.OWN:
         motion.save(path)
@@ -73,6 +65,23 @@ def export(
         smplx.write(path, animation, moves=motion.lower is not None, face=motion.face)
         return
     _writers()[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
+
+
+def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
+    """Return the rig of a file: the one of that name, or for `.vrma` vrm in place of the default.
+
+    Raises:
+        UserError: the suffix of the path or the rig is unknown, or the format does not take the rig.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        found = suffix or "no suffix"
+        raise UserError(f"cannot write {path.name}: {found}; expected one of {', '.join(SUFFIXES)}")
+    allowed = _RIGS.get(suffix, rigs.RIGS)
+    target = rigs.load_rig(allowed[0] if rig == rigs.OWN and rig not in allowed else rig)
+    if target.name not in allowed:
+        raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
+    return target
 
 
 def _writers() -> dict[str, Callable[..., None]]:

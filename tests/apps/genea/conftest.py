@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import soundfile
-from motion_files.conftest import files, person  # noqa: F401
+from motion.readers.conftest import files, person  # noqa: F401
 
 from ha2g_jax.checkpoint import model_folder
 

@@ -4,7 +4,7 @@ import dataclasses
 import socket
 
 import pytest
-from live.standins import FPS, FakeClock, FakeStream, poses
+from apps.live.standins import FPS, FakeClock, FakeStream, poses
 
 from ha2g_jax.apps.live.frames import Frame, Rigs
 from ha2g_jax.skeleton import load_skeleton

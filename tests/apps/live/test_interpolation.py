@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from live.standins import FPS, poses
+from apps.live.standins import FPS, poses
 
 from ha2g_jax.apps.live.interpolation import Interpolation
 from ha2g_jax.errors import UserError

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import soundfile
-from live.standins import FPS, FakeStream, poses
+from apps.live.standins import FPS, FakeStream, poses
 
 from ha2g_jax import cli, synthesis
 from ha2g_jax.apps.live import run

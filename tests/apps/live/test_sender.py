@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from live.standins import FPS
+from apps.live.standins import FPS
 
 from ha2g_jax.apps.live.clock import Stop
 from ha2g_jax.apps.live.frames import Frame

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from live.standins import poses
+from apps.live.standins import poses
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.apps.live.addresses import read_address

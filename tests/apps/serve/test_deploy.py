@@ -12,7 +12,8 @@ from ha2g_jax import cli
 from ha2g_jax.apps.serve import workers
 from ha2g_jax.apps.serve.guard import OPEN
 
-DEPLOY = pathlib.Path(__file__).parents[3] / "integrations" / "deploy"
+ROOT = pathlib.Path(__file__).parents[3]
+DEPLOY = ROOT / "integrations" / "deploy"
 DEPLOYMENT, SERVICE, SCALER = yaml.safe_load_all((DEPLOY / "kubernetes.yaml").read_text())
 POD = DEPLOYMENT["spec"]["template"]["spec"]
 (CONTAINER,) = POD["containers"]
@@ -21,7 +22,7 @@ ENTRYPOINT = json.loads(re.findall(r"^ENTRYPOINT (.*)$", DOCKERFILE, re.MULTILIN
 
 
 def parsed(arguments):
-    return cli._parser().parse_args([*ENTRYPOINT[1:], *arguments])
+    return cli.make_parser().parse_args([*ENTRYPOINT[1:], *arguments])
 
 
 def test_the_command_knows_the_arguments_of_the_image_and_the_pod():
@@ -59,11 +60,11 @@ def test_what_the_image_copies_is_not_ignored():
     kept = re.findall(r"^!(.*)$", (DEPLOY / "Dockerfile.dockerignore").read_text(), re.MULTILINE)
     copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
     assert {name for line in copied for name in line.split()} == set(kept)
-    assert all((DEPLOY.parent / name).exists() for name in kept)
+    assert all((ROOT / name).exists() for name in kept)
 
 
 def test_the_image_has_what_the_package_is_built_from():
-    project = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
     folders = {name for line in copied for name in line.split()}

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from motion_files.conftest import BEAT, GENEA, MIXAMO, ZEROEGGS, bvh
+from motion.readers.conftest import BEAT, GENEA, MIXAMO, ZEROEGGS, bvh
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers import read_motion

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pygltflib
 import pytest
-from motion_files.conftest import FRAMES, read_bvh_positions
+from motion.readers.conftest import FRAMES, read_bvh_positions
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
@@ -67,7 +67,7 @@ def go_through_all(path, folder, capsys, *rate):
     assert run("export", path, *rate, "-o", folder / "smplx.npz", "--rig", "smplx") == 0
     assert run("view", path, *rate, "-o", folder / "x.html") == 0
     assert run("keyframes", path, *rate, "-o", folder / "x.svg", "--size", 64, "--count", 2) == 0
-    assert run("video", path, *rate, "-o", folder / "x.mp4", "--size", "64x64", "--workers", 1) == 0
+    assert run("video", path, *rate, "-o", folder / "x.mp4", "--size", "64x64") == 0
     for name in ("a", "b"):
         (folder / name).mkdir()
         shutil.copy(path, folder / name / f"talk{path.suffix}")

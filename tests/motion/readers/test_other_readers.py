@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from motion.formats.conftest import blender  # noqa: F401
-from motion_files.test_kinds import lower_of, rigid
+from motion.readers.test_kinds import lower_of, rigid
 
 from ha2g_jax.motion import formats, solver
 from ha2g_jax.motion.armature import world

@@ -1,0 +1,102 @@
+"""The `ha2g model` commands, for models on disk: arguments only; each calls one function of the package."""
+
+import argparse
+import pathlib
+import sys
+from typing import Any
+
+_MODEL = "'demo', a workdir of ha2g train, a checkpoint in it, or a model folder"
+WEIGHTS = ("float32", "float16", "int8")
+
+
+def add_commands(commands: Any) -> None:
+    """Add `model` and its subcommands to the commands of a parser."""
+    parser = commands.add_parser("model", help="export, publish, import or average models")
+    parser.description = "Export, publish, import or average models. See docs/models.md."
+    parts = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    export = parts.add_parser("export", help="write the model of a workdir as a folder of safetensors and JSON")
+    export.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
+    export.add_argument("out", type=pathlib.Path, metavar="FOLDER", help="folder to write")
+    export.set_defaults(run=_export)
+
+    onnx = parts.add_parser("onnx", help="write a model as an ONNX file, for browsers, engines and fast starts")
+    onnx.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
+    onnx.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FILE", help=".onnx file to write")
+    add_weights(onnx)
+    onnx.set_defaults(run=_onnx)
+
+    publish = parts.add_parser("publish", help="publish a model on the Hugging Face Hub, with a model card")
+    publish.add_argument("checkpoint", metavar="MODEL", help=_MODEL)
+    publish.add_argument("name", metavar="OWNER/NAME", help="repository on the Hub, which is made if there is none")
+    publish.add_argument("--license", required=True, help="licence of the model, such as apache-2.0 or cc-by-4.0")
+    publish.add_argument("--scores", type=pathlib.Path, help="Markdown for the card, of ha2g evaluate --markdown")
+    publish.add_argument("--private", action="store_true", help="make a new repository private")
+    publish.set_defaults(run=_publish)
+
+    weights = parts.add_parser("import", help="write released weights of HA2G or Trimodal as a model folder")
+    weights.description = (
+        "Write weights that the authors of HA2G or Trimodal released, for PyTorch, as a model folder. Nothing in the "
+        "file is run. See docs/released_weights.md."
+    )
+    weights.add_argument(
+        "weights", type=pathlib.Path, metavar="CHECKPOINT", help="file of torch.save, such as best.bin"
+    )
+    weights.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER", help="folder to write")
+    weights.set_defaults(run=_import)
+
+    average = parts.add_parser("average", help="write the average of the weights of several models as one model")
+    average.description = (
+        "Write a model whose weights are the mean of those of models that were trained from the same weights."
+    )
+    average.add_argument("models", nargs="+", metavar="MODEL", help=_MODEL)
+    average.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="FOLDER", help="folder to write")
+    average.set_defaults(run=_average)
+
+
+def add_weights(command: argparse.ArgumentParser) -> None:
+    """Add the options of a model that is written as an ONNX file."""
+    command.add_argument(
+        "--weights",
+        choices=WEIGHTS,
+        default=WEIGHTS[0],
+        help="form of the weights in the file; docs/onnx.md has sizes and errors (default: float32)",
+    )
+    command.add_argument("--license", default="", metavar="TEXT", help="licence of the model, which is stated with it")
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint import loading
+
+    print(loading.export(arguments.checkpoint, arguments.out))
+
+
+def _onnx(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.onnx import reading
+
+    reading.check_extra("onnx")
+    from ha2g_jax.checkpoint.onnx import export
+
+    print(export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))
+
+
+def _publish(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.publishing import publish
+
+    is_private = arguments.private
+    print(publish(arguments.checkpoint, arguments.name, arguments.license, arguments.scores, is_private=is_private))
+
+
+def _import(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.released.importing import import_weights
+
+    folder, notes = import_weights(arguments.weights, arguments.out)
+    for note in notes:
+        print(f"ha2g: {note}", file=sys.stderr)
+    print(folder)
+
+
+def _average(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.checkpoint.averaging import average_models
+
+    print(average_models(arguments.models, arguments.out))
