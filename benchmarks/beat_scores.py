@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 import tqdm
-from ha2g_jax.cli.values import positive
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.metrics import beats
 from ha2g_jax.metrics.beats import FIRST_FRAME, SIGMA, THRESHOLD, Clip
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, normalize

@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from ha2g_jax.cli.values import positive
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.layers import conv
 from ha2g_jax.layers.cpu import winograd
 from ha2g_jax.layers.cpu.onednn import calls

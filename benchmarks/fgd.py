@@ -18,11 +18,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from ha2g_jax.cli.values import positive
 from random_model import random_model
 
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.metrics.frechet import distance, moments

@@ -21,7 +21,6 @@ import time
 from typing import Any
 
 import numpy as np
-from ha2g_jax.cli.values import duration, positive
 from memory import peak_memory
 from random_model import random_model
 
@@ -29,6 +28,7 @@ import ha2g_jax
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.synthesis import Generator, Model
@@ -43,7 +43,7 @@ def main() -> int:
     source.add_argument("--config", metavar="FILE[:SIZE]", help="a model of this size with random weights")
     source.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
     parser.add_argument("--speech", type=pathlib.Path, default=_SPEECH, help="file with sound")
-    parser.add_argument("--seconds", type=duration, nargs="+", default=[10, 60], help="lengths (default: 10 60)")
+    parser.add_argument("--seconds", type=float, nargs="+", default=[10, 60], help="lengths (default: 10 60)")
     parser.add_argument("--rounds", type=positive, default=5, help="timed generations after the first (default: 5)")
     parser.add_argument("--backend", nargs="+", choices=BACKENDS, default=["jax"], help="backends (default: jax)")
     parser.add_argument("--weights", default="float32", help="form of the weights of onnx (default: float32)")

@@ -18,8 +18,8 @@ import time
 from collections.abc import Iterator
 
 import lmdb
-from ha2g_jax.cli.values import duration, positive
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.ted import arrow_values, importer, lmdb_videos
 
@@ -29,7 +29,7 @@ _LEAST_SPEED = 100
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("src", type=pathlib.Path, help="folder of one LMDB database of TED-Expressive or TED-Gesture")
-    parser.add_argument("--hours", type=duration, default=1.0, help="hours of speech to import (default: 1)")
+    parser.add_argument("--hours", type=float, default=1.0, help="hours of speech to import (default: 1)")
     parser.add_argument("--workers", type=positive, default=os.cpu_count() or 1)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()

@@ -20,9 +20,9 @@ import time
 from typing import Any
 
 import tqdm
-from ha2g_jax.cli.values import positive
 
 from ha2g_jax import launch
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.batches import batches
 from ha2g_jax.data.corpus import TRAIN, Corpus

@@ -27,11 +27,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from ha2g_jax.cli.values import duration, positive
 from memory import peak_memory
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 
@@ -45,7 +45,7 @@ def main() -> int:
     parser.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
     parser.add_argument("--workers", type=positive, default=1, help="workers of the service, one a core (default: 1)")
     parser.add_argument("--hop", type=positive, default=1, help="frames that are computed at once (default: 1)")
-    parser.add_argument("--seconds", type=duration, default=10, help="length of a stream (default: 10)")
+    parser.add_argument("--seconds", type=float, default=10, help="length of a stream (default: 10)")
     parser.add_argument("--most", type=positive, default=64, help="streams for each worker at most (default: 64)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 import soundfile
-from ha2g_jax.cli.values import duration, positive
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 
@@ -38,7 +38,7 @@ _COMMANDS = {
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--checkpoint", default="demo", help="'demo' (default), a workdir or a model folder")
-    parser.add_argument("--seconds", type=duration, default=10, help="length of the speech (default: 10)")
+    parser.add_argument("--seconds", type=float, default=10, help="length of the speech (default: 10)")
     parser.add_argument("--rounds", type=positive, default=5, help="processes of each command (default: 5)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()

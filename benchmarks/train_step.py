@@ -29,9 +29,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-from ha2g_jax.cli.values import positive
 
 from ha2g_jax import launch
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.cpu.memory import keep_memory

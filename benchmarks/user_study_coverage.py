@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from ha2g_jax.cli.values import positive
 from scipy import optimize, special, stats
 
 from ha2g_jax.apps.user_study import bradley_terry
@@ -24,6 +23,7 @@ from ha2g_jax.apps.user_study.crossed import Estimate
 from ha2g_jax.apps.user_study.differences import system_differences
 from ha2g_jax.apps.user_study.observations import Choices
 from ha2g_jax.apps.user_study.shares import share
+from ha2g_jax.cli.parser import positive
 
 
 class Design(NamedTuple):

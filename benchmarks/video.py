@@ -17,8 +17,8 @@ import time
 from typing import Any
 
 import numpy as np
-from ha2g_jax.cli.values import positive
 
+from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.motion.motion import Motion

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.cli import training
+from ha2g_jax.cli import train
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.report import listing
 from ha2g_jax.train.report.runs import find_workdirs, read_runs
@@ -125,7 +125,7 @@ def test_orders(make_run, tmp_path, sort, names):
 
 
 def test_orders_of_the_command_are_those_of_the_list():
-    assert tuple(listing.SORTS) == training._SORTS
+    assert tuple(listing.SORTS) == train._SORTS
 
 
 @pytest.mark.parametrize("path", ["nothing", "file", "empty"])
