@@ -1,4 +1,7 @@
-"""The exception that a mistake of the user raises."""
+"""The exception that a mistake of the user raises, and that of a package that is not installed."""
+
+import importlib
+from typing import Any
 
 
 class UserError(Exception):
@@ -7,3 +10,24 @@ class UserError(Exception):
     The message is one line: what was found, what was expected, what to do. The command line prints it without a
     traceback and exits with code 2.
     """
+
+
+def require(module: str, extra: str, *, by: str = "this", package: str = "") -> Any:
+    """Import a module that one of the extras of ha2g-jax installs.
+
+    Args:
+        module: name of the module.
+        extra: name of the extra.
+        by: what needs it, for the message.
+        package: name of its package, if that is not the name of the module.
+
+    Raises:
+        UserError: the package, or a library that it needs, is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except (ImportError, OSError) as error:  # OSError: a library of the system
+        missing = package or module.partition(".")[0].replace("_", "-")
+        if not isinstance(error, ModuleNotFoundError):
+            missing += f", which cannot be loaded ({' '.join(str(error).split())})"
+        raise UserError(f"{by} needs {missing}: pip install 'ha2g-jax[{extra}]'") from error

@@ -22,7 +22,7 @@
 # know.
 
 # %%
-from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.cache import keep_programs
 
 keep_programs()  # compiled programs are kept for the next run, as the command ha2g does
 

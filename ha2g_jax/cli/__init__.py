@@ -13,7 +13,7 @@ from ha2g_jax.cli import data, evaluate, export, genea, generate, live, model, s
 from ha2g_jax.cli.parser import Parser
 from ha2g_jax.cli.termination import termination
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.train.process import prepare_process
 

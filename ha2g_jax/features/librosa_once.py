@@ -9,7 +9,7 @@ from typing import Any
 import filelock
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache_folder import cache_folder
+from ha2g_jax.files.cache import cache_folder
 
 
 @functools.cache

@@ -10,8 +10,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.quiet import quiet
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import quiet, reason, shown
 from ha2g_jax.limits import MAX_PICTURE_BYTES, MAX_PICTURE_PASSES, MAX_PICTURE_PIXELS
 
 PICTURE_ERRORS = (

@@ -12,8 +12,7 @@ from av.container import InputContainer
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.media import MAX_PACKET_VALUES, MEDIA_ERRORS, open_media
-from ha2g_jax.files.quiet import quiet
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import quiet, reason, shown
 from ha2g_jax.limits import MAX_SOUND_CHANNELS, MAX_SOUND_RATE, MIN_SOUND_RATE
 
 # Exceptions of libsndfile and its wrapper, after which FFmpeg is tried.

@@ -14,8 +14,7 @@ from typing import IO
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.files.small_reads import SmallReads, read_exactly
+from ha2g_jax.files.reading import SmallReads, read_exactly, reason, shown
 from ha2g_jax.limits import MAX_NPZ_OF_ANY_RATIO, MAX_NPZ_RATIO
 
 _MAGIC = b"\x93NUMPY"

@@ -1,14 +1,20 @@
-"""Reading of files of unknown origin: their exceptions become one-line errors, and sizes are checked first."""
+"""Reading of third-party files: their exceptions become one-line errors, and sizes are checked first.
+
+Files that this package has written itself are read plainly.
+"""
 
 import contextlib
+import io
 import json
 import os
 import pathlib
 import stat
 import struct
+import threading
+import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import IO, Any
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_JSON_DEPTH, MAX_NAME_LENGTH
@@ -16,6 +22,12 @@ from ha2g_jax.limits import MAX_JSON_DEPTH, MAX_NAME_LENGTH
 # Exceptions by which parsers answer damaged or hostile content; UnicodeError is a ValueError, OverflowError an
 # ArithmeticError.
 _OF_CONTENT = (ValueError, ArithmeticError, RecursionError, EOFError, struct.error, zlib.error)
+
+_MAX_CONTENTS = 1 << 20  # bytes in the table of contents of a zip file, enough for thousands of files
+_CHUNK = 1 << 18
+
+_lock = threading.Lock()
+_kept: list[int] = []  # the standard error while it is replaced, once for each context that is open
 
 
 def shown(path: str | os.PathLike) -> str:
@@ -171,3 +183,63 @@ def parse_json(text: str | bytes) -> Any:
 def _groups(values: Iterable[Any]) -> list[Any]:
     # Only objects and lists, because a file may have millions of numbers.
     return [value for value in values if type(value) is dict or type(value) is list]
+
+
+class SmallReads(io.BufferedReader):
+    """Reader that refuses large reads, because zipfile would read a table of contents of any size into objects."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > _MAX_CONTENTS:
+            raise zipfile.BadZipFile(f"a table of contents of {size} bytes")
+        return super().read(size)
+
+
+def read_exactly(file: IO[bytes], count: int) -> memoryview:
+    """Read bytes of a file in small parts.
+
+    Args:
+        file: file, which may be part of a zip file.
+        count: number of bytes; the caller has compared it with what the file can have.
+
+    Returns:
+        The bytes.
+
+    Raises:
+        EOFError: the file ends early.
+    """
+    data = memoryview(bytearray(count))
+    position = 0
+    while position < count:
+        chunk = file.read(min(_CHUNK, count - position))
+        if not chunk:
+            raise EOFError("it ends early")
+        data[position : position + len(chunk)] = chunk
+        position += len(chunk)
+    return data
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Discard what is written to the standard error of the process, by any of its threads, in this context.
+
+    Contexts of several threads may overlap; the last one that is left restores the standard error.
+    """
+    with _lock:
+        try:
+            kept = _kept[0] if _kept else os.dup(2)
+        except OSError:  # it is closed
+            kept = None
+        if kept is not None:
+            if not _kept:
+                with pathlib.Path(os.devnull).open("wb") as nothing:
+                    os.dup2(nothing.fileno(), 2)
+            _kept.append(kept)
+    try:
+        yield
+    finally:
+        with _lock:
+            if kept is not None:
+                _kept.pop()
+                if not _kept:
+                    os.dup2(kept, 2)
+                    os.close(kept)

@@ -9,7 +9,7 @@ from typing import Any
 from ha2g_jax.checkpoint import hub
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX, check_extra
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.synthesis.generator import Generator

@@ -1,6 +1,6 @@
 """What a process that trains sets up before its first computation."""
 
-from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.layers.cpu.memory import has_accelerator_plugin, keep_memory
 
 

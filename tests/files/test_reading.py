@@ -1,5 +1,6 @@
-"""Exceptions of readers become one line that names the file."""
+"""Exceptions of readers become one line that names the file; C libraries are silent while a thread asks for it."""
 
+import contextlib
 import errno
 import json
 import os
@@ -7,7 +8,7 @@ import os
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, read_json, reading, shown
+from ha2g_jax.files.reading import parse_json, quiet, read_bytes, read_json, reading, shown
 
 
 @pytest.mark.parametrize(
@@ -66,3 +67,17 @@ def test_json_is_read_as_by_the_library(tmp_path):
     assert parse_json(json.dumps(value)) == value
     (tmp_path / "a.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(value).encode())
     assert read_json(tmp_path / "a.json", "words", 1 << 20) == value
+
+
+def test_contexts_that_overlap_restore_the_standard_error(capfd):
+    before = os.fstat(2)
+    first, second = contextlib.ExitStack(), contextlib.ExitStack()
+    first.enter_context(quiet())
+    second.enter_context(quiet())
+    first.close()
+    os.write(2, b"silent\n")
+    second.close()
+    os.write(2, b"heard\n")
+    after = os.fstat(2)
+    assert (after.st_dev, after.st_ino) == (before.st_dev, before.st_ino)
+    assert capfd.readouterr().err == "heard\n"

@@ -12,9 +12,8 @@ import pytest
 
 from ha2g_jax import limits
 from ha2g_jax.errors import UserError
-from ha2g_jax.files import torch_pickle
-from ha2g_jax.files.torch_archive import read_torch
-from ha2g_jax.files.torch_pickle import Inert
+from ha2g_jax.files import torch_archive
+from ha2g_jax.files.torch_archive import Inert, read_torch
 
 NUMBERS = np.arange(12, dtype=np.float32).reshape(3, 4)
 
@@ -176,7 +175,7 @@ def test_a_file_that_ends_early_or_has_another_content(torch_files, tmp_path):
 
 def test_a_file_beyond_the_limits(torch_files, refused, monkeypatch):
     archive = torch_files.Archive({str(number): number for number in range(100)})
-    monkeypatch.setattr(torch_pickle, "MAX_TORCH_OPCODES", 200)
+    monkeypatch.setattr(torch_archive, "MAX_TORCH_OPCODES", 200)
     assert "more than 200 opcodes" in refused(archive)
     for index in range(limits.MAX_TORCH_FILES):
         archive.files[f"archive/data/{index}"] = b""

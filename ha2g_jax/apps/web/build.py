@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from ha2g_jax.apps.web import sources
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.files.torch_pickle import Inert
+from ha2g_jax.files.torch_archive import Inert
 
 
 def names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:

@@ -29,7 +29,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 from ha2g_jax.progress import progress_bar

@@ -11,7 +11,7 @@ import tempfile
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache_folder import cache_folder
+from ha2g_jax.files.cache import cache_folder
 
 _NAME = "pose-0.10.21"  # MediaPipe's version
 _PYTHONS = ("3.12", "3.11")  # versions of Python that MediaPipe has wheels for and this package supports

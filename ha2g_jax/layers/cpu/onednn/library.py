@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import jaxlib.version
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.cache_folder import cache_folder, one_maker
+from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import reason, shown
 
 _TARGETS = ("Ha2gConv", "Ha2gConvInputGradient", "Ha2gConvKernelGradient", "Ha2gGruStates", "Ha2gGruSums")

@@ -1,4 +1,4 @@
-"""Cache folder of things that are made once: the Talk corpus, the environment of the pose estimator."""
+"""The cache folder: things that are made once, such as the Talk corpus, and the programs that JAX has compiled."""
 
 import contextlib
 import os
@@ -10,6 +10,9 @@ import filelock
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
+
+_MAX_BYTES = 2 << 30
+_MIN_SECONDS = 0.3  # programs that compile faster are not worth a file
 
 
 def cache_folder() -> pathlib.Path:
@@ -55,3 +58,21 @@ def one_maker(path: pathlib.Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def keep_programs() -> None:
+    """Let JAX keep compiled programs in the cache folder of this user; call this before JAX is imported.
+
+    The programs that were not used for the longest time are deleted when all together take more than `_MAX_BYTES`.
+    Processes may use the folder at the same time. Nothing is kept if HA2G_COMPILE_CACHE is 0 or the folder cannot be
+    written; JAX's own variable JAX_COMPILATION_CACHE_DIR takes precedence.
+    """
+    if os.environ.get("HA2G_COMPILE_CACHE") == "0" or "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    with contextlib.suppress(OSError, UserError):  # a read-only home, or none
+        folder = cache_folder() / "programs"
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
+            os.environ["JAX_COMPILATION_CACHE_MAX_SIZE"] = str(_MAX_BYTES)
+            os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = str(_MIN_SECONDS)

@@ -1,4 +1,4 @@
-"""Commands keep compiled programs in the cache folder, unless they shall not or cannot."""
+"""The cache folder is where the environment says; commands keep compiled programs in it, unless they shall not."""
 
 import os
 import pathlib
@@ -7,14 +7,35 @@ import sys
 
 import pytest
 
-from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.cache import cache_folder, keep_programs
 
+HOME = pathlib.Path("/home/ada")
 PROGRAM = """
-from ha2g_jax.files.compile_cache import keep_programs
+from ha2g_jax.files.cache import keep_programs
 keep_programs()
 import jax
 print(jax.config.jax_compilation_cache_dir, jax.config.jax_compilation_cache_max_size)
 """
+
+
+@pytest.mark.parametrize(
+    ("own", "shared", "expected"),
+    [
+        ("/big/ha2g", "/caches", "/big/ha2g"),
+        (None, "/caches", "/caches/ha2g-jax"),
+        ("", "/caches", "/caches/ha2g-jax"),
+        (None, "relative", "/home/ada/.cache/ha2g-jax"),
+        (None, "", "/home/ada/.cache/ha2g-jax"),
+        (None, None, "/home/ada/.cache/ha2g-jax"),
+    ],
+)
+def test_the_first_that_is_set_wins(own, shared, expected, monkeypatch):
+    monkeypatch.setenv("HOME", str(HOME))
+    for name, value in (("HA2G_CACHE", own), ("XDG_CACHE_HOME", shared)):
+        monkeypatch.delenv(name, raising=False)
+        if value is not None:
+            monkeypatch.setenv(name, value)
+    assert cache_folder() == pathlib.Path(expected)
 
 
 def cache_of(**variables):
