@@ -23,8 +23,10 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.cli.parser import positive
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.beats import FIRST_FRAME, SIGMA, THRESHOLD, Clip
+from ha2g_jax.metrics.beats import alignment, stops
+from ha2g_jax.metrics.beats.alignment import Clip
+from ha2g_jax.metrics.beats.stops import FIRST_FRAME, THRESHOLD
+from ha2g_jax.metrics.beats.times import SIGMA
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, normalize
 
 _FPS = 15
@@ -58,11 +60,11 @@ def measure(num_clips: int, frames: tuple[int, int], rounds: int) -> dict[str, A
         return result
 
     for _ in tqdm.trange(rounds, desc="rounds", disable=None, leave=False):
-        rates = timed("angles", beats.angle_change_rates, skeleton, motions)
+        rates = timed("angles", stops.angle_change_rates, skeleton, motions)
         clips, own, floor = timed("scores", scores, rates, onsets, recordings)
         loop_rates = timed("loop angles", lambda: [loop_rate(skeleton, motion) for motion in motions])
         timed("numpy angles", lambda: [numpy_rate(skeleton, motion) for motion in motions])
-        partners = beats.partners(clips, recordings)
+        partners = alignment.partners(clips, recordings)
         loop_own, loop_floor = timed("loop scores", loop_scores, loop_rates, onsets, partners)
         for rate, loop in zip(rates, loop_rates, strict=True):
             np.testing.assert_allclose(rate, loop, rtol=1e-6, atol=1e-8)
@@ -110,10 +112,10 @@ def make_data(
 
 def scores(
     rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], recordings: np.ndarray
-) -> tuple[list[Clip], beats.Alignment, np.ndarray]:
+) -> tuple[list[Clip], alignment.Alignment, np.ndarray]:
     """Compute the scores of all clips by the package, which is what is measured."""
-    clips = beats.make_clips(rates, onsets, _FPS)
-    return clips, beats.align(clips), beats.mismatched(clips, recordings)
+    clips = stops.make_clips(rates, onsets, _FPS)
+    return clips, alignment.align(clips), alignment.mismatched(clips, recordings)
 
 
 def loop_rate(skeleton: Skeleton, motion: np.ndarray) -> list[float]:

@@ -40,9 +40,9 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.evaluation.clip_result import from_corpus
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.evaluation.rows import mean_directions
-from ha2g_jax.metrics import beats, sanity
-from ha2g_jax.metrics.beats.consistency import low_samples
-from ha2g_jax.metrics.beats.stops import THRESHOLD
+from ha2g_jax.metrics import sanity
+from ha2g_jax.metrics.beats import stops
+from ha2g_jax.metrics.beats.stops import THRESHOLD, low_samples
 from ha2g_jax.motion.smoothing import smooth
 
 path = pathlib.Path(tempfile.mkdtemp()) / "talk"
@@ -108,15 +108,15 @@ print("\n".join(section["flags"]))
 
 # %%
 clips = [clip.directions for clip in truth]
-change = beats.mean_angle_change(corpus.skeleton, clips)
+change = stops.mean_angle_change(corpus.skeleton, clips)
 jitter = sanity.rows(clips, mean_directions(clips))["white_jitter"]
 number, (start, end) = 3, (0.3, 5.8)
 _, axes = plt.subplots(2, sharex=True, figsize=(12, 5))
 for axis, name, motion in zip(axes, ("ground truth", "white jitter"), (clips[number], jitter[number]), strict=True):
-    rate = beats.angle_change_rate(corpus.skeleton, motion, change)
+    rate = stops.angle_change_rate(corpus.skeleton, motion, change)
     times = (np.arange(len(rate)) + 0.5) / corpus.fps
     lows = low_samples(rate, THRESHOLD)
-    score = beats.beat_consistency(beats.consistency([rate], [truth[number].onsets], corpus.fps))
+    score = stops.beat_consistency(stops.consistency([rate], [truth[number].onsets], corpus.fps))
     axis.plot(times, rate)
     axis.plot(times[lows], rate[lows], "o", label="motion beats")
     for onset in truth[number].onsets:

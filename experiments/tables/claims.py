@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ha2g_jax.metrics.multiple_tests import holm
+from ha2g_jax.metrics.uncertainty import holm
 
 HELD, NOT_HELD, UNDECIDED, NOTHING_FOUND = "held", "not held", "undecided", "no difference found"
 LEVEL = 0.95  # confidence level of every interval, and of all differences of a table together

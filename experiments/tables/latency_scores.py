@@ -19,9 +19,9 @@ from ha2g_jax.evaluation.rows import make_rows
 from ha2g_jax.evaluation.talk.known_causes import MODEL, has_known_causes, rows_with_chance
 from ha2g_jax.evaluation.talk.scores import Trial, known_truth, observe, semantic_floors
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.metrics.jackknife import Estimate
-from ha2g_jax.metrics.known_causes import CauseRow
+from ha2g_jax.metrics.causes import CauseRow
 from ha2g_jax.metrics.row import Row
+from ha2g_jax.metrics.uncertainty import Estimate
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
 from tables.latency_plan import (

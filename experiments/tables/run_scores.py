@@ -15,7 +15,8 @@ from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.evaluation.talk.known_causes import score_known_causes, score_motion
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.metrics import beats, diversity
+from ha2g_jax.metrics import diversity
+from ha2g_jax.metrics.beats import stops, summary
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from tables.plan import Plan, Run, is_copy, read_stored, retrieval_path, scores_path
 from tables.request import Request
@@ -95,12 +96,12 @@ def _draws(rows: Rows) -> dict[str, list[float | None]]:
 def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
     """Return BC of the model and of ground truth, and F with the own and with mismatched speech, by threshold."""
     reference = rows.reference
-    change = beats.mean_angle_change(reference.skeleton, reference.training)
+    change = stops.mean_angle_change(reference.skeleton, reference.training)
 
     def sweep(row: Row) -> dict[str, list[float | None]]:
         sounds = {number: onsets for number, onsets in enumerate(row.onsets) if onsets is not None}
-        rates = beats.angle_change_rates(reference.skeleton, [row.directions[number] for number in sounds], change)
-        found = beats.sweep(
+        rates = stops.angle_change_rates(reference.skeleton, [row.directions[number] for number in sounds], change)
+        found = summary.sweep(
             rates,
             list(sounds.values()),
             reference.recordings[row.numbers[list(sounds)]],

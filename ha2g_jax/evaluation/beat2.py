@@ -14,8 +14,8 @@ from ha2g_jax.evaluation.intervals import DRAWS, Intervals
 from ha2g_jax.evaluation.motion_folders import Folders
 from ha2g_jax.files.reading import shown
 from ha2g_jax.metrics import sanity
-from ha2g_jax.metrics.beat2 import EDGE, FPS, UPPER_BODY, Beat2Row
 from ha2g_jax.metrics.beats import rests
+from ha2g_jax.metrics.beats.rests import EDGE, FPS, UPPER_BODY, Beat2Row
 from ha2g_jax.metrics.metric import Statistic
 from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
 from ha2g_jax.motion.readers import smplx, smplx_arrays

@@ -12,7 +12,7 @@ from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.skeleton import positions_to_directions
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and folders of motion do without

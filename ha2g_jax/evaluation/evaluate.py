@@ -14,8 +14,9 @@ from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.flags import flags
 from ha2g_jax.evaluation.intervals import DRAWS, LEVEL, Intervals, number, spread
 from ha2g_jax.evaluation.rows import Rows, make_rows
-from ha2g_jax.metrics import beats, reconstruction
-from ha2g_jax.metrics.legacy_metrics import legacy_notes
+from ha2g_jax.metrics import reconstruction
+from ha2g_jax.metrics.beats import rests, stops, summary, times
+from ha2g_jax.metrics.legacy import legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS
@@ -109,7 +110,7 @@ def _measure_rows(made: Rows, intervals: Intervals, *, has_legacy: bool) -> tupl
             scores[name] = measure(row, "rows")
             found["rows"][name] = {key: intervals(score) for key, score in scores[name].items()}
             found["rows"][name] |= _draws(row, found["rows"][name])
-            found["counts"][name] = {key: number(value) for key, value in row.once(beats.clip_counts).items()}
+            found["counts"][name] = {key: number(value) for key, value in row.once(summary.clip_counts).items()}
             if has_legacy:
                 found["legacy_v1"][name] = {key: intervals(score) for key, score in measure(row, "legacy_v1").items()}
             if row is not made.truth:
@@ -194,15 +195,15 @@ def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[
         "level": LEVEL,
         "reference_statistics": "training" if has_training else "reference",
         "beat_alignment": {
-            "sigma": beats.SIGMA,
-            "threshold": beats.THRESHOLD,
-            "silence_db": beats.SILENCE_DB,
-            "mismatches": beats.NUM_MISMATCHES,
+            "sigma": times.SIGMA,
+            "threshold": stops.THRESHOLD,
+            "silence_db": times.SILENCE_DB,
+            "mismatches": summary.NUM_MISMATCHES,
         },
         "beat_align": {
-            "sigma": beats.rests.SIGMA,
-            "threshold": beats.rests.THRESHOLD,
-            "order": beats.rests.order(fps),
+            "sigma": rests.SIGMA,
+            "threshold": rests.THRESHOLD,
+            "order": rests.order(fps),
         },
         "pck_delta": reconstruction.DELTA,
     }

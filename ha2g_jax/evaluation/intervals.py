@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.metrics.bootstrap import Interval, bootstrap
-from ha2g_jax.metrics.jackknife import Estimate
 from ha2g_jax.metrics.metric import Score, Statistic
+from ha2g_jax.metrics.uncertainty import Estimate, Interval, bootstrap
 
 DRAWS = 1000
 LEVEL = 0.95

@@ -7,8 +7,7 @@ from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.intervals import number
 from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION, is_too_few
-from ha2g_jax.metrics.latents import FGD_SEEDED_CUT, cut_windows, reference_cut, row_latents
-from ha2g_jax.metrics.row import Row
+from ha2g_jax.metrics.row import FGD_SEEDED_CUT, Row, cut_windows, reference_cut, row_latents
 from ha2g_jax.metrics.sanity import HALF
 from ha2g_jax.skeleton import Skeleton
 

@@ -15,7 +15,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
-from ha2g_jax.metrics.beats import audio_onsets
+from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.motion.readers import SUFFIXES, borders_of, find_skeleton, read_motion
 from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES

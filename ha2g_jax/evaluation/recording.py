@@ -9,7 +9,7 @@ from ha2g_jax.evaluation.evaluate import measure
 from ha2g_jax.evaluation.generation import model_windows
 from ha2g_jax.evaluation.intervals import LEVEL, score_as_json
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.synthesis import Model, Style
 
 MIN_SECONDS = 10.0  # of a recording
@@ -38,8 +38,8 @@ def score_recording(
         raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
     motion = model.generate(audio, style=Style(speaker=speaker, variation=0), seed=seed)
     first_frame, skeleton = model_windows(model).seed_frames, model.spec.skeleton
-    wrists = beats.wrists(skeleton, motion.directions)
-    row = beats.recording_row(audio, wrists, motion.fps, first_frame)
+    wrists = strokes.wrist_positions(skeleton, motion.directions)
+    row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
     return {
         "methods": ["model"],
         "rows": {},
@@ -62,7 +62,7 @@ def score_recording(
             "rows": {"model": {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
             "notes": [
                 "the mismatched speech is the recording rotated in time; intervals are 1.96 standard errors by "
-                f"segments of {beats.SEGMENT:g} s",
+                f"segments of {strokes.SEGMENT:g} s",
             ],
         },
     }

@@ -4,25 +4,13 @@ A new metric is one file that defines a `Metric`, an import here, and one line i
 """
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics import (
-    beat2,
-    beats,
-    canonical,
-    diversity,
-    frechet,
-    joint_limits,
-    kinematics,
-    known_causes,
-    legacy_metrics,
-    reconstruction,
-    seams,
-    speeds,
-)
+from ha2g_jax.metrics import causes, diversity, frechet, kinematics, legacy, reconstruction, seams
+from ha2g_jax.metrics.beats import rests, strokes, summary
 from ha2g_jax.metrics.metric import Metric, Section
 
 # All metrics, in the order of the columns.
 _REGISTERED: tuple[Metric, ...] = (
-    *beats.BEAT_METRICS,
+    *summary.BEAT_METRICS,
     frechet.FGD,
     frechet.FGD_SEEDED,
     frechet.FGD_EXTRAPOLATED,
@@ -30,14 +18,14 @@ _REGISTERED: tuple[Metric, ...] = (
     diversity.DIVERSITY_L2,
     diversity.MULTIMODALITY,
     kinematics.L1_DIVERSITY,
-    speeds.SPEED_HELLINGER,
+    kinematics.SPEED_HELLINGER,
     kinematics.ACCELERATION,
     kinematics.ACCELERATION_RATIO,
     kinematics.JERK,
     kinematics.JERK_RATIO,
-    joint_limits.LIMITS_MEAN,
-    joint_limits.LIMITS_WORST,
-    joint_limits.LIMITS_ANY,
+    kinematics.LIMITS_MEAN,
+    kinematics.LIMITS_WORST,
+    kinematics.LIMITS_ANY,
     seams.SEAM_VELOCITY,
     seams.SEAM_VELOCITY_P,
     seams.SEAM_ACCELERATION,
@@ -45,12 +33,12 @@ _REGISTERED: tuple[Metric, ...] = (
     reconstruction.JOINT_MAE,
     reconstruction.ACCELERATION_ERROR,
     reconstruction.PCK,
-    canonical.CCA,
-    *legacy_metrics.LEGACY_METRICS,
-    *known_causes.CAUSE_METRICS,
-    known_causes.PROBE_ACCURACY,
-    *beats.RECORDING_METRICS,
-    *beat2.BEAT2_METRICS,
+    reconstruction.CCA,
+    *legacy.LEGACY_METRICS,
+    *causes.CAUSE_METRICS,
+    causes.PROBE_ACCURACY,
+    *strokes.RECORDING_METRICS,
+    *rests.BEAT2_METRICS,
 )
 METRICS: dict[str, Metric] = {metric.name: metric for metric in _REGISTERED}
 if len(METRICS) < len(_REGISTERED):

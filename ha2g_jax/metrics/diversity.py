@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.metrics.latents import Latents, row_latents
 from ha2g_jax.metrics.metric import LIKENESS, Metric, Statistic
-from ha2g_jax.metrics.row import Row, mean_by_recording
+from ha2g_jax.metrics.row import Latents, Row, mean_by_recording, row_latents
 
 NUM_PAIRS, NUM_DRAWS = 500, 10
 

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics.latents import FGD_CUT, FGD_SEEDED_CUT, Latents, row_latents
 from ha2g_jax.metrics.metric import LIKENESS, Metric, Score, Statistic
-from ha2g_jax.metrics.row import Row
+from ha2g_jax.metrics.row import FGD_CUT, FGD_SEEDED_CUT, Latents, Row, row_latents
 
 NUM_HALVES = 20  # random divisions of ground truth
 SAMPLES_PER_DIMENSION = 10  # below, the bias of the distance is of the order of what it should measure

@@ -1,15 +1,17 @@
-"""Acceleration, jerk and spread of a motion, without regard to the speech.
+"""Movement without regard to the speech: acceleration, jerk, spread, speeds, and angles beyond those of training.
 
 Other evaluations report these (GENEA, Audio2Gestures). None is a score of quality: a value means something beside that
 of the real motion. All joints that are given count; units are those of the positions.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ha2g_jax.metrics.metric import BEATS, LIKENESS, MOVEMENT, Metric, Statistic
-from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips, ratio
+from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_over_clips, ratio
+from ha2g_jax.skeleton import joint_angles
 
 
 def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
@@ -90,3 +92,214 @@ ACCELERATION = Metric("acceleration", "acc.", "m/s²", "none", MOVEMENT, 2, _acc
 ACCELERATION_RATIO = Metric("acceleration_ratio", "acc. / truth", "", "none", MOVEMENT, 2, _over_truth(_acceleration))
 JERK = Metric("jerk", "jerk", "m/s³", "none", MOVEMENT, 1, _jerk, is_paired=True)
 JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_truth(_jerk))
+
+
+NUM_BINS = 50
+NUM_HALVES = 20  # random divisions of ground truth
+
+_STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
+
+
+def speed_edges(
+    reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS, first_frame: int = 4
+) -> np.ndarray:
+    """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the reference's speeds."""
+    speeds = np.concatenate([_speeds(clip, fps, first_frame) for clip in reference])
+    if not len(speeds):
+        return np.zeros((speeds.shape[1], bins))
+    return np.quantile(speeds, np.arange(1, bins + 1) / bins, axis=0).T
+
+
+def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_frame: int = 4) -> np.ndarray:
+    """Count the speeds of each joint in one clip; the counts of clips add up.
+
+    Args:
+        positions: (T, joints, 3) positions.
+        edges: (bins,) or (joints, bins) ascending upper edges, each within its bin, in units of the positions a second.
+        fps: frames per second.
+        first_frame: first frame that is scored; those before it were given to the model.
+
+    Returns:
+        (joints, 1 + bins + 1) counts of standing still, of each bin, and of what lies beyond the last.
+    """
+    speeds = _speeds(positions, fps, first_frame)
+    num_joints, num_bins = speeds.shape[1], edges.shape[-1]
+    counts = np.zeros((num_joints, num_bins + 2))
+    for joint, joint_edges in enumerate(np.broadcast_to(edges, (num_joints, num_bins))):
+        is_moving = speeds[:, joint] > 0
+        places = np.where(is_moving, 1 + np.searchsorted(joint_edges, speeds[:, joint]), 0)
+        counts[joint] = np.bincount(places, minlength=num_bins + 2)
+    return counts
+
+
+def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
+    """Compute the mean over joints of the Hellinger distance sqrt(1 - sum_i sqrt(p_i q_i)) of speeds (GENEA).
+
+    Args:
+        counts, reference: (joints, 1 + bins + 1) sums of `speed_counts`.
+
+    Returns:
+        The distance; a joint that moves nowhere is left out, so that two motions that stand still have 0. NaN where
+        either side has no counts.
+    """
+    # Standing still belongs to the first bin, which holds the slowest; it is counted apart only to find dead joints.
+    parts = []
+    for side in (counts, reference):
+        if not side.sum():
+            return np.nan
+        binned = np.concatenate([side[:, :1] + side[:, 1:2], side[:, 2:]], axis=1)
+        parts.append(binned / binned.sum(axis=1, keepdims=True))
+    moves = (counts[:, 1:].sum(axis=1) > 0) | (reference[:, 1:].sum(axis=1) > 0)
+    overlap = np.sum(np.sqrt(parts[0] * parts[1]), axis=1)[moves]
+    return float(np.mean(np.sqrt(np.maximum(1 - overlap, 0)))) if moves.any() else 0.0
+
+
+def _speeds(positions: np.ndarray, fps: float, first_frame: int) -> np.ndarray:
+    """Return the speeds (frames - 1, joints) of the scored frames; 0 below the rounding of positions."""
+    scored = np.asarray(positions, np.float64)[first_frame:]
+    speeds = np.linalg.norm(np.diff(scored, axis=0), axis=-1) * fps
+    return np.where(speeds < _STILL, 0, speeds)
+
+
+def _truth_edges(reference: Reference) -> np.ndarray:
+    return speed_edges(reference.truth.positions, reference.fps, first_frame=SEED_FRAMES)
+
+
+def _speeds_by_recording(row: Row) -> np.ndarray:
+    """Return the histograms (recordings, joints, bins) of the speeds of a row."""
+    reference = row.reference
+    edges = reference.once(_truth_edges)
+    counts = np.zeros((reference.num_recordings, reference.skeleton.num_joints, edges.shape[-1] + 2))
+    for positions, member in zip(row.positions, row.members, strict=True):
+        counts[member] += speed_counts(positions, edges, reference.fps, first_frame=SEED_FRAMES)
+    return counts
+
+
+def _distance_to_truth(row: Row) -> Statistic:
+    own, true = row.once(_speeds_by_recording), row.reference.truth.once(_speeds_by_recording)
+    return lambda drawn: histogram_distance(np.tensordot(drawn, own, axes=1), np.tensordot(drawn, true, axes=1))
+
+
+def _halves(truth: Row) -> np.ndarray | None:
+    """Return the distances (n,) between random halves of the recordings."""
+    counts, number = truth.once(_speeds_by_recording), truth.reference.num_recordings
+    if number < 2:
+        return None
+    rng = np.random.default_rng(truth.reference.seed)
+    distances = []
+    for _ in range(NUM_HALVES):
+        is_first = np.zeros(number)
+        is_first[rng.permutation(number)[: number // 2]] = 1
+        distances.append(histogram_distance(*(np.tensordot(side, counts, axes=1) for side in (is_first, 1 - is_first))))
+    return np.array(distances)
+
+
+SPEED_HELLINGER = Metric(
+    "speed_hellinger",
+    "speed Hellinger",
+    "",
+    "lower",
+    LIKENESS,
+    3,
+    _distance_to_truth,
+    halves=_halves,
+    is_paired=True,
+)
+
+
+QUANTILES = (0.001, 0.999)
+
+_ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of rounding the same pose
+_RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
+
+
+class Limits(NamedTuple):
+    """The 0.1 % and the 99.9 % quantile of each angle in the training motion, (pairs,) each, in radians."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+
+class Violations(NamedTuple):
+    """Ratios of frames, in [0, 1]; NaN where no frame is scored.
+
+    Attributes:
+        mean: ratio of frames with an angle outside of its limits, mean over angles.
+        worst: the same ratio of the angle that is outside most often.
+        worst_pair: index of that angle.
+        any: ratio of frames with any angle outside.
+    """
+
+    mean: float
+    worst: float
+    worst_pair: int
+    any: float
+
+
+def training_limits(angles: np.ndarray) -> Limits:
+    """Return the limits of angles (frames, pairs) in radians, all frames of the training motion together."""
+    low, high = np.quantile(np.asarray(angles, np.float64), QUANTILES, axis=0)
+    return Limits(low, high)
+
+
+def violation_counts(angles: np.ndarray, limits: Limits, *, first_frame: int = SEED_FRAMES) -> np.ndarray:
+    """Count the violations of one clip, from which the ratios of any set of clips follow.
+
+    Args:
+        angles: (T, pairs) radians, from `skeleton.joint_angles` of float64 directions.
+        limits: limits from `training_limits`.
+        first_frame: first frame that is scored; those before it were given to the model.
+
+    Returns:
+        (2 + pairs,) numbers of frames, of frames with any angle outside, and of frames with each angle outside.
+    """
+    scored = np.asarray(angles, np.float64)[first_frame:]
+    is_outside = (scored < limits.low - _ROUNDING) | (scored > limits.high + _ROUNDING)
+    return np.array([len(scored), is_outside.any(axis=1).sum(), *is_outside.sum(axis=0)], np.float64)
+
+
+def violations(counts: np.ndarray) -> Violations:
+    """Return the violations of clips from the sum (2 + pairs,) of their `violation_counts`."""
+    frames, any_outside, *outside = counts
+    if not frames:
+        return Violations(np.nan, np.nan, 0, np.nan)
+    each = np.array(outside) / frames
+    worst = int(each.argmax())
+    return Violations(float(each.mean()), float(each[worst]), worst, float(any_outside / frames))
+
+
+def _usual_limits(reference: Reference) -> Limits:
+    """Return the limits of the training motion; none where an angle is rigid, which the least change would break."""
+    clips = [joint_angles(reference.skeleton, np.asarray(clip, np.float64)) for clip in reference.training]
+    low, high = training_limits(np.concatenate(clips))
+    is_rigid = high - low < _RIGID
+    return Limits(np.where(is_rigid, -np.inf, low), np.where(is_rigid, np.inf, high))
+
+
+def _violations_by_recording(row: Row) -> np.ndarray:
+    reference = row.reference
+    limits = reference.once(_usual_limits)
+    counts = np.zeros((reference.num_recordings, 2 + len(reference.skeleton.angle_pairs)))
+    for directions, member in zip(row.directions, row.members, strict=True):
+        counts[member] += violation_counts(joint_angles(reference.skeleton, np.asarray(directions, np.float64)), limits)
+    return counts
+
+
+def _mean(row: Row) -> Statistic:
+    counts = row.once(_violations_by_recording)
+    return lambda drawn: violations(drawn @ counts).mean
+
+
+def _worst(row: Row) -> Statistic:
+    counts = row.once(_violations_by_recording)
+    return lambda drawn: violations(drawn @ counts).worst
+
+
+def _any(row: Row) -> Statistic:
+    counts = row.once(_violations_by_recording)
+    return lambda drawn: violations(drawn @ counts).any
+
+
+LIMITS_MEAN = Metric("limits_mean", "beyond limits", "", "lower", MOVEMENT, 3, _mean)
+LIMITS_WORST = Metric("limits_worst", "worst angle", "", "lower", MOVEMENT, 3, _worst)
+LIMITS_ANY = Metric("limits_any", "any angle", "", "lower", MOVEMENT, 3, _any)

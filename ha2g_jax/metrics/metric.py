@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ha2g_jax.metrics.jackknife import Estimate
+from ha2g_jax.metrics.uncertainty import Estimate
 
 Statistic = Callable[[np.ndarray], float]
 """A score as a function of how often each recording is drawn, (recordings,); ones give the score itself."""
@@ -44,8 +44,8 @@ class Metric:
         group: heading of the part of the table that holds the column.
         digits: number of digits after the point.
         measure: function of one row of the table to the score, None where the row has none. The argument is a
-            `row.Row`; for known causes it is a `known_causes.CauseRow`, for a recording a `beats.RecordingRow`, for the
-            protocol BEAT2 a `beat2.Beat2Row`.
+            `row.Row`; for known causes it is a `causes.CauseRow`, for a recording a `strokes.RecordingRow`, for the
+            protocol BEAT2 a `rests.Beat2Row`.
         section: part of the results that holds the score.
         draws: function of a row to the values (n,) of random draws; their mean and standard deviation are shown in
             place of the value, None where the row has none.

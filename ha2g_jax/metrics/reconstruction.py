@@ -1,6 +1,6 @@
-"""Errors of reconstruction: distances of a motion from the recorded one. A good gesture may be another one."""
+"""Errors of reconstruction, and the canonical correlation with the real motion. A good gesture may be another one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -100,3 +100,108 @@ PCK = Metric(
     _to_counterpart(lambda own, true, fps: pck(own, true)),
     is_paired=True,
 )
+
+
+SHRINKAGE = 1e-3  # weight of the identity that is mixed into the correlations of either side
+
+_CONSTANT = 1e-6  # standard deviation below which a dimension is constant
+_RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repeat each other
+
+
+def correlation(pairs: np.ndarray) -> float:
+    """Return the Pearson correlation of the two columns of (n, 2); NaN where a column is constant."""
+    centred = pairs - np.mean(pairs, axis=0, keepdims=True)
+    x, y = centred[:, 0], centred[:, 1]
+    scale = np.sqrt(np.sum(x * x) * np.sum(y * y))
+    return float(np.sum(x * y) / scale) if scale > 1e-9 else float("nan")
+
+
+def canonical_pairs(
+    generated: Sequence[np.ndarray],
+    real: Sequence[np.ndarray],
+    recordings: Sequence[str] | np.ndarray | None = None,
+    *,
+    shrinkage: float = SHRINKAGE,
+    seed: int = 0,
+    first_frame: int = SEED_FRAMES,
+) -> dict[int, np.ndarray]:
+    """Project generated and real frames on the directions of their first canonical correlation (GENEA).
+
+    Args:
+        generated, real: (T, ...) frames, clip by clip; of a pair the frames that both have are used.
+        recordings: recording of each clip; the directions are fitted on one half of the recordings, drawn by `seed`,
+            and the other half is projected. Without, all frames are fitted and projected, which is the global score of
+            GENEA and rises with the number of dimensions.
+        shrinkage: weight of the identity mixed into the correlations of either side; 0 is the plain analysis.
+        seed: seed of the halves.
+        first_frame: first frame that is scored; those before it were given to the model.
+
+    Returns:
+        {index of a projected clip: (frames, 2) projections}; empty where there is nothing to fit. The correlation of
+        the two columns is the score.
+    """
+    sides = [[_flat(clip, first_frame) for clip in side] for side in (generated, real)]
+    lengths = [min(len(x), len(y)) for x, y in zip(*sides, strict=True)]
+    xs, ys = ([clip[:length] for clip, length in zip(side, lengths, strict=True)] for side in sides)
+    fitted = projected = range(len(xs))
+    if recordings is not None:
+        names = np.random.default_rng(seed).permutation(np.unique(recordings))
+        is_first = np.isin(recordings, names[: len(names) // 2])
+        fitted, projected = np.flatnonzero(is_first).tolist(), np.flatnonzero(~is_first).tolist()
+    if not sum(lengths[clip] for clip in fitted):
+        return {}
+    x, y = (np.concatenate([side[clip] for clip in fitted]) for side in (xs, ys))
+    first, second = _canonical_weights(x, y, shrinkage)
+    return {clip: np.stack([xs[clip] @ first, ys[clip] @ second], axis=1) for clip in projected}
+
+
+def _canonical_weights(x: np.ndarray, y: np.ndarray, shrinkage: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the two directions whose projections of (n, d) and (n, e) correlate most; 0 on constant dimensions."""
+    scaled, roots, scales = [], [], []
+    for side in (x, y):
+        spread = side.std(axis=0)
+        scale = np.where(spread > _CONSTANT, 1 / np.maximum(spread, _CONSTANT), 0)
+        values = (side - side.mean(axis=0)) * scale
+        correlations = (1 - shrinkage) * values.T @ values / len(values) + shrinkage * np.diag(scale > 0)
+        variances, axes = np.linalg.eigh(correlations)
+        roots.append((axes * np.where(variances > _RANK, 1 / np.sqrt(np.maximum(variances, _RANK)), 0)) @ axes.T)
+        scaled.append(values)
+        scales.append(scale)
+    cross = roots[0].T @ (scaled[0].T @ scaled[1] / len(x)) @ roots[1]
+    left, _, right = np.linalg.svd(cross, full_matrices=False)
+    return scales[0] * (roots[0] @ left[:, 0]), scales[1] * (roots[1] @ right[0])
+
+
+def _flat(values: np.ndarray, first_frame: int) -> np.ndarray:
+    """Return the scored frames as rows (frames, dimensions) in float64."""
+    scored = np.asarray(values, np.float64)[first_frame:]
+    return scored.reshape(len(scored), int(np.prod(scored.shape[1:])))
+
+
+def _correlation_with_truth(row: Row) -> Statistic | None:
+    """Return the correlation for any draw of recordings; None without a counterpart or a second recording."""
+    reference = row.reference
+    if not row.has_counterpart or reference.num_recordings < 2:
+        return None
+    names = reference.recordings[row.numbers]
+    pairs = canonical_pairs(row.positions, row.true_positions, names, seed=reference.seed)
+    together = np.concatenate([np.zeros((0, 2)), *pairs.values()])
+    if len(together) < 2:
+        return None
+    sums, centre = np.zeros((reference.num_recordings, 6)), together.mean(axis=0)
+    for clip, projections in pairs.items():
+        x, y = (projections - centre).T
+        sums[row.members[clip]] += len(x), x.sum(), y.sum(), x @ x, y @ y, x @ y
+    return lambda counts: correlation_of_sums(counts @ sums)
+
+
+def correlation_of_sums(sums: np.ndarray) -> float:
+    """Return the Pearson correlation from count, sums, sums of squares and of products; 0 where a side is constant."""
+    count, x, y, xx, yy, xy = sums
+    if count < 2:
+        return np.nan
+    scale = np.sqrt(max(xx - x * x / count, 0) * max(yy - y * y / count, 0))
+    return float((xy - x * y / count) / scale) if scale > 1e-9 else 0.0
+
+
+CCA = Metric("cca", "CCA", "", "higher", RECONSTRUCTION, 3, _correlation_with_truth, is_paired=True)

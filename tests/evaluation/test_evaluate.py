@@ -14,7 +14,7 @@ from ha2g_jax.evaluation.flags import flags
 from ha2g_jax.evaluation.rows import make_rows
 from ha2g_jax.metrics import frechet
 from ha2g_jax.metrics.frechet import RecordingMoments
-from ha2g_jax.metrics.latents import Cut, Latents, choose_cut
+from ha2g_jax.metrics.row import Cut, Latents, choose_cut
 from ha2g_jax.metrics.sanity import (
     FROZEN,
     HALF,

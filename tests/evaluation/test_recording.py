@@ -10,14 +10,14 @@ from ha2g_jax.evaluation.evaluate import measure
 from ha2g_jax.evaluation.inputs import evaluate_recording
 from ha2g_jax.evaluation.intervals import score_as_json
 from ha2g_jax.evaluation.table import as_markdown, as_table
-from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.beats import strokes
 
 CLICKS = np.cumsum(np.random.default_rng(3).uniform(0.45, 1.1, 70))
 SECONDS = 50
 
 
 def score(audio: np.ndarray, wrists: np.ndarray) -> dict:
-    row = beats.recording_row(audio, wrists, 15)
+    row = strokes.recording_row(audio, wrists, 15)
     return {name.removeprefix("recording_"): score_as_json(found) for name, found in measure(row, "recording").items()}
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.beat2 import EDGE, FPS, UPPER_BODY, beat_consistency
-from ha2g_jax.metrics.beats.rests import mean_speeds
+from ha2g_jax.metrics.beats.rests import EDGE, FPS, UPPER_BODY, beat_consistency, mean_speeds
 from ha2g_jax.metrics.kinematics import l1_diversity
 
 

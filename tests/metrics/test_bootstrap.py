@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.metrics import frechet
-from ha2g_jax.metrics.bootstrap import Interval, bootstrap
-from ha2g_jax.metrics.latents import Cut, Latents
-from ha2g_jax.metrics.row import mean_by_recording
+from ha2g_jax.metrics.row import Cut, Latents, mean_by_recording
+from ha2g_jax.metrics.uncertainty import Interval, bootstrap
 
 X = np.random.default_rng(0).normal(size=200) + 3
 EACH = np.arange(200)

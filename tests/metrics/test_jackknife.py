@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.jackknife import jackknife
+from ha2g_jax.metrics.uncertainty import jackknife
 
 X = np.random.default_rng(0).normal(size=200)
 

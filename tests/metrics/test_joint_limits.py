@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.metrics import joint_limits
+from ha2g_jax.metrics import kinematics
 from ha2g_jax.skeleton import joint_angles, load_skeleton, normalize
 
 RNG = np.random.default_rng(0)
 TRAINING = np.stack([np.linspace(0, 1, 1001), np.linspace(1, 3, 1001)], axis=1)
-LIMITS = joint_limits.training_limits(TRAINING)
+LIMITS = kinematics.training_limits(TRAINING)
 
 
-def violations(angles, limits=LIMITS, **options) -> joint_limits.Violations:
-    return joint_limits.violations(joint_limits.violation_counts(angles, limits, **options))
+def violations(angles, limits=LIMITS, **options) -> kinematics.Violations:
+    return kinematics.violations(kinematics.violation_counts(angles, limits, **options))
 
 
 def test_limits_by_hand():
@@ -39,9 +39,9 @@ def test_few_of_the_training_frames_violate_their_own_limits():
 
 def test_counts_of_clips_add_up():
     clips = [RNG.normal(1, 1, (frames, 2)) for frames in (9, 20, 3, 30)]
-    counts = np.stack([joint_limits.violation_counts(clip, LIMITS) for clip in clips])
+    counts = np.stack([kinematics.violation_counts(clip, LIMITS) for clip in clips])
     together = np.concatenate([clip[4:] for clip in clips])
-    found = joint_limits.violations(counts.sum(axis=0))
+    found = kinematics.violations(counts.sum(axis=0))
     assert found == violations(together, first_frame=0)
     assert 0 < found.mean < found.any < 1
 
@@ -51,7 +51,7 @@ def test_counts_of_clips_add_up():
 def test_turning_the_body_changes_nothing(seed):
     skeleton, rng = load_skeleton("ted_expressive"), np.random.default_rng(seed)
     directions = normalize(skeleton.mean_directions + rng.normal(0, 0.3, (30, skeleton.num_bones, 3)))
-    limits = joint_limits.training_limits(joint_angles(skeleton, directions[:20]))
+    limits = kinematics.training_limits(joint_angles(skeleton, directions[:20]))
     turned = directions @ Rotation.from_rotvec(rng.normal(size=3)).as_matrix().T
     expected = violations(joint_angles(skeleton, directions), limits)
     assert expected.any > 0
@@ -61,7 +61,7 @@ def test_turning_the_body_changes_nothing(seed):
 
 def test_motion_that_stands_still_is_within_limits_of_its_own():
     still = np.full((30, 2), 0.7)
-    assert violations(still, joint_limits.training_limits(still)) == (0, 0, 0, 0)
+    assert violations(still, kinematics.training_limits(still)) == (0, 0, 0, 0)
 
 
 def test_undefined_without_frames():
@@ -72,5 +72,5 @@ def test_undefined_without_frames():
 def test_inputs_are_not_modified():
     angles = RNG.normal(size=(20, 2))
     before = [x.tobytes() for x in (angles, TRAINING)]
-    violations(angles, joint_limits.training_limits(TRAINING))
+    violations(angles, kinematics.training_limits(TRAINING))
     assert [x.tobytes() for x in (angles, TRAINING)] == before

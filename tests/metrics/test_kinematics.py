@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from sklearn.cross_decomposition import CCA
 
-from ha2g_jax.metrics import canonical, kinematics, speeds
+from ha2g_jax.metrics import kinematics, reconstruction
 
 FPS = 15
 RNG = np.random.default_rng(0)
@@ -26,23 +26,25 @@ def walks(count: int, frames: int = 34, joints: int = 3, scale: float = 0.02) ->
     return [np.cumsum(RNG.normal(0, scale, (frames, joints, 3)), axis=0) for _ in range(count)]
 
 
-def hellinger(clips, reference, fps, *, bins: int | np.ndarray = speeds.NUM_BINS, first_frame: int = 4) -> float:
+def hellinger(clips, reference, fps, *, bins: int | np.ndarray = kinematics.NUM_BINS, first_frame: int = 4) -> float:
     """Distance of two sets of clips, with edges at quantiles of the reference or given ones."""
-    edges = speeds.speed_edges(reference, fps, bins=bins, first_frame=first_frame) if isinstance(bins, int) else bins
+    edges = (
+        kinematics.speed_edges(reference, fps, bins=bins, first_frame=first_frame) if isinstance(bins, int) else bins
+    )
     sides = [
-        np.sum([speeds.speed_counts(clip, edges, fps, first_frame=first_frame) for clip in side], axis=0)
+        np.sum([kinematics.speed_counts(clip, edges, fps, first_frame=first_frame) for clip in side], axis=0)
         for side in (clips, reference)
     ]
-    return speeds.histogram_distance(*sides)
+    return kinematics.histogram_distance(*sides)
 
 
 def cca(generated, real, recordings=None, **options) -> float:
     """Correlation of all projected frames, as the table has it."""
-    pairs = canonical.canonical_pairs(generated, real, recordings, **options)
+    pairs = reconstruction.canonical_pairs(generated, real, recordings, **options)
     together = np.concatenate([np.zeros((0, 2)), *pairs.values()])
     x, y = (together - together.mean(axis=0)).T if len(together) else np.zeros((2, 0))
     sums = np.array([len(x), x.sum(), y.sum(), x @ x, y @ y, x @ y])
-    return canonical.correlation_of_sums(sums)
+    return reconstruction.correlation_of_sums(sums)
 
 
 @pytest.mark.parametrize("fps", [15, 30, 60])
@@ -119,8 +121,8 @@ def test_hellinger_distance_by_hand_with_fixed_bins():
 
 def test_bins_at_quantiles_hold_equally_many_real_speeds_and_an_unreached_overflow():
     real = walks(20)
-    edges = speeds.speed_edges(real, FPS, bins=10)
-    counts = np.sum([speeds.speed_counts(clip, edges, FPS) for clip in real], axis=0)
+    edges = kinematics.speed_edges(real, FPS, bins=10)
+    counts = np.sum([kinematics.speed_counts(clip, edges, FPS) for clip in real], axis=0)
     assert counts.sum() == 20 * 29 * 3
     np.testing.assert_array_equal(counts[:, 1:-1], 58)
     assert not counts[:, [0, -1]].any()
@@ -176,11 +178,11 @@ def test_held_out_sources_show_no_relation_where_there_is_none():
 def test_a_source_is_fitted_or_scored_but_not_both():
     sources, real = ["a", "b", "a", "b"], walks(4)
     generated = [clip + RNG.normal(0, 0.1, clip.shape) for clip in real]
-    pairs = canonical.canonical_pairs(generated, real, sources)
+    pairs = reconstruction.canonical_pairs(generated, real, sources)
     effects = []
     for changed in range(4):
         clips = [RNG.normal(size=clip.shape) if i == changed else clip for i, clip in enumerate(generated)]
-        others = canonical.canonical_pairs(clips, real, sources)
+        others = reconstruction.canonical_pairs(clips, real, sources)
         effects.append([not np.array_equal(x, y) for x, y in zip(others.values(), pairs.values(), strict=True)])
     # A clip that was fitted changes both scored ones; a scored one only itself.
     assert sorted(effects) == [[False, True], [True, False], [True, True], [True, True]]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.multiple_tests import holm
+from ha2g_jax.metrics.uncertainty import holm
 
 
 def test_by_hand():

@@ -20,7 +20,7 @@ from ha2g_jax.apps.user_study.observations import Choices, Ratings, mismatches_o
 from ha2g_jax.apps.user_study.shares import Share, share
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.intervals import number
-from ha2g_jax.metrics.multiple_tests import holm
+from ha2g_jax.metrics.uncertainty import holm
 
 KEY_FILE = "key.json"
 """Name of the key in the folder of a study."""

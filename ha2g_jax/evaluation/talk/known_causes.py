@@ -17,7 +17,7 @@ from ha2g_jax.evaluation.identity import clip_identity
 from ha2g_jax.evaluation.intervals import score_as_json
 from ha2g_jax.evaluation.talk import probe, scores
 from ha2g_jax.evaluation.talk.scores import Trial, Truth
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow
+from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model

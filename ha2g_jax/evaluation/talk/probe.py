@@ -16,7 +16,7 @@ from sklearn.preprocessing import StandardScaler
 
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import lexicon
-from ha2g_jax.metrics.known_causes import Predictions
+from ha2g_jax.metrics.causes import Predictions
 
 __all__ = ["Predictions", "ProbeWords", "collect_words", "predict"]
 

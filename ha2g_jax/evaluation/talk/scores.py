@@ -9,9 +9,9 @@ from ha2g_jax import metrics
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import anatomy, lexicon
 from ha2g_jax.data.talk.style import Style
-from ha2g_jax.metrics import beats, known_causes
-from ha2g_jax.metrics.jackknife import Estimate, jackknife
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow, expected_match
+from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
+from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, expected_match, hand_shape, movement, shown_flexions
+from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 
 CLASSES = tuple(lexicon.HAND_SHAPES)
@@ -76,16 +76,16 @@ class Trial(NamedTuple):
 
 def observe(skeleton: Skeleton, directions: np.ndarray, fps: float) -> Observed:
     """Return wrists, beats and fingers of a motion (T, bones, 3)."""
-    wrists = beats.wrists(skeleton, directions)
-    return Observed(wrists, beats.stroke_beats(wrists, fps), anatomy.finger_flexions(skeleton, directions))
+    wrists = wrist_positions(skeleton, directions)
+    return Observed(wrists, stroke_beats(wrists, fps), anatomy.finger_flexions(skeleton, directions))
 
 
 def known_truth(skeleton: Skeleton, clip: Clip, fps: float) -> Truth:
     """Return the known causes of a clip's motion."""
     strokes = np.array(sorted(stroke.time for stroke in clip.strokes if stroke.kind == "beat"))
-    wrists = beats.wrists(skeleton, positions_to_directions(skeleton, clip.positions))
-    moves = beats.stroke_beats(wrists, fps)
-    others = moves[np.abs(moves[:, None] - strokes[None]).min(axis=1, initial=np.inf) > beats.TOLERANCE]
+    wrists = wrist_positions(skeleton, positions_to_directions(skeleton, clip.positions))
+    moves = stroke_beats(wrists, fps)
+    others = moves[np.abs(moves[:, None] - strokes[None]).min(axis=1, initial=np.inf) > TOLERANCE]
     return Truth(clip, strokes, np.sort(np.concatenate([strokes, others])), len(clip.positions))
 
 
@@ -106,7 +106,7 @@ def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow
         shapes=np.array([(word.shown, word.true) for word in words], int).reshape(-1, 2),
         flexions=np.array([(word.flexions, _SHAPES[word.true]) for word in words]).reshape(-1, 2, _SHAPES.shape[1]),
         word_clips=np.array([word.clip for word in words]),
-        seen=np.array([known_causes.movement(trial.observed.wrists, fps) for trial in trials]),
+        seen=np.array([movement(trial.observed.wrists, fps) for trial in trials]),
         asked=np.array([trial.truth.clip.style for trial in trials])[:, _STYLE],
         speakers=np.array([trial.truth.clip.speaker for trial in trials]),
     )
@@ -158,13 +158,13 @@ def measure_causes(row: CauseRow) -> dict[str, Estimate]:
 
 
 def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.ndarray:
-    """Return rows of `beats.Matches` (trials, 4) of beat strokes in the time that clip and motion have in common."""
+    """Return rows of `Matches` (trials, 4) of beat strokes in the time that clip and motion have in common."""
     counts = []
     for trial in trials:
         start, end = _shared_time(trial, fps, first_frame)
         times = (trial.truth.strokes, trial.truth.causes, trial.observed.beats)
         strokes, causes, moves = (x[(x >= start) & (x < end)] for x in times)
-        counts.append(beats.match(strokes, causes, moves))
+        counts.append(match(strokes, causes, moves))
     return np.array(counts, float).reshape(-1, 4)
 
 
@@ -176,8 +176,8 @@ def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> list[W
         for stroke in trial.truth.clip.strokes:
             if stroke.kind == "semantic" and start <= stroke.time < end:
                 hands = trial.observed.flexions[:, _HANDS[stroke.hand]]
-                flexions = known_causes.shown_flexions(hands, stroke.time, fps)
-                shown = known_causes.hand_shape(flexions, _SHAPES)
+                flexions = shown_flexions(hands, stroke.time, fps)
+                shown = hand_shape(flexions, _SHAPES)
                 true = CLASSES.index(stroke.word_class)
                 words.append(Word(trial.truth.clip.id, shown, true, flexions.mean(axis=0)))
     return words

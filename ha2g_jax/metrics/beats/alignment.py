@@ -11,8 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.metrics.beats.stops import Clip
 from ha2g_jax.metrics.beats.times import SIGMA, kernel, nearest
+
+
+class Clip(NamedTuple):
+    """Motion beats and onsets of one clip.
+
+    Attributes:
+        beats: (m,) times of the motion beats in seconds.
+        onsets: (k,) times of the onsets of the sound in seconds.
+        start, end: bounds in seconds of what is scored; a time outside of them is no neighbour either.
+    """
+
+    beats: np.ndarray
+    onsets: np.ndarray
+    start: float
+    end: float
 
 
 class Alignment(NamedTuple):
@@ -105,3 +119,117 @@ def harmonic_mean(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _kernel_sums(times: Times, others: Times, sigma: float) -> np.ndarray:
     distances = nearest(times.values, others.values, times.owners, others.owners)
     return np.bincount(times.owners, kernel(distances, sigma), minlength=len(times.counts))
+
+
+# Tries for each one that is drawn; a motion whose tries all fail is handled on its own.
+_TRIES = 4
+_ROUNDING = 1e-9  # seconds
+
+
+def partners(
+    clips: Sequence[Clip], recordings: Sequence[str | int] | np.ndarray, *, num: int = 5, seed: int = 0
+) -> np.ndarray:
+    """Draw other clips for each clip from those with sound, of another recording, that last as long.
+
+    A clip is drawn once at most. Where fewer than `num` last as long, the longest of the shorter ones make up for them.
+    The draw does not depend on the motion, so methods that are compared on the same clips get the same partners.
+
+    Args:
+        clips: n clips.
+        recordings: (n,) recording that each clip was cut from.
+        num: number of other clips for each clip.
+        seed: seed of the draw.
+
+    Returns:
+        (n, num) indices of clips, -1 where there are fewer of another recording.
+    """
+    rng = np.random.default_rng(seed)
+    _, codes = np.unique(np.asarray(recordings), return_inverse=True)
+    seconds = durations(clips)
+    pool = np.flatnonzero(inside(clips, "onsets").counts)
+    pool = pool[np.argsort(-seconds[pool], kind="stable")]
+    as_long = np.searchsorted(-seconds[pool], _ROUNDING - seconds, side="right")
+    drawn = np.full((len(seconds), num), -1)
+    if not num or not len(pool):
+        return drawn
+    tries = (rng.random((len(seconds), _TRIES * num)) * as_long[:, None]).astype(int)
+    is_bad = (codes[pool[tries]] == codes[:, None]) | _is_repeated(tries) | (as_long == 0)[:, None]
+    is_full = np.count_nonzero(~is_bad, axis=1) >= num
+    first_good = np.argsort(is_bad[is_full], axis=1, kind="stable")[:, :num]
+    drawn[is_full] = pool[np.take_along_axis(tries[is_full], first_good, axis=1)]
+    for clip in np.flatnonzero(~is_full):
+        others = np.flatnonzero(codes[pool] != codes[clip])
+        candidates = others[: max(num, np.count_nonzero(others < as_long[clip]))]
+        chosen = rng.choice(candidates, min(num, len(candidates)), replace=False)
+        drawn[clip, : len(chosen)] = pool[chosen]
+    return drawn
+
+
+def mismatched(
+    clips: Sequence[Clip],
+    recordings: Sequence[str | int] | np.ndarray,
+    num: int = 5,
+    seed: int = 0,
+    *,
+    sigma: float = SIGMA,
+) -> np.ndarray:
+    """Compute the F of each clip (n,) with the sound of other clips, as the mean over `num` of them.
+
+    The other clips are of another recording, have sound, and last as long or longer, cut to the clip's length (where
+    there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean.
+
+    Args:
+        clips: n clips.
+        recordings: (n,) recording that each clip was cut from.
+        num: number of other clips for each clip.
+        seed: seed of the draw, which also depends on the times and onsets of the clips, not on the motion.
+        sigma: width of the kernel in seconds.
+
+    Returns:
+        (n,) values, NaN where there is no sound of another recording.
+    """
+    return with_partners(clips, partners(clips, recordings, num=num, seed=seed), sigma=sigma)
+
+
+def with_partners(clips: Sequence[Clip], others: np.ndarray, *, sigma: float = SIGMA) -> np.ndarray:
+    """Compute the mean F (n,) of each clip with the sound of the clips (n, num) that `partners` drew for it."""
+    moves, sounds, seconds = inside(clips, "beats"), inside(clips, "onsets"), durations(clips)
+    total, count = np.zeros(len(clips)), np.zeros(len(clips), int)
+    for other in others.T:
+        f = score(moves, _sounds_of(other, sounds, seconds), seconds, sigma).f
+        is_scored = ~np.isnan(f)
+        total[is_scored] += f[is_scored]
+        count += is_scored
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _sounds_of(other: np.ndarray, sounds: Times, seconds: np.ndarray) -> Times:
+    """Return the onsets of other clips (n,), cut or repeated to the seconds (n,) of each clip; none for other = -1."""
+    clips = np.flatnonzero(other >= 0)
+    lengths = np.maximum(seconds[other[clips]], _ROUNDING)
+    copies = np.maximum(np.ceil(seconds[clips] / lengths - _ROUNDING), 1).astype(int)
+    copy, pair = _count_up(copies)
+    counts = sounds.counts[other[clips]]
+    within, copied = _count_up(counts[pair])
+    firsts = (np.cumsum(sounds.counts) - sounds.counts)[other[clips]]
+    values = sounds.values[firsts[pair][copied] + within] + (copy * lengths[pair])[copied]
+    owners = clips[pair][copied]
+    is_inside = values < seconds[owners]
+    return Times(values[is_inside], owners[is_inside], np.bincount(owners[is_inside], minlength=len(seconds)))
+
+
+def _count_up(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return 0 to count - 1 of each count, end to end, and the index of the count that each belongs to."""
+    owners = np.repeat(np.arange(len(counts)), counts)
+    return np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts), owners
+
+
+def _is_repeated(rows: np.ndarray) -> np.ndarray:
+    """Mark what stands further left in the row already."""
+    order = np.argsort(rows, axis=1, kind="stable")
+    ordered = np.take_along_axis(rows, order, axis=1)
+    is_same = np.zeros(rows.shape, bool)
+    is_same[:, 1:] = ordered[:, 1:] == ordered[:, :-1]
+    repeated = np.empty_like(is_same)
+    np.put_along_axis(repeated, order, is_same, axis=1)
+    return repeated

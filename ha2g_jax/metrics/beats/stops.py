@@ -1,29 +1,150 @@
-"""Motion beats as stops of the body: the minima of the angle change rate (HA2G, section 4.3)."""
+"""Motion beats as stops of the body: minima of the angle change rate (HA2G, section 4.3), and beat consistency.
 
-from collections.abc import Sequence
-from typing import NamedTuple
+The angle change rate (Eq. 10 and 13) is the speed of the joint angles, each in units of its usual change: 1 for motion
+as lively as the training set, whatever the skeleton and the frame rate. The rate between frames t and t + 1 belongs to
+the time (t + 1/2) / fps.
+
+Beat consistency (BC, Eq. 11, supplement E) asks only whether each onset has a motion beat near it. Jitter, which has a
+motion beat everywhere, scores highest, so that BC is read beside the number of motion beats, and `alignment` has the
+score to report. Where the paper is silent: motion beats are minima and lie between the two frames that the change is
+of, onsets of all clips have one vote each, and a motionless clip counts as 0.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ha2g_jax.metrics.beats.times import minima
+from ha2g_jax.metrics.beats.alignment import Alignment, Clip, align
+from ha2g_jax.metrics.beats.times import SIGMA, minima
+from ha2g_jax.skeleton import Skeleton
+
+CHANGE_FPS = 15  # frames per second at which `Skeleton.angle_change` was measured
+
+# An angle that changes by less per frame, over pi, is rigid: all of the change is rounding. The least in TED is 1e-3.
+_MIN_CHANGE = 1e-5
+_MIN_NORM = 1e-8
+# Frames worked on at once, so that their data stay in the cache of a core and memory does not grow with the motion.
+_BLOCK = 384
+
+
+def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.ndarray:
+    """Compute the mean absolute angle change of each angle pair (MAAC, Eq. 10),
+
+        sum_s sum_t |theta_j,s(t + 1) - theta_j,s(t)| / sum_s (T_s - 1)
+
+    Args:
+        skeleton: skeleton with the angle pairs.
+        clips: direction vectors (T, bones, 3) of each clip, of any positive length; clips may differ in T.
+
+    Returns:
+        (pairs,) over pi and per frame, at the fps of the clips; 0 where no clip has two frames.
+    """
+    total, count = np.zeros(len(skeleton.angle_pairs)), 0
+    for changes in _changes(skeleton, clips):
+        total += changes.sum(axis=1)
+        count += changes.shape[1]
+    return total / max(count, 1)
+
+
+def angle_change_rate(
+    skeleton: Skeleton, directions: np.ndarray, change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
+) -> np.ndarray:
+    """Compute the angle change rate (Eq. 13), the mean over pairs of |theta_j(t + 1) - theta_j(t)| / MAAC(theta_j).
+
+    Rigid pairs (MAAC below 1e-5) are left out of the mean.
+
+    Args:
+        skeleton: skeleton with the angle pairs.
+        directions: (..., T, bones, 3) direction vectors, of any positive length.
+        change: (pairs,) MAAC over pi, per frame at the fps of the motion. The default is that of the skeleton, which is
+            at 15 fps, times 15 / fps: angles that change as fast per second change that much less per frame.
+        fps: frames per second of the motion; it matters only where `change` is not given.
+
+    Returns:
+        (..., T - 1) float64, no unit.
+    """
+    *batch, num_frames, bones, axes = directions.shape
+    clips = directions.reshape(math.prod(batch), num_frames, bones, axes)
+    values = _rates(skeleton, clips, _weights(skeleton, change, fps))
+    return values.reshape(*batch, max(num_frames - 1, 0))
+
+
+def angle_change_rates(
+    skeleton: Skeleton, clips: Iterable[np.ndarray], change: np.ndarray | None = None, *, fps: float = CHANGE_FPS
+) -> list[np.ndarray]:
+    """Compute the angle change rate (T - 1,) of each of several clips (T, bones, 3) that may differ in T."""
+    lengths = []
+
+    def counted() -> Iterator[np.ndarray]:
+        for clip in clips:
+            lengths.append(max(len(clip) - 1, 0))
+            yield clip
+
+    values = _rates(skeleton, counted(), _weights(skeleton, change, fps))
+    return np.split(values, np.cumsum(lengths)[:-1]) if lengths else []
+
+
+def _weights(skeleton: Skeleton, change: np.ndarray | None, fps: float) -> np.ndarray:
+    """Return the (pairs,) weights of the absolute changes in the rate."""
+    scale = CHANGE_FPS / fps if change is None else 1.0
+    per_frame = np.asarray(skeleton.angle_change if change is None else change, np.float64)
+    moves = per_frame >= _MIN_CHANGE
+    return np.where(moves, 1 / np.where(moves, per_frame * scale, 1), 0) / max(np.count_nonzero(moves), 1)
+
+
+def _rates(skeleton: Skeleton, clips: Iterable[np.ndarray], weights: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.zeros(0), *(weights @ changes for changes in _changes(skeleton, clips))])
+
+
+def _changes(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Yield blocks (pairs, steps) of |theta(t + 1) - theta(t)| / pi, through all steps of all clips in order."""
+    for frames, is_step in _blocks(clips):
+        yield np.abs(np.diff(_angles(skeleton, frames), axis=1))[:, is_step]
+
+
+def _blocks(clips: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield frames (m, bones, 3) of clips end to end, and whether each of the m - 1 steps is within a clip."""
+    parts: list[np.ndarray] = []
+    size = 0
+    for clip in clips:
+        # Parts of a long clip share a frame, so that no step is lost.
+        for start in range(0, max(len(clip) - 1, 0), _BLOCK):
+            part = clip[start : start + _BLOCK + 1]
+            parts.append(part)
+            size += len(part)
+            if size >= _BLOCK:
+                yield _joined(parts)
+                parts, size = [], 0
+    if parts:
+        yield _joined(parts)
+
+
+def _joined(parts: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    frames = np.concatenate(parts) if len(parts) > 1 else parts[0]
+    is_step = np.ones(len(frames) - 1, bool)
+    is_step[np.cumsum([len(part) for part in parts[:-1]], dtype=int) - 1] = False
+    return frames, is_step
+
+
+def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
+    """Compute the angles (pairs, m) over pi of frames (m, bones, 3).
+
+    `skeleton.joint_angles` stays away from parallel bones because of its gradient; here they are exact. Frames come
+    last, as numpy is fastest along long rows.
+    """
+    vectors = np.ascontiguousarray(frames.transpose(1, 2, 0), np.float64)
+    if skeleton.palms:
+        first, second = (vectors[list(bones)] for bones in zip(*skeleton.palms, strict=True))
+        vectors = np.concatenate([vectors, np.cross(first, second, axis=1)])
+    lengths = np.sqrt(np.maximum(np.einsum("bcm,bcm->bm", vectors, vectors), _MIN_NORM**2))
+    first, second = (list(bones) for bones in zip(*skeleton.angle_pairs, strict=True))
+    dots = np.einsum("pcm,pcm->pm", vectors[first], vectors[second])
+    return np.arccos(np.clip(dots / (lengths[first] * lengths[second]), -1, 1)) / np.pi
+
 
 THRESHOLD = 0.03  # rise of the angle change rate on both sides of a motion beat
 FIRST_FRAME = 4  # frames before it are the seed poses
-
-
-class Clip(NamedTuple):
-    """Motion beats and onsets of one clip.
-
-    Attributes:
-        beats: (m,) times of the motion beats in seconds.
-        onsets: (k,) times of the onsets of the sound in seconds.
-        start, end: bounds in seconds of what is scored; a time outside of them is no neighbour either.
-    """
-
-    beats: np.ndarray
-    onsets: np.ndarray
-    start: float
-    end: float
 
 
 def stop_beats(
@@ -81,3 +202,47 @@ def find_stops(
     owners = np.repeat(np.arange(len(lengths)), lengths)[found.sample]
     frames = first_frame + found.sample - starts[owners] + found.offset + 0.5
     return frames / np.broadcast_to(fps, len(lengths))[owners], owners, found.rise
+
+
+def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
+    """Return the indices of samples below both neighbours, and below at least one of them by the threshold.
+
+    Args:
+        rate: (n,) angle change rate.
+        threshold: least rise to the next sample on either side.
+    """
+    before, after = rate[:-2] - rate[1:-1], rate[2:] - rate[1:-1]
+    is_low = (before > 0) & (after > 0) & ((before >= threshold) | (after >= threshold))
+    return 1 + np.flatnonzero(is_low)
+
+
+def consistency(
+    rates: Sequence[np.ndarray] | np.ndarray,
+    onsets: Sequence[np.ndarray],
+    fps: float | np.ndarray,
+    *,
+    first_frame: int = FIRST_FRAME,
+    threshold: float = THRESHOLD,
+    sigma: float = SIGMA,
+) -> Alignment:
+    """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
+
+    Args:
+        rates: (T - 1,) angle change rate of each clip, from `angle_change_rates`.
+        onsets: (k,) onsets of each clip in seconds from frame 0.
+        fps: frames per second, of all clips or (n,).
+        first_frame: first frame that is looked at.
+        threshold: least rise of the rate to the next frame, on either side of a motion beat.
+        sigma: width of the kernel in seconds.
+    """
+    clips = []
+    for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):
+        samples = first_frame + low_samples(curve[first_frame:], threshold)
+        clips.append(Clip((samples + 0.5) / rate, sounds, first_frame / rate, (len(curve) + 1) / rate))
+    return align(clips, sigma=sigma)
+
+
+def beat_consistency(alignment: Alignment) -> float:
+    """Return BC, the mean of the kernel over the onsets of all clips; NaN without an onset."""
+    count = int(alignment.num_onsets.sum())
+    return float(alignment.onset_sum.sum() / count) if count else float("nan")

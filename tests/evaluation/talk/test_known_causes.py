@@ -29,9 +29,9 @@ from ha2g_jax.evaluation.talk.scores import (
     without_speakers,
     word_shapes,
 )
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.jackknife import Estimate
-from ha2g_jax.metrics.known_causes import PROBE_ACCURACY, CauseRow, gain
+from ha2g_jax.metrics.beats import strokes
+from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, gain
+from ha2g_jax.metrics.uncertainty import Estimate
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.synthesis import Model
 
@@ -137,7 +137,7 @@ def test_random_motion_gains_nothing_over_mismatched_speech():
     rng = np.random.default_rng(0)
     truths = [truth_of(str(index), np.sort(rng.uniform(0, 20, 20))) for index in range(60)]
     jitter = [
-        Observed(wrists, beats.stroke_beats(wrists, 15), np.zeros((300, 2, 5)))
+        Observed(wrists, strokes.stroke_beats(wrists, 15), np.zeros((300, 2, 5)))
         for wrists in rng.normal(0, 0.05, (60, 300, 2, 3))
     ]
     own, mismatched = (
@@ -145,7 +145,7 @@ def test_random_motion_gains_nothing_over_mismatched_speech():
         for motions in (jitter, jitter[1:] + jitter[:1])
     )
     value, error = gain(own, mismatched, np.array([truth.clip.id for truth in truths]))
-    assert beats.recall(own) > 0.3
+    assert strokes.recall(own) > 0.3
     assert abs(value) < 3 * error < 0.1
     assert np.isnan(gain(own, mismatched[:0], np.array([truth.clip.id for truth in truths]))).all()
 

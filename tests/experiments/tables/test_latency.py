@@ -16,8 +16,8 @@ from tables.request import Request
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.known_causes import CauseRow
+from ha2g_jax.metrics.beats import strokes
+from ha2g_jax.metrics.causes import CauseRow
 
 _SVG = "{http://www.w3.org/2000/svg}"
 NAMES = ("beat_f1", GAIN, "semantic_recall", ABOVE_FLOOR, "jerk_ratio", "beats_per_second")
@@ -54,8 +54,10 @@ def test_scores_without_a_recording_are_those_of_the_other_clips():
         word_clips=np.array(["a0", "a1", "b0", "b0"]),
     )
     found = leave_one_out(row, ["a", "a", "b"])
-    assert found["beat_f1"]["without"] == [beats.f1(row.counts[2:]), beats.f1(row.counts[:2])]
-    gains = [beats.f1(row.counts[part]) - beats.f1(row.mismatched[::2][part]) for part in (slice(2, 3), slice(0, 2))]
+    assert found["beat_f1"]["without"] == [strokes.f1(row.counts[2:]), strokes.f1(row.counts[:2])]
+    gains = [
+        strokes.f1(row.counts[part]) - strokes.f1(row.mismatched[::2][part]) for part in (slice(2, 3), slice(0, 2))
+    ]
     assert found[GAIN]["without"] == pytest.approx(gains)
     assert found["semantic_recall"] == {"value": 0.75, "without": [1.0, 0.5]}
     # Half of all words are of class 0; at shuffled words 1/4 x 1/2 + 1/2 x 1/4 + 1/4 x 1/4 of the shapes match.

@@ -5,8 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.beats import Clip, align, angle_change_rate, make_clips, mismatched, summary, sweep
+from ha2g_jax.metrics.beats.alignment import Clip, align, mismatched
+from ha2g_jax.metrics.beats.stops import angle_change_rate, make_clips, mean_angle_change, stop_beats
+from ha2g_jax.metrics.beats.summary import summary, sweep
+from ha2g_jax.metrics.beats.times import audio_onsets
+from ha2g_jax.metrics.legacy import VARIANTS, legacy_bc
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 SKELETON = load_skeleton("ted_expressive")
@@ -77,7 +80,7 @@ def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rule
         gains = alignment.f - floor
         found[name], error[name] = summary(alignment, floor), gains.std() / math.sqrt(300)
         gain[name] = found[name].gain
-        legacy[name] = [beats.legacy_bc(SKELETON, motion, onsets, variant=x) for x in beats.VARIANTS]
+        legacy[name] = [legacy_bc(SKELETON, motion, onsets, variant=x) for x in VARIANTS]
     assert found["white jitter"].f > 0.6  # yet all of it by chance:
     for name in ("white jitter", "sway", "sway with jitter"):
         assert abs(gain[name]) < 1.96 * error[name] < 0.025
@@ -96,14 +99,14 @@ def test_jitter_gains_nothing_over_mismatched_speech_and_wins_by_the_legacy_rule
 def test_beats_lie_where_the_arms_stop(fps, shift):
     stops = 0.6 * np.arange(-1, 9) + shift / fps  # without a shift right on a frame, but for 24 fps
     motion = swinging_arms(stopping_angles(stops, round(4 * fps), fps))
-    found = beats.stop_beats(angle_change_rate(SKELETON, motion, fps=fps), fps)
+    found = stop_beats(angle_change_rate(SKELETON, motion, fps=fps), fps)
     np.testing.assert_allclose(found * fps, stops[(stops > 0.5) & (stops < 3.9)] * fps, atol=0.1)
 
 
 def test_beats_lie_near_uneven_stops():
     stops = np.cumsum(np.random.default_rng(2).uniform(0.35, 0.7, 12)) + 0.2
     motion = swinging_arms(stopping_angles(stops, int(15 * stops[-1]) + 6))
-    found = beats.stop_beats(angle_change_rate(SKELETON, motion), FPS)
+    found = stop_beats(angle_change_rate(SKELETON, motion), FPS)
     np.testing.assert_allclose(found * FPS, stops * FPS, atol=0.6)
 
 
@@ -113,10 +116,10 @@ def test_minima_must_rise_on_both_sides_after_the_seed_poses():
     rate[8] = 0.9
     rate[11], rate[12] = 0.98, 0.99
     rate[15], rate[16] = 0.96, 0.97  # 0.04 on both sides, one of them in two steps
-    np.testing.assert_allclose(beats.stop_beats(rate, 10), [0.85, 1.55 + 0.05 * 0.03 / 0.05])
-    assert len(beats.stop_beats(rate, 10, threshold=0.01)) == 3
-    assert beats.stop_beats(rate, 10, first_frame=0)[0] == pytest.approx(0.25)
-    assert len(beats.stop_beats(rate[:5], 10)) == len(beats.stop_beats(rate[:0], 10)) == 0
+    np.testing.assert_allclose(stop_beats(rate, 10), [0.85, 1.55 + 0.05 * 0.03 / 0.05])
+    assert len(stop_beats(rate, 10, threshold=0.01)) == 3
+    assert stop_beats(rate, 10, first_frame=0)[0] == pytest.approx(0.25)
+    assert len(stop_beats(rate[:5], 10)) == len(stop_beats(rate[:0], 10)) == 0
 
 
 def test_clips_of_any_length_are_those_of_each_alone():
@@ -126,7 +129,7 @@ def test_clips_of_any_length_are_those_of_each_alone():
     fps = np.array([15, 15, 30, 25, 15, 15, 60.0])
     clips = make_clips(rates, onsets, fps)
     for rate, heard, speed, made in zip(rates, onsets, fps, clips, strict=True):
-        np.testing.assert_allclose(made.beats, beats.stop_beats(rate, speed), atol=1e-12)
+        np.testing.assert_allclose(made.beats, stop_beats(rate, speed), atol=1e-12)
         assert made.onsets is heard
         assert (made.start, made.end) == pytest.approx((4 / speed, (len(rate) + 1) / speed))
     assert sum(len(made.beats) for made in clips) > 20
@@ -209,15 +212,15 @@ def test_onsets_of_clicks_and_none_under_the_floor():
     audio = np.random.default_rng(0).normal(0, 1e-4, 3 * 16000).astype(np.float32)
     for time in (0.5, 1.25, 2.0):
         audio[round(time * 16000) :][:800] += np.hanning(800).astype(np.float32)
-    found = beats.audio_onsets(audio, 3.0)
+    found = audio_onsets(audio, 3.0)
     distances = np.abs(found[:, None] - np.array([0.5, 1.25, 2.0])[None])
     assert distances.min(axis=0).max() < 0.08 and distances.min(axis=1).max() < 0.08
-    np.testing.assert_array_equal(beats.audio_onsets(audio, 1.6), found[found < 1.6])
-    assert len(beats.audio_onsets(0.1 * audio, 3.0))
+    np.testing.assert_array_equal(audio_onsets(audio, 1.6), found[found < 1.6])
+    assert len(audio_onsets(0.1 * audio, 3.0))
     for silence in (0.001 * audio, 0 * audio, audio[:4000], audio[:0]):
-        assert len(beats.audio_onsets(silence, 3.0)) == 0
-    assert len(beats.audio_onsets(audio, 0.4)) == 0  # what is loud comes later
-    assert beats.audio_onsets(audio[8000:9500], 3.0).max(initial=0) < 0.1  # shorter than a spectrum
+        assert len(audio_onsets(silence, 3.0)) == 0
+    assert len(audio_onsets(audio, 0.4)) == 0  # what is loud comes later
+    assert audio_onsets(audio[8000:9500], 3.0).max(initial=0) < 0.1  # shorter than a spectrum
 
 
 def test_inputs_are_not_modified():
@@ -226,5 +229,5 @@ def test_inputs_are_not_modified():
     rates = angle_change_rate(SKELETON, motions["stops"])
     clips = make_clips(rates, onsets, FPS)
     summary(align(clips), mismatched(clips, np.arange(8)))
-    beats.mean_angle_change(SKELETON, motions["stops"])
+    mean_angle_change(SKELETON, motions["stops"])
     assert before == (motions["stops"].tobytes(), [times.tobytes() for times in onsets])

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.beats import angle_change
+from ha2g_jax.metrics.beats import stops
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 
@@ -29,9 +29,9 @@ def test_mean_change_and_rate_follow_their_equations(name):
     skeleton = load_skeleton(name)
     clips = motions(name, [5, 34, 1, 900, 2, 34])
     changes = [np.abs(np.diff(plain_angles(skeleton, clip), axis=0)) for clip in clips]
-    change = angle_change.mean_angle_change(skeleton, clips)
+    change = stops.mean_angle_change(skeleton, clips)
     np.testing.assert_allclose(change, np.concatenate(changes).mean(axis=0), rtol=1e-9)
-    rates = angle_change.angle_change_rates(skeleton, clips, change)
+    rates = stops.angle_change_rates(skeleton, clips, change)
     assert [len(rate) for rate in rates] == [4, 33, 0, 899, 1, 33]
     for rate, true in zip(rates, changes, strict=True):
         np.testing.assert_allclose(rate, (true / change[None]).mean(axis=1), rtol=1e-9)
@@ -41,22 +41,22 @@ def test_mean_change_and_rate_follow_their_equations(name):
 def test_the_default_constants_are_those_of_the_skeleton():
     skeleton = load_skeleton("ted_expressive")
     (clip,) = motions("ted_expressive", [20])
-    given = angle_change.angle_change_rate(skeleton, clip, skeleton.angle_change)
-    np.testing.assert_allclose(angle_change.angle_change_rate(skeleton, clip), given, rtol=1e-12)
+    given = stops.angle_change_rate(skeleton, clip, skeleton.angle_change)
+    np.testing.assert_allclose(stops.angle_change_rate(skeleton, clip), given, rtol=1e-12)
 
 
 def test_batches_and_lengths_and_precision_give_the_same_rates():
     skeleton = load_skeleton("ted_expressive")
     clips = np.stack(motions("ted_expressive", [34] * 6)).reshape(2, 3, 34, skeleton.num_bones, 3)
-    rates = angle_change.angle_change_rate(skeleton, clips)
+    rates = stops.angle_change_rate(skeleton, clips)
     assert rates.shape == (2, 3, 33) and rates.dtype == np.float64
     for part, rate in zip(clips.reshape(6, 34, -1, 3), rates.reshape(6, 33), strict=True):
-        np.testing.assert_allclose(angle_change.angle_change_rate(skeleton, part), rate, rtol=1e-12)
-        np.testing.assert_allclose(angle_change.angle_change_rate(skeleton, 3 * part), rate, rtol=1e-9)
-    single = angle_change.angle_change_rate(skeleton, clips.astype(np.float32))
+        np.testing.assert_allclose(stops.angle_change_rate(skeleton, part), rate, rtol=1e-12)
+        np.testing.assert_allclose(stops.angle_change_rate(skeleton, 3 * part), rate, rtol=1e-9)
+    single = stops.angle_change_rate(skeleton, clips.astype(np.float32))
     np.testing.assert_allclose(single, rates, rtol=1e-3)
-    assert angle_change.angle_change_rate(skeleton, clips[:, :0, :1]).shape == (2, 0, 0)
-    assert angle_change.angle_change_rates(skeleton, []) == []
+    assert stops.angle_change_rate(skeleton, clips[:, :0, :1]).shape == (2, 0, 0)
+    assert stops.angle_change_rates(skeleton, []) == []
 
 
 def test_the_rate_of_the_same_motion_does_not_depend_on_the_frame_rate():
@@ -68,12 +68,12 @@ def test_the_rate_of_the_same_motion_does_not_depend_on_the_frame_rate():
         time = np.arange(round(6 * fps))[:, None, None] / fps
         return normalize(skeleton.mean_directions[None] + 0.03 * sizes[None] * np.sin(2 * time + phases[None]))
 
-    means = [angle_change.angle_change_rate(skeleton, motion(fps), fps=fps).mean() for fps in (15, 25, 60)]
+    means = [stops.angle_change_rate(skeleton, motion(fps), fps=fps).mean() for fps in (15, 25, 60)]
     np.testing.assert_allclose(means, means[0], rtol=0.02)
-    own = [angle_change.mean_angle_change(skeleton, [motion(fps)]) for fps in (15, 60)]
+    own = [stops.mean_angle_change(skeleton, [motion(fps)]) for fps in (15, 60)]
     np.testing.assert_allclose(own[0] / own[1], 4, rtol=0.05)
     # Constants that are given are of the motion's own frame rate.
-    fast = angle_change.angle_change_rate(skeleton, motion(60), own[1], fps=60)
+    fast = stops.angle_change_rate(skeleton, motion(60), own[1], fps=60)
     assert fast.mean() == pytest.approx(1)
 
 
@@ -83,8 +83,8 @@ def test_a_rigid_pair_is_left_out():
     change = np.array([0.01, 0.0, 1e-9, 0.02])
     changes = np.abs(np.diff(plain_angles(skeleton, clip), axis=0))
     expected = (changes[:, 0] / 0.01 + changes[:, 3] / 0.02) / 2
-    np.testing.assert_allclose(angle_change.angle_change_rate(skeleton, clip, change), expected, rtol=1e-9)
-    assert not angle_change.angle_change_rate(skeleton, clip, np.zeros(4)).any()
+    np.testing.assert_allclose(stops.angle_change_rate(skeleton, clip, change), expected, rtol=1e-9)
+    assert not stops.angle_change_rate(skeleton, clip, np.zeros(4)).any()
 
 
 def test_angles_are_exact_at_parallel_bones():
@@ -93,7 +93,7 @@ def test_angles_are_exact_at_parallel_bones():
     clip = np.zeros((3, skeleton.num_bones, 3))
     clip[..., 0] = 1
     clip[:, 4, :2] = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    change = angle_change.mean_angle_change(skeleton, [clip])
+    change = stops.mean_angle_change(skeleton, [clip])
     np.testing.assert_allclose(change, np.array([1.5e-4, 1.5e-4, 0, 0]) / np.pi, rtol=1e-4)
 
 
@@ -101,10 +101,10 @@ def test_memory_does_not_grow_with_the_motion():
     skeleton = load_skeleton("ted_expressive")
     motion = np.broadcast_to(skeleton.mean_directions, (20_000, skeleton.num_bones, 3))
     tracemalloc.start()
-    angle_change.angle_change_rate(skeleton, motion.reshape(-1, 40, skeleton.num_bones, 3)[:1])
+    stops.angle_change_rate(skeleton, motion.reshape(-1, 40, skeleton.num_bones, 3)[:1])
     tracemalloc.reset_peak()
     before = tracemalloc.get_traced_memory()[0]
-    angle_change.angle_change_rate(skeleton, motion)
+    stops.angle_change_rate(skeleton, motion)
     peak = tracemalloc.get_traced_memory()[1] - before
     tracemalloc.stop()
     assert peak < 20_000 * skeleton.pose_dim * 4  # one float32 copy of the motion

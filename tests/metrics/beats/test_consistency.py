@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.beats.consistency import beat_consistency, consistency, low_samples
-from ha2g_jax.metrics.beats.legacy import legacy_motion_beats
+from ha2g_jax.metrics.beats.alignment import align, mismatched
+from ha2g_jax.metrics.beats.stops import beat_consistency, consistency, low_samples, make_clips
+from ha2g_jax.metrics.beats.summary import summary
+from ha2g_jax.metrics.legacy import legacy_motion_beats
 
 FPS = 10
 
@@ -53,7 +54,7 @@ def test_jitter_scores_higher_than_stops_at_every_other_onset():
     jitter = [random.uniform(0, 2, 60) for _ in range(50)]
     scores = [beat_consistency(consistency(rates, onsets, 15)) for rates in (jitter, stops)]
     gains = [
-        beats.summary(beats.align(clips), beats.mismatched(clips, np.arange(50))).gain
-        for clips in (beats.make_clips(rates, onsets, 15) for rates in (jitter, stops))
+        summary(align(clips), mismatched(clips, np.arange(50))).gain
+        for clips in (make_clips(rates, onsets, 15) for rates in (jitter, stops))
     ]
     assert scores[0] > scores[1] and gains[1] > 0.1 > gains[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics.beats import legacy_bc, legacy_motion_beats
+from ha2g_jax.metrics.legacy import legacy_bc, legacy_motion_beats
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 ONSETS = [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics.beats import Clip, align, mismatched, partners, with_partners
+from ha2g_jax.metrics.beats.alignment import Clip, align, mismatched, partners, with_partners
 
 
 def clip(onsets, end: float = 2.0, beats=(0.5, 1.5), start: float = 0.0) -> Clip:

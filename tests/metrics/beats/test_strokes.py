@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.metrics import beats
+from ha2g_jax.metrics.beats.strokes import (
+    f1,
+    kernel_f,
+    kernels,
+    match,
+    matched_pairs,
+    precision,
+    recall,
+    strict_f1,
+    stroke_beats,
+    wrist_positions,
+)
+from ha2g_jax.metrics.beats.times import deep_minima, detect_onsets, kernel, minima, nearest
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 15
@@ -26,13 +38,13 @@ def beating_hand(hits: np.ndarray, seconds: float, size: float = 0.1, fps: float
 @pytest.mark.parametrize("fps", [15, 30, 60])
 def test_beats_lie_where_the_hand_hits(fps):
     hits = np.array([1.0, 2.03, 3.37, 4.21, 6.5])
-    found = beats.stroke_beats(beating_hand(hits, 8, fps=fps), fps)
+    found = stroke_beats(beating_hand(hits, 8, fps=fps), fps)
     np.testing.assert_allclose(found, hits, atol=0.04)
 
 
 def test_either_hand_beats():
     wrists = beating_hand(np.array([1.0, 2.0]), 4)
-    np.testing.assert_allclose(beats.stroke_beats(wrists[:, ::-1], FPS), beats.stroke_beats(wrists, FPS))
+    np.testing.assert_allclose(stroke_beats(wrists[:, ::-1], FPS), stroke_beats(wrists, FPS))
 
 
 def test_no_beat_without_a_strike():
@@ -40,72 +52,65 @@ def test_no_beat_without_a_strike():
     rising = still * np.linspace(0, -1, 100)[:, None, None]
     faint = beating_hand(np.array([1.0, 2.0]), 4, size=0.005)
     for wrists in (still, rising, faint, still[:3], still[:0]):
-        assert len(beats.stroke_beats(wrists, FPS)) == 0
+        assert len(stroke_beats(wrists, FPS)) == 0
 
 
 def test_minima_need_a_rise_on_both_sides_and_lie_between_samples():
     curve = np.array([3.0, 1.0, 0.0, 0.5, 2.0, 1.9, 1.95, 0.0, 0.0, 4.0])
-    np.testing.assert_allclose(beats.deep_minima(curve, 1.0), [2 + 0.5 * (1.0 - 0.5) / 1.5])
-    np.testing.assert_allclose(beats.deep_minima(curve, 0.04)[1:], [5 + 0.5 * (2.0 - 1.95) / 0.15])
-    assert len(beats.deep_minima(curve, 2.5)) == 0
+    np.testing.assert_allclose(deep_minima(curve, 1.0), [2 + 0.5 * (1.0 - 0.5) / 1.5])
+    np.testing.assert_allclose(deep_minima(curve, 0.04)[1:], [5 + 0.5 * (2.0 - 1.95) / 0.15])
+    assert len(deep_minima(curve, 2.5)) == 0
 
 
 def test_each_stroke_and_each_beat_is_matched_once():
     strokes, found = np.array([1.0, 1.1, 2.0, 3.0]), np.array([1.05, 2.08, 2.09, 3.11])
-    assert beats.matched_pairs(strokes, found) == 2
-    assert beats.matched_pairs(np.array([1.0, 1.15]), np.array([0.95, 1.05])) == 2
-    assert beats.matched_pairs(strokes, np.zeros(0)) == 0
+    assert matched_pairs(strokes, found) == 2
+    assert matched_pairs(np.array([1.0, 1.15]), np.array([0.95, 1.05])) == 2
+    assert matched_pairs(strokes, np.zeros(0)) == 0
 
 
 def test_a_beat_with_another_cause_is_right_but_finds_no_stroke():
     strokes, causes, found = np.array([1.0, 3.0]), np.array([1.0, 2.0, 3.0]), np.array([1.05, 2.05, 4.0])
-    counts = np.array([beats.match(strokes, causes, found)])
+    counts = np.array([match(strokes, causes, found)])
     assert counts.tolist() == [[2, 1, 3, 2]]
-    assert beats.recall(counts) == pytest.approx(1 / 2)
-    assert beats.precision(counts) == pytest.approx(2 / 3)
-    assert beats.f1(counts) == pytest.approx(4 / 7)
-    assert beats.strict_f1(counts) == pytest.approx(2 / 5)
+    assert recall(counts) == pytest.approx(1 / 2)
+    assert precision(counts) == pytest.approx(2 / 3)
+    assert f1(counts) == pytest.approx(4 / 7)
+    assert strict_f1(counts) == pytest.approx(2 / 5)
 
 
 def test_scores_pool_the_clips_and_stillness_is_zero():
     counts = np.array([[4, 2, 2, 2], [4, 2, 6, 2]])
-    assert beats.recall(counts) == beats.precision(counts) == beats.f1(counts) == 0.5
+    assert recall(counts) == precision(counts) == f1(counts) == 0.5
     still = np.array([[4, 0, 0, 0]])
-    assert (
-        beats.f1(still)
-        == beats.precision(still)
-        == beats.recall(still)
-        == beats.f1(0 * still)
-        == beats.strict_f1(0 * still)
-        == 0
-    )
+    assert f1(still) == precision(still) == recall(still) == f1(0 * still) == strict_f1(0 * still) == 0
 
 
 def test_kernels_add_up_over_segments_and_score_the_known_distance():
     onsets, moves = np.array([1.0, 2.0, 3.0]), np.array([1.1, 3.0])
-    whole = beats.kernels(onsets, moves)
+    whole = kernels(onsets, moves)
     assert whole == pytest.approx((3, 2, np.exp(-0.5) + np.exp(-0.5 * 9**2) + 1, np.exp(-0.5) + 1))
-    parts = np.array([beats.kernels(onsets, moves, 0, 2.5), beats.kernels(onsets, moves, 2.5, 9)])
+    parts = np.array([kernels(onsets, moves, 0, 2.5), kernels(onsets, moves, 2.5, 9)])
     np.testing.assert_allclose(parts.sum(axis=0), whole)
     r, q = (np.exp(-0.5) + 1) / 3, (np.exp(-0.5) + 1) / 2
-    assert beats.kernel_f(parts) == pytest.approx(2 * r * q / (r + q))
+    assert kernel_f(parts) == pytest.approx(2 * r * q / (r + q))
 
 
 def test_alignment_of_still_motion_is_zero():
-    assert beats.kernel_f(np.array([beats.kernels(np.array([1.0, 2.0]), np.zeros(0))])) == 0
+    assert kernel_f(np.array([kernels(np.array([1.0, 2.0]), np.zeros(0))])) == 0
 
 
 def test_onsets_of_clicks():
     audio = np.random.default_rng(0).normal(0, 1e-4, 3 * 16000).astype(np.float32)
     for time in (0.5, 1.25, 2.0):
         audio[round(time * 16000) :][:800] += np.hanning(800).astype(np.float32)
-    distances = np.abs(beats.detect_onsets(audio)[:, None] - np.array([0.5, 1.25, 2.0])[None])
+    distances = np.abs(detect_onsets(audio)[:, None] - np.array([0.5, 1.25, 2.0])[None])
     assert distances.min(axis=0).max() < 0.08 and distances.min(axis=1).max() < 0.08
 
 
 def test_wrists_are_those_of_the_mean_pose():
     skeleton = load_skeleton("ted_expressive")
-    wrists = beats.wrists(skeleton, skeleton.mean_directions[None])
+    wrists = wrist_positions(skeleton, skeleton.mean_directions[None])
     assert wrists.shape == (1, 2, 3)
     assert wrists[0, 0, 0] > 0 > wrists[0, 1, 0]  # the person's left is +x
 
@@ -116,8 +121,8 @@ def test_minima_of_curves_end_to_end_are_those_of_each():
     is_first = np.concatenate([np.arange(len(curve)) == 0 for curve in curves])
     starts = np.cumsum([0, *map(len, curves)])
     for equal in (False, True):
-        together = beats.minima(np.concatenate(curves), is_first=is_first, equal=equal)
-        alone = [beats.minima(curve, equal=equal) for curve in curves]
+        together = minima(np.concatenate(curves), is_first=is_first, equal=equal)
+        alone = [minima(curve, equal=equal) for curve in curves]
         assert len(together.sample) > 8
         expected = [found.sample + start for found, start in zip(alone, starts)]
         np.testing.assert_array_equal(together.sample, np.concatenate(expected))
@@ -129,15 +134,15 @@ def test_minima_of_curves_end_to_end_are_those_of_each():
 
 def test_two_equal_samples_are_a_minimum_on_demand():
     curve = np.array([2.0, 1.0, 1.0, 3.0, 0.0, 0.0, 0.0, 4.0, 1.0, 1.0])
-    assert len(beats.minima(curve).sample) == 0
-    found = beats.minima(curve, equal=True)
+    assert len(minima(curve).sample) == 0
+    found = minima(curve, equal=True)
     assert (found.sample.tolist(), found.offset.tolist(), found.rise.tolist()) == ([1], [0.5], [1.0])
 
 
 def test_nearest_looks_within_the_same_clip():
     times, owners = np.array([1.0, 2.0, 0.5, 7.0]), np.array([0, 0, 2, 3])
     others, other_owners = np.array([1.25, 9.0, 0.0, 8.5]), np.array([0, 1, 3, 3])
-    np.testing.assert_allclose(beats.nearest(times, others, owners, other_owners), [0.25, 0.75, np.inf, 1.5])
-    np.testing.assert_allclose(beats.nearest(np.array([-3.0, 4.0]), np.array([0.0])), [3, 4])
-    assert beats.nearest(times, np.zeros(0)).tolist() == [np.inf] * 4
-    assert beats.kernel(np.array([np.inf, 0.0, 0.1])).tolist() == pytest.approx([0, 1, np.exp(-0.5)])
+    np.testing.assert_allclose(nearest(times, others, owners, other_owners), [0.25, 0.75, np.inf, 1.5])
+    np.testing.assert_allclose(nearest(np.array([-3.0, 4.0]), np.array([0.0])), [3, 4])
+    assert nearest(times, np.zeros(0)).tolist() == [np.inf] * 4
+    assert kernel(np.array([np.inf, 0.0, 0.1])).tolist() == pytest.approx([0, 1, np.exp(-0.5)])

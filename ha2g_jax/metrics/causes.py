@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.metrics import beats
-from ha2g_jax.metrics.canonical import correlation
-from ha2g_jax.metrics.jackknife import Estimate, jackknife
+from ha2g_jax.metrics.beats.strokes import f1, precision, recall, strict_f1
 from ha2g_jax.metrics.metric import KNOWN_CAUSES, PROBE, Metric
+from ha2g_jax.metrics.reconstruction import correlation
+from ha2g_jax.metrics.uncertainty import Estimate, jackknife
 
 SHAPE_WINDOW = (-0.1, 0.2)  # seconds around the moment of the gesture in which a hand shape should be seen
 
@@ -17,7 +17,7 @@ class CauseRow(NamedTuple):
     """What is found in n motions whose causes are known; a row may lack any part of it, which is then empty.
 
     Attributes:
-        counts: (n, 4) rows of `beats.Matches`.
+        counts: (n, 4) rows of `strokes.Matches`.
         mismatched: (k n, 4) the same of k motions for other clips, clip by clip: the chance level.
         seconds: (n,) length of what is scored.
         clips: (n,) id of each clip.
@@ -121,15 +121,15 @@ def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
 
 
 def gain(
-    own: np.ndarray, mismatched: np.ndarray, clips: np.ndarray, statistic: Callable[[np.ndarray], float] = beats.f1
+    own: np.ndarray, mismatched: np.ndarray, clips: np.ndarray, statistic: Callable[[np.ndarray], float] = f1
 ) -> Estimate:
     """Compute a score less the chance level, with the standard error of the paired difference, by clip.
 
     Args:
-        own: (clips, 4) rows of `beats.Matches`.
+        own: (clips, 4) rows of `strokes.Matches`.
         mismatched: (k clips, 4) the same of k motions for other clips, clip by clip.
         clips: (clips,) ids of the clips.
-        statistic: `beats.f1` or another function of such rows.
+        statistic: `strokes.f1` or another function of such rows.
 
     Returns:
         The difference; NaN without a chance level.
@@ -187,12 +187,12 @@ def _metric(name: str, title: str, measure: Callable[[CauseRow], Estimate | None
 
 
 CAUSE_METRICS = (
-    _metric("beat_f1", "beat F1", _of_counts(beats.f1)),
-    _metric("beat_f1_gain", "beat F1 gain", _gain(beats.f1)),
-    _metric("beat_f1_strict", "strict F1", _of_counts(beats.strict_f1)),
-    _metric("beat_f1_strict_gain", "strict F1 gain", _gain(beats.strict_f1)),
-    _metric("stroke_recall", "recall", _of_counts(beats.recall)),
-    _metric("stroke_precision", "precision", _of_counts(beats.precision)),
+    _metric("beat_f1", "beat F1", _of_counts(f1)),
+    _metric("beat_f1_gain", "beat F1 gain", _gain(f1)),
+    _metric("beat_f1_strict", "strict F1", _of_counts(strict_f1)),
+    _metric("beat_f1_strict_gain", "strict F1 gain", _gain(strict_f1)),
+    _metric("stroke_recall", "recall", _of_counts(recall)),
+    _metric("stroke_precision", "precision", _of_counts(precision)),
     Metric("strokes_per_second", "strokes", "/s", "none", KNOWN_CAUSES, 2, _rate, "known_causes"),
     _metric("semantic_recall", "hand shape", _recall),
     _metric("finger_correlation", "fingers r", _finger_correlation),

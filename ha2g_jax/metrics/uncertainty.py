@@ -1,6 +1,6 @@
-"""Percentile intervals of any score, by resampling the recordings that its samples come from."""
+"""Uncertainty of scores: bootstrap intervals, jackknife standard errors, and p-values corrected for their number."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -62,3 +62,50 @@ def _percentiles(scores: np.ndarray, level: float) -> tuple[float, float]:
     with np.errstate(invalid="ignore"):  # between two infinite scores there is no number
         low, high = np.quantile(scores, [tail, 1 - tail])
     return float(low), float(high)
+
+
+class Estimate(NamedTuple):
+    """A score with its standard error (NaN where fewer than two clusters leave it undefined)."""
+
+    value: float
+    error: float
+
+
+def jackknife(samples: np.ndarray, statistic: Callable[[np.ndarray], float], clusters: np.ndarray) -> Estimate:
+    """Return the statistic of all samples and the delete-one-cluster standard error.
+
+    se^2 = (G - 1) / G sum_g (s_g - mean s)^2, with s_g the statistic without cluster g (Efron and Tibshirani 1993,
+    chapter 11). No random numbers: the same samples give the same error.
+
+    Args:
+        samples: (n, ...) samples, one row each; a row may hold several quantities of the sample.
+        statistic: function of any non-empty subset of the rows to a number.
+        clusters: (n,) label of each sample's cluster (a clip or a speaker).
+    """
+    if not len(samples):
+        return Estimate(np.nan, np.nan)
+    labels = np.unique(clusters)
+    value = float(statistic(samples))
+    if len(labels) < 2:
+        return Estimate(value, np.nan)
+    parts = np.array([statistic(samples[clusters != label]) for label in labels])
+    variance = (len(labels) - 1) / len(labels) * np.sum(np.square(parts - parts.mean()))
+    return Estimate(value, float(np.sqrt(variance)))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Correct p-values for their number by Holm's step-down method (Holm 1979).
+
+    The k-th smallest of m is multiplied by m - k + 1, is at least as large as those before it, and at most 1.
+
+    Args:
+        p_values: m p-values.
+
+    Returns:
+        The m corrected p-values in the same order.
+    """
+    order = np.argsort(p_values, kind="stable")
+    factors = len(p_values) - np.arange(len(p_values))
+    corrected = np.empty(len(p_values))
+    corrected[order] = np.minimum(np.maximum.accumulate(np.asarray(p_values, float)[order] * factors), 1.0)
+    return corrected.tolist()
