@@ -26,7 +26,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import run_logged, stop_signals
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.launch import load_config
-from ha2g_jax.train.metrics_file import METRICS, read_metrics
+from ha2g_jax.train.workdir import METRICS, read_metrics
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")
 SEED = "seed"

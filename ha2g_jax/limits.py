@@ -76,9 +76,6 @@ MAX_CHANNELS = 8_192
 MAX_RECORD_BYTES = 33_554_432
 """Size of run.json, and of each file of a checkpoint but those of its arrays."""
 
-MAX_METRICS_LINE = 1_048_576
-"""Letters of a line of metrics.jsonl."""
-
 MAX_DATASET_BYTES = 1 << 24
 """Bytes of the dataset.json of a corpus; a thousand hours need less than a twentieth."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import ha2g_jax
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.metrics_file import METRICS, read_metrics
+from ha2g_jax.train.workdir import METRICS, read_metrics
 from tables.jobs import duration, last_step
 from tables.plan import Run, checkpoint_step
 from tables.request import Request

@@ -6,7 +6,7 @@ import pathlib
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file, whole_folder, writing
-from ha2g_jax.train.metrics_file import METRICS, read_metrics
+from ha2g_jax.train.workdir import METRICS, read_metrics
 from tables.plan import Plan, Run, checkpoint_folder, is_finished, read_stored, scores_path
 
 _HASHES = "SHA256SUMS"

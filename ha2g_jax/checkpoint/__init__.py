@@ -1,1 +1,9 @@
 """Store a model on disk: training state, checkpoints of a run, and the folder that a model is shipped in."""
+
+CONFIG, ASSETS, WEIGHTS = (
+    "config.json",
+    "assets.json",
+    "model.safetensors",
+)  # of a model folder
+BEST, LATEST, FAILED = "best", "latest", "failed"  # folders of checkpoints in a workdir
+RUN = "run.json"  # record of a workdir

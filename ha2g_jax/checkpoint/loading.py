@@ -9,14 +9,11 @@ import importlib.resources
 import os
 import pathlib
 
-from ha2g_jax.checkpoint import hub, model_folder, weights
+from ha2g_jax.checkpoint import BEST, CONFIG, FAILED, LATEST, RUN, WEIGHTS, hub, model_folder, weights
 from ha2g_jax.checkpoint.assets import style as read_style
-from ha2g_jax.checkpoint.model_folder import CONFIG, WEIGHTS, LoadedModel, blaming
+from ha2g_jax.checkpoint.model_folder import LoadedModel, blaming
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, shown
-
-BEST, LATEST, FAILED = "best", "latest", "failed"
-RUN = "run.json"
 
 
 def load(spec: str | pathlib.Path) -> LoadedModel:

@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 
 from flax.errors import FlaxError
 
+from ha2g_jax.checkpoint import ASSETS, CONFIG, WEIGHTS, weights
 from ha2g_jax.checkpoint import assets as assets_module
-from ha2g_jax.checkpoint import weights
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import renames as config_renames
 from ha2g_jax.config import settings as configs
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
@@ -25,8 +24,6 @@ from ha2g_jax.files.writing import whole_file, whole_folder
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.methods.method import Spec
-
-CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
 
 
 class LoadedModel(NamedTuple):
@@ -148,10 +145,7 @@ def read_config(folder: pathlib.Path) -> Config:
         UserError: config.json is missing or damaged.
     """
     with blaming(folder / CONFIG):
-        values = _read_json(folder / CONFIG, MAX_CONFIG_BYTES)
-        config = configs.from_json(values)
-    config_renames.warn(config_renames.with_new_names(values)[1], shown(folder / CONFIG))
-    return config
+        return configs.from_json(_read_json(folder / CONFIG, MAX_CONFIG_BYTES))
 
 
 def check_assets(folder: pathlib.Path, assets: Assets, spec: Spec, *, has_styles: bool) -> None:

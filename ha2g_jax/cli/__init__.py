@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from ha2g_jax import __version__
 from ha2g_jax.cli import data, evaluate, export, genea, generate, live, model, serve, study, train
 from ha2g_jax.cli.parser import Parser
-from ha2g_jax.cli.termination import termination
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.stopping import ending_on_sigterm
 from ha2g_jax.train.process import prepare_process
 
 # Commands by what they are for, in the order of the help.
@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     Raises:
         SystemExit: SIGTERM ended another command, with code 143.
     """
-    with termination():
+    with ending_on_sigterm():
         return _run(current_names(sys.argv[1:] if argv is None else argv), is_process=argv is None)
 
 

@@ -24,7 +24,7 @@ def add_commands(commands: Any) -> None:
     runs.add_argument(
         "runs", type=pathlib.Path, nargs="+", metavar="RUN", help="workdir of ha2g train, or a folder of workdirs"
     )
-    runs.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="page of curves to write, .html")
+    runs.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="curves to write, .html, .png or .svg")
     runs.add_argument(
         "--smooth",
         type=float,
@@ -71,17 +71,17 @@ def add_commands(commands: Any) -> None:
 
 def _runs(arguments: argparse.Namespace) -> None:
     if arguments.out is None:
-        from ha2g_jax.train.report import listing
+        from ha2g_jax.train.runs import as_json, as_table, list_runs
 
         refuse_others(arguments, (), ("smooth",), "a list; name a page with --out, to which it belongs")
-        runs = [run for folder in arguments.runs for run in listing.list_runs(folder, arguments.sort or "name")]
-        print(json.dumps(listing.as_json(runs), indent=1) if arguments.json else listing.as_table(runs))
+        runs = list_runs(arguments.runs, arguments.sort or "name")
+        print(json.dumps(as_json(runs), indent=1) if arguments.json else as_table(runs))
         return
-    from ha2g_jax.train.report.report import write_report
+    from ha2g_jax.train.plot import write_plot
 
     refuse_others(arguments, (), ("sort", "json"), "a page of curves")
     smoothing = 0.04 if arguments.smooth is None else arguments.smooth
-    print(write_report(arguments.runs, arguments.out, smoothing=smoothing, num_clips=0))
+    print(write_plot(arguments.runs, arguments.out, smoothing=smoothing))
 
 
 def _doctor(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,8 @@ import pathlib
 import signal
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from types import FrameType
+
+from ha2g_jax.stopping import on_stop_signals
 
 
 class Stop:
@@ -19,7 +20,7 @@ class Stop:
         self.number: int | None = None
         self._processes: set[subprocess.Popen] = set()
 
-    def handle(self, number: int, _: FrameType | None = None) -> None:
+    def handle(self, number: int) -> None:
         """Ask the child processes to save and end; kill them if called again.
 
         Args:
@@ -53,13 +54,8 @@ def stop_signals() -> Iterator[Stop]:
         The `Stop`, whose `number` is set when a signal arrives.
     """
     stop = Stop()
-    numbers = [n for n in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) != signal.SIG_IGN]
-    previous = {number: signal.signal(number, stop.handle) for number in numbers}
-    try:
+    with on_stop_signals(stop.handle, (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)):
         yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def run_logged(

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 import tqdm
 
-from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import ASSETS, BEST, FAILED, LATEST, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.config import checks
@@ -25,18 +25,17 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import stage
+from ha2g_jax.stopping import Stop, stop_after_step
 from ha2g_jax.train import hosts, inputs, run_record, sharding
-from ha2g_jax.train.log import NotFinite, StepLog
+from ha2g_jax.train.log import NotFinite, StepLog, open_writers
 from ha2g_jax.train.objective import build_objective, init_state
 from ha2g_jax.train.profiling import Profile
-from ha2g_jax.train.signals import Stop, stop_signals
 from ha2g_jax.train.starts import calm_starts, speaker_identities
 from ha2g_jax.train.validation import Validation
-from ha2g_jax.train.workdir_lock import only_run
-from ha2g_jax.train.writers import open_writers
-from ha2g_jax.train.writing import replacing
+from ha2g_jax.train.workdir import only_run
 
 SAMPLES, PROFILE = "samples", "profile"
 
@@ -67,7 +66,7 @@ def train(
         UserError: the data cannot be used, `workdir` was made with another config or another process trains in it, a
             file cannot be written, or a loss is not finite.
     """
-    with stop_signals() as stop, contextlib.ExitStack() as held:
+    with stop_after_step() as stop, contextlib.ExitStack() as held:
         _train(config, pathlib.Path(workdir), stop, held, profile, draw_sample)
 
 
@@ -95,7 +94,7 @@ def _train(
             file=sys.stderr,
         )
     batch_size, num_steps = config.train.batch_size, config.train.steps
-    latest = Checkpoints(workdir / loading.LATEST, keep=config.train.keep)
+    latest = Checkpoints(workdir / LATEST, keep=config.train.keep)
     # A checkpoint has these weights already, and their files may be gone.
     pretrained = {} if latest.steps() else inputs.pretrained(config, spec, vocabulary)
     if hosts.is_first():
@@ -110,7 +109,7 @@ def _train(
     step_function = sharding.compile_step(objective, mesh)
     assets = _assets(config, workdir, corpus, windows, spec)
 
-    best = Checkpoints(workdir / loading.BEST)
+    best = Checkpoints(workdir / BEST)
     fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
     with _stage("initialising the networks"):
@@ -211,7 +210,7 @@ def _stage(text: str, is_shown: bool = True) -> contextlib.AbstractContextManage
 
 def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Windows, spec: Spec) -> Assets:
     """Return the assets that the run started with, or new ones; each checkpoint stores the styles of the speakers."""
-    if (workdir / model_folder.ASSETS).exists():
+    if (workdir / ASSETS).exists():
         assets = model_folder.read_description(workdir)[1]
         checks.check_corpus(workdir, assets, corpus)
         model_folder.check_assets(workdir, assets, spec, has_styles=False)
@@ -225,11 +224,11 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
 def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Callable[..., None]) -> UserError:
     """Store the state before the failed step and the names of its windows; return the error for the user."""
     report = {"step": error.step, "not_finite": list(error.names), "windows": names}
-    folder = workdir / loading.FAILED
+    folder = workdir / FAILED
     with contextlib.closing(Checkpoints(folder)) as failed:
         save(failed, failure=report)
     if hosts.is_first():
-        with replacing(folder.with_suffix(".json")) as temporary:
+        with whole_file(folder.with_suffix(".json")) as temporary:
             temporary.write_text(json.dumps(report, indent=1) + "\n")
     first = ", ".join(names[:_NAMES_SHOWN])
     more = f" and {len(names) - _NAMES_SHOWN} more" if names[_NAMES_SHOWN:] else ""

@@ -16,17 +16,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import jax
-import tqdm
 
-from ha2g_jax.checkpoint.loading import RUN
+from ha2g_jax.checkpoint import RUN
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, reason, shown
+from ha2g_jax.files.reading import read_json, reason
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.limits import MAX_RECORD_BYTES
-from ha2g_jax.train.writing import replacing, writing
+from ha2g_jax.train.workdir import CONTINUE
 
 # Packages whose version can change a result, and packages that write the files of a run.
 _PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "array-record")
@@ -117,27 +117,12 @@ def commit(package: pathlib.Path) -> str | None:
 
 
 def _read(workdir: pathlib.Path) -> dict[str, Any]:
-    """Return the content of `run.json`; a damaged file is renamed, because a record must not stop a run."""
     path = workdir / RUN
-    if not path.exists():
-        return {"starts": []}
-    try:
-        record = parse_json(read_bytes(path, "the record of a run", MAX_RECORD_BYTES))
-    except (ValueError, UserError):
-        record = None
-    if isinstance(record, dict) and isinstance(record.get("starts", []), list):
-        return {"starts": []} | record
-    aside = path.with_name(f"{RUN}.damaged")
-    with writing(aside):
-        path.replace(aside)
-    tqdm.tqdm.write(
-        f"{shown(path)} is damaged: it was renamed to {aside.name} and a new file is started", file=sys.stderr
-    )
-    return {"starts": []}
+    return read_json(path, "the record of a run", MAX_RECORD_BYTES) if path.exists() else {"starts": []}
 
 
 def _write(workdir: pathlib.Path, record: dict[str, Any]) -> None:
-    with replacing(workdir / RUN) as temporary:
+    with whole_file(workdir / RUN, CONTINUE) as temporary:
         temporary.write_text(json.dumps(record, indent=1) + "\n")
 
 

@@ -10,7 +10,7 @@ import textwrap
 
 import jax.numpy as jnp
 import pytest
-from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
+from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,8 +22,7 @@ from ha2g_jax.config import checks
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.synthesis.files import generate_files
-from ha2g_jax.train import run_record
-from ha2g_jax.train.metrics_file import read_metrics
+from ha2g_jax.train.workdir import read_metrics
 
 # Orbax reads arrays at once in tasks of asyncio, and leaves those behind that fail after the first.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -121,27 +120,6 @@ def test_a_number_of_400_digits_in_the_config_of_a_run_is_refused(answered):
     answered(lambda path: checks.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
 
 
-@FUZZ
-@given(data=st.data())
-def test_records_of_runs(answered, data):
-    record = {"starts": [{"step": 3, "command": ["ha2g"]}], "wandb_id": "12ab"}
-    answered(
-        lambda path: run_record.wandb_id(path.parent), json.dumps(data.draw(damaged_tree(record))).encode(), "run.json"
-    )
-
-
-@FUZZ
-@given(content=damaged_text('{"step": 1, "loss/huber": 0.5}\n{"step": 2, "loss/huber": 0.25}\n'))
-def test_metrics(answered, content):
-    answered(read_metrics, content, "metrics.jsonl")
-
-
-def test_metrics_of_other_types_are_left_out(tmp_path):
-    lines = ['{"step": "1"}', '{"step": 2, "loss": [1]}', "[" * 100_000, '{"step": 3, "loss": 1.5}', "x" * 2_000_000]
-    (tmp_path / "metrics.jsonl").write_text("\n".join(lines) + "\n")
-    assert read_metrics(tmp_path / "metrics.jsonl") == [{"step": 3, "loss": 1.5}]
-
-
 NAMES = ["x" * 300, "na\udcffme", "two\nlines"]
 
 
@@ -183,11 +161,11 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
         import conftest
         from ha2g_jax.checkpoint import loading, model_folder
         from ha2g_jax.errors import UserError
-        from ha2g_jax.train import run_record, writers
+        from ha2g_jax.train import run_record, workdir
 
         folder = pathlib.Path(sys.argv[1])
         model = loading.load("demo")
-        metrics = writers.MetricsFile(folder / "metrics.jsonl", 0)
+        metrics = workdir.MetricsFile(folder / "metrics.jsonl", 0)
         for step in range(100):
             metrics.write(step, {"loss/huber": 0.5})
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
@@ -195,7 +173,7 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
             lambda: model_folder.save(folder / "model", model.config, model.assets, model.variables),
             lambda: model_folder.write_description(folder, model.config, model.assets),
             lambda: [metrics.write(step, {"loss/huber": 0.5}) for step in range(100, 200)],
-            lambda: writers.MetricsFile(folder / "metrics.jsonl", 1000),
+            lambda: workdir.MetricsFile(folder / "metrics.jsonl", 1000),
             lambda: run_record._write(folder, {"starts": ["x" * 4000]}),
         )
         for step in steps:

@@ -12,7 +12,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import hosts
-from ha2g_jax.train.metrics_file import read_metrics
+from ha2g_jax.train.workdir import read_metrics
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "seq2seq.py"

@@ -18,7 +18,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
 from ha2g_jax.train import loop
 from ha2g_jax.train.log import StepLog
-from ha2g_jax.train.metrics_file import read_metrics
+from ha2g_jax.train.workdir import read_metrics
 
 ROOT = pathlib.Path(__file__).parent.parent.parent
 CONFIGS = ROOT / "experiments" / "configs"

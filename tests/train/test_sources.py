@@ -5,7 +5,7 @@ import pathlib
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.train.metrics_file import read_metrics
+from ha2g_jax.train.workdir import read_metrics
 
 CONFIGS = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs"
 

@@ -8,8 +8,8 @@ from tensorboard.backend.event_processing import event_accumulator
 
 from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.metrics_file import METRICS, read_metrics
-from ha2g_jax.train.writers import open_writers
+from ha2g_jax.train.log import open_writers
+from ha2g_jax.train.workdir import METRICS, read_metrics
 
 
 @pytest.fixture
@@ -75,14 +75,14 @@ def test_a_full_disk_is_named(tmp_path, config):
     writer = open_writers(tmp_path, 0, config, is_first=True)
     (tmp_path / METRICS).unlink()
     (tmp_path / METRICS).symlink_to("/dev/full")
-    with pytest.raises(UserError, match=r"metrics\.jsonl cannot be written \(No space left on device\)"):
+    with pytest.raises(UserError, match=r"cannot write .*metrics\.jsonl \(no space left on device\)"):
         writer.write(1, {"loss/huber": 1.0})
     writer.close()
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, config):
     (tmp_path / "tensorboard").write_text("")
-    with pytest.raises(UserError, match=r"tensorboard cannot be written \(File exists\)"):
+    with pytest.raises(UserError, match=r"cannot write .*tensorboard \(file exists\)"):
         open_writers(tmp_path, 0, config, is_first=True)
 
 
@@ -133,6 +133,14 @@ def test_wandb_that_is_missing_is_named(write, config, monkeypatch):
     config.train.wandb = "gestures"
     with pytest.raises(UserError, match=r"'gestures' but .* not installed: pip install 'ha2g-jax\[wandb\]'"):
         write(0, 1)
+
+
+def test_without_tensorboard_the_metrics_are_written_and_one_line_says_so(write, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    write(0, 1)
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1 and "pip install 'ha2g-jax[report]'" in printed
+    assert [path.name for path in tmp_path.iterdir()] == [METRICS]
 
 
 def test_some_lines_and_the_last_can_be_read_alone(tmp_path):

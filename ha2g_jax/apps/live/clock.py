@@ -3,12 +3,11 @@
 import collections
 import contextlib
 import signal
-import threading
 import time
 from collections.abc import Iterator
-from types import FrameType
 
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.stopping import on_stop_signals
 
 _LONGEST_SLEEP = 0.05  # seconds until a request to stop is noticed
 
@@ -52,22 +51,9 @@ def stop_signals(stop: Stop) -> Iterator[None]:
     Args:
         stop: takes the request.
     """
-    if threading.current_thread() is not threading.main_thread():  # Python allows signal handlers only there
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    with on_stop_signals(stop.ask, numbers, once=numbers):
         yield
-        return
-    previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def handle(number: int, _: FrameType | None) -> None:
-        stop.ask(number)
-        signal.signal(number, previous[signal.Signals(number)])
-
-    for number in previous:
-        signal.signal(number, handle)
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def wait_until(moment: float, clock: Clock, stop: Stop) -> bool:

@@ -8,9 +8,9 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.cli import train
 from ha2g_jax.errors import UserError
-from ha2g_jax.train.report import listing
-from ha2g_jax.train.report.runs import find_workdirs, read_runs
-from ha2g_jax.train.workdir_lock import LOCK, only_run
+from ha2g_jax.train import runs
+from ha2g_jax.train.runs import common_differing, differing, find_workdirs, make_lines, read_runs, short_names
+from ha2g_jax.train.workdir import LOCK, only_run
 
 
 def read(workdir):
@@ -52,8 +52,8 @@ def test_progress_and_best_score(make_run):
     rows = [{"step": 10, "loss/huber": 1.0}]
     rows += [{"step": step, "validation/loss/huber": score} for step, score in scores.items()]
     rows += [{"step": 60, "loss/huber": 0.1}]
-    run = read(make_run(rows=rows, starts=(0, 30)))
-    assert (run.step, run.steps, run.starts) == (60, 1000, (0, 30))
+    run = read(make_run(rows=rows))
+    assert (run.step, run.steps) == (60, 1000)
     assert run.best == ("loss/huber", 0.2, 40)
 
 
@@ -72,7 +72,7 @@ def test_a_run_without_metrics_is_at_step_0(make_run):
     assert (run.state, run.step, run.best) == ("stopped", 0, None)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"train": {"steps": "x"}}', '{"train": {"steps": 5, "best_by": 3}}'])
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"train": {"steps": "x"}}'])
 def test_a_damaged_run_is_listed_with_its_reason(make_run, tmp_path, capsys, text):
     make_run("good", is_finished=True)
     (make_run("bad") / "config.json").write_text(text)
@@ -121,11 +121,11 @@ def test_orders(make_run, tmp_path, sort, names):
         rows = [{"step": step, "validation/loss/huber": score}]
         workdir = make_run(name, rows=rows, is_finished=name == "b")
         os.utime(workdir / "metrics.jsonl", (number, number))
-    assert "".join(run.name for run in listing.list_runs(tmp_path, sort)) == names
+    assert "".join(run.name for run in runs.list_runs([tmp_path], sort)) == names
 
 
 def test_orders_of_the_command_are_those_of_the_list():
-    assert tuple(listing.SORTS) == train._SORTS
+    assert tuple(runs.SORTS) == train._SORTS
 
 
 @pytest.mark.parametrize("path", ["nothing", "file", "empty"])
@@ -136,3 +136,36 @@ def test_a_folder_without_runs_is_an_error_of_the_user(tmp_path, capsys, path):
     assert path in capsys.readouterr().err
     with pytest.raises(UserError):
         find_workdirs(tmp_path / path)
+
+
+def test_seeds_of_a_config_are_one_line(make_run):
+    paths = [
+        make_run(f"{rate}-{seed}", **{"seed": seed, "train.learning_rate": rate})
+        for rate in (1e-4, 1e-3)
+        for seed in (0, 1)
+    ]
+    found = read_runs(paths)
+    lines = make_lines(found)
+    assert [line.label for line in lines] == ["learning_rate=0.0001", "learning_rate=0.001"]
+    assert [[run.name for run in line.runs] for line in lines] == [["0.0001-0", "0.0001-1"], ["0.001-0", "0.001-1"]]
+    assert set(differing(found)) == {"seed", "train.learning_rate"}
+
+
+def test_runs_with_one_config_and_one_seed_are_lines_of_their_own(make_run):
+    lines = make_lines(read_runs([make_run("a"), make_run("b"), make_run("c", seed=1)]))
+    assert [line.label for line in lines] == ["a", "b", "c"]
+
+
+def test_settings_of_another_method_are_told_by_its_name(make_run):
+    from ha2g_jax.config import presets
+
+    other = make_run("b")
+    (other / "config.json").write_text(presets.parse("talk:debug", "seq2seq").to_json())
+    found = read_runs([make_run("a"), other])
+    assert "method" in common_differing(found) and "loss.ha2g.weights.gan" not in common_differing(found)
+    assert "loss.ha2g.weights.gan" in differing(found)
+
+
+def test_names_are_as_short_as_they_can_be_told_apart():
+    short = short_names(["loss.ha2g.weights.gan", "loss.ha2g.gan", "train.steps"])
+    assert list(short.values()) == ["weights.gan", "ha2g.gan", "steps"]

@@ -7,15 +7,15 @@ import time
 
 import pytest
 
-from ha2g_jax.train.signals import stop_signals
+from ha2g_jax.stopping import stop_after_step
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 # A process with nothing to save yet; where BUSY, its main thread is where Python cannot answer, as in a compiler.
 PROCESS = """
 import hashlib, sys, time
-from ha2g_jax.train.signals import stop_signals
-with stop_signals() as stop:
+from ha2g_jax.stopping import stop_after_step
+with stop_after_step() as stop:
     stop.enter_compiler()
     print("ready", flush=True)
     if sys.argv[1] == "idle":
@@ -27,7 +27,7 @@ with stop_signals() as stop:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_is_noted_and_the_handlers_come_back(number):
     before = [signal.getsignal(each) for each in SIGNALS]
-    with stop_signals() as stop:
+    with stop_after_step() as stop:
         stop.begin()
         assert not stop.is_set()
         signal.raise_signal(number)
@@ -36,7 +36,7 @@ def test_a_signal_is_noted_and_the_handlers_come_back(number):
 
 
 def test_a_second_interrupt_does_not_wait():
-    with pytest.raises(KeyboardInterrupt), stop_signals() as stop:
+    with pytest.raises(KeyboardInterrupt), stop_after_step() as stop:
         stop.begin()
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
@@ -44,7 +44,7 @@ def test_a_second_interrupt_does_not_wait():
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_before_there_is_anything_to_save_the_process_leaves_with_0(number, capsys):
-    with pytest.raises(SystemExit) as exit_info, stop_signals():
+    with pytest.raises(SystemExit) as exit_info, stop_after_step():
         signal.raise_signal(number)
     assert exit_info.value.code == 0
     assert "nothing was lost" in capsys.readouterr().err

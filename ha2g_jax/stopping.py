@@ -1,0 +1,147 @@
+"""Requests to stop this process: SIGTERM, Ctrl-C, or a closed terminal.
+
+`on_stop_signals` installs all handlers. A command ends on SIGTERM as on Ctrl-C (`ending_on_sigterm`), and a training
+ends with a checkpoint after its step (`stop_after_step`).
+"""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import NoReturn
+
+# Python handles a signal between two of its own instructions, and compiling the step is one that takes a minute.
+_PATIENCE = 5.0  # seconds
+
+
+@contextlib.contextmanager
+def on_stop_signals(
+    handle: Callable[[int], None],
+    numbers: Sequence[signal.Signals] = (signal.SIGTERM, signal.SIGINT),
+    *,
+    once: Sequence[signal.Signals] = (),
+) -> Iterator[None]:
+    """Call a function with the number of each stop signal that arrives in this context.
+
+    Outside of the main thread, where Python allows no handlers, and for signals that are ignored, as SIGHUP under
+    nohup, nothing changes.
+
+    Args:
+        handle: function that is called between two instructions of the main thread.
+        numbers: signals to handle.
+        once: signals that are handled once, and that then do what they did before, as a second Ctrl-C interrupts.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    previous = {n: handler for n in numbers if (handler := signal.getsignal(n)) != signal.SIG_IGN}
+
+    def receive(number: int, _: object) -> None:
+        if number in once:
+            signal.signal(number, previous[signal.Signals(number)])
+        handle(number)
+
+    for number in previous:
+        signal.signal(number, receive)
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def ending_on_sigterm() -> Iterator[None]:
+    """Turn SIGTERM into SystemExit with code 143 in this context, so that temporary files are deleted.
+
+    A program that handles the signal itself is left to do so.
+    """
+
+    def end(number: int) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    is_free = signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    with on_stop_signals(end, (signal.SIGTERM,)) if is_free else contextlib.nullcontext():
+        yield
+
+
+class Stop:
+    """Request to end a training. Before `begin` the run has nothing to save, and a signal ends it at once."""
+
+    def __init__(self) -> None:
+        self._asked, self._begun = threading.Event(), threading.Event()
+        self._may_raise = True
+
+    def enter_compiler(self) -> None:
+        """Declare that a signal must not raise from now on: an exception in a callback would crash a compiler."""
+        self._may_raise = False
+
+    def begin(self) -> None:
+        """Declare that there are steps to save from now on: a signal is only recorded, and the loop ends the run."""
+        self._begun.set()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether `begin` was called."""
+        return self._begun.is_set()
+
+    def is_set(self) -> bool:
+        """Return whether the end of the run was requested."""
+        return self._asked.is_set()
+
+    def ask(self, number: int = signal.SIGTERM) -> None:
+        """Request the end of the run; before its first step, end the process."""
+        del number
+        self._asked.set()
+        if self.has_begun:
+            return
+        if not self._may_raise:
+            self.leave()
+        _say_nothing_lost()
+        raise SystemExit(0)
+
+    def leave(self) -> NoReturn:
+        """End the process without an exception."""
+        _say_nothing_lost()
+        os._exit(0)
+
+
+@contextlib.contextmanager
+def stop_after_step() -> Iterator[Stop]:
+    """Turn SIGTERM and Ctrl-C into a `Stop`; a second Ctrl-C interrupts at once."""
+    stop = Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    previous_wakeup = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    finished = threading.Event()
+    watcher = threading.Thread(target=_watch, args=(receiver, stop, finished), daemon=True)
+    watcher.start()
+    try:
+        with on_stop_signals(stop.ask, once=(signal.SIGINT,)):  # a scheduler may send SIGTERM twice
+            yield stop
+    finally:
+        signal.set_wakeup_fd(previous_wakeup)
+        finished.set()
+        sender.close()  # ends the watcher
+        watcher.join()
+        receiver.close()
+
+
+def _watch(receiver: socket.socket, stop: Stop, finished: threading.Event) -> None:
+    """End the process if the main thread is busy in a compiler and does not handle the signal itself."""
+    while number := receiver.recv(1):
+        if number[0] not in (signal.SIGTERM, signal.SIGINT) or stop.has_begun:
+            continue
+        if not finished.wait(_PATIENCE) and not stop.has_begun:
+            stop.leave()
+
+
+def _say_nothing_lost() -> None:
+    sys.stderr.write("stopped before the first step: nothing was lost; the same command continues\n")
+    sys.stderr.flush()

@@ -1,1 +1,0 @@
-"""Pictures and tables of training runs, from what their workdirs hold."""

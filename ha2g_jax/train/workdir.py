@@ -1,0 +1,118 @@
+"""The metrics of a run, and the lock of its workdir, which keeps a second training out.
+
+Nothing here imports JAX, for which a list of runs should not wait.
+"""
+
+import contextlib
+import json
+import pathlib
+from collections.abc import Iterator
+
+import filelock
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import whole_file, writing
+
+METRICS, LOCK = "metrics.jsonl", "training.lock"
+
+CONTINUE = "correct this, then the same command continues"  # advice where a file cannot be written
+
+_PATIENCE = 1.0  # seconds; `is_training` may hold the lock for a moment
+
+
+class MetricsFile:
+    """Append to `metrics.jsonl`: one JSON object per line, numbers with six digits.
+
+    Args:
+        path: path of the file.
+        step: step at which the run starts; lines of later steps and an incomplete last line are dropped.
+    """
+
+    def __init__(self, path: pathlib.Path, step: int):
+        self._path = path
+        lines = read_metrics(path) if path.exists() else []
+        with whole_file(path, CONTINUE) as temporary:
+            temporary.write_text("".join(json.dumps(line) + "\n" for line in lines if line["step"] <= step))
+
+    def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Append the line of a step."""
+        rounded = {name: float(f"{value:.6g}") for name, value in metrics.items()}
+        # The file is opened for each line, so that nothing stays in a buffer, not even that of a network disk.
+        with writing(self._path, CONTINUE), self._path.open("a") as file:
+            file.write(json.dumps({"step": step} | rounded) + "\n")
+
+    def close(self) -> None:
+        """Do nothing: every line is already written."""
+
+
+def read_metrics(path: pathlib.Path, containing: str = "") -> list[dict[str, float]]:
+    """Return the lines of a `metrics.jsonl`, without a last one that a killed run left incomplete.
+
+    Args:
+        path: path of the file.
+        containing: text of the lines to return beside the last one; to skip a line takes little time.
+
+    Raises:
+        UserError: there is no such file, or a line of it is damaged.
+    """
+    if not path.is_file():
+        raise UserError(f"no metrics in {shown(path)}; expected the metrics.jsonl of a workdir")
+    lines = path.read_text(errors="replace").split("\n")[:-1]
+    chosen = [*(line for line in lines[:-1] if containing in line), *lines[-1:]]
+    try:
+        return [json.loads(line) for line in chosen]
+    except ValueError as error:
+        raise UserError(f"{shown(path)} has a damaged line ({error}); remove it") from error
+
+
+@contextlib.contextmanager
+def only_run(workdir: pathlib.Path) -> Iterator[None]:
+    """Hold the lock of a workdir, which is made if it does not exist; only the first host of a run calls this.
+
+    The system takes the lock from a process that ends in any way, so that a run that was killed continues at once. The
+    file stays, because without it a third process could lock a new file while a second one still holds the old one;
+    only a new workdir that nothing else was written to is removed.
+
+    Other hosts respect the lock if the workdir is on NFS with its usual settings: Linux passes such locks on to the
+    server. With the mount options "nolock" or "local_lock=all", and on some other file systems of clusters, each
+    host sees only its own locks.
+
+    Raises:
+        UserError: another process trains in the workdir, or it cannot be written.
+    """
+    with writing(workdir, CONTINUE):
+        is_new = not workdir.exists()
+        workdir.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(workdir / LOCK)
+        try:
+            lock.acquire(timeout=_PATIENCE)
+        except filelock.Timeout as error:
+            raise UserError(
+                f"another process trains in {shown(workdir)}: wait until it ends, or choose another --workdir"
+            ) from error
+    try:
+        yield
+    finally:
+        if is_new and [path.name for path in workdir.iterdir()] == [LOCK]:  # the run was refused before it wrote
+            with contextlib.suppress(OSError):
+                (workdir / LOCK).unlink()
+                workdir.rmdir()
+        lock.release()
+
+
+def is_training(workdir: pathlib.Path) -> bool:
+    """Return whether a process trains in a workdir, as far as this host sees its lock; see `only_run`.
+
+    Raises:
+        OSError: the lock cannot be opened, as that of another user.
+    """
+    if not (workdir / LOCK).exists():
+        return False
+    lock = filelock.FileLock(workdir / LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        return True
+    lock.release()
+    return False
