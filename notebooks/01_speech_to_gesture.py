@@ -35,7 +35,7 @@ from IPython.display import Video
 
 import ha2g_jax
 from ha2g_jax import figure
-from ha2g_jax.features import audio
+from ha2g_jax.features import audio, spectrum
 from ha2g_jax.motion import formats, video
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.skeleton import load_skeleton
@@ -68,12 +68,12 @@ plt.show()
 
 # %%
 samples = audio.read_audio(speech)
-loudness = audio.log_mel(samples).mean(axis=0)
+loudness = spectrum.log_mel(samples).mean(axis=0)
 wrists = motion.positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]]
 speed = np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * motion.fps
 
 _, (top, bottom) = plt.subplots(2, sharex=True, figsize=(12, 4))
-top.plot(np.arange(len(loudness)) * audio.HOP_LENGTH / audio.SAMPLE_RATE, loudness, color="gray")
+top.plot(np.arange(len(loudness)) * spectrum.HOP_LENGTH / audio.SAMPLE_RATE, loudness, color="gray")
 top.set_ylabel("loudness (dB)")
 bottom.plot(np.arange(len(speed)) / motion.fps, speed, label=["left", "right"])
 bottom.set_ylabel("wrist speed (m/s)")

@@ -36,7 +36,7 @@ import ha2g_jax
 from ha2g_jax import figure
 from ha2g_jax.data.talk import grammar
 from ha2g_jax.evaluation import inspection
-from ha2g_jax.features import audio, voices
+from ha2g_jax.features import audio, spectrum
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.skeleton import directions_to_positions
 from ha2g_jax.synthesis import Style, encode_features
@@ -44,7 +44,7 @@ from ha2g_jax.synthesis import Style, encode_features
 model = ha2g_jax.load("demo")
 rng = np.random.default_rng(7)
 sentences = " ".join(itertools.islice(grammar.sentences(rng), 4))
-samples, words, *_ = speech.say(sentences, voices.sample_voice(rng))
+samples, words, *_ = speech.say(sentences, speech.sample_voice(rng))
 print(f"{len(samples) / audio.SAMPLE_RATE:.1f} s:", " ".join(word.text for word in words))
 
 # %% [markdown]
@@ -59,9 +59,9 @@ print(f"{len(samples) / audio.SAMPLE_RATE:.1f} s:", " ".join(word.text for word 
 seconds = 5.0
 features = encode_features(model, samples)
 _, axes = plt.subplots(4, sharex=True, figsize=(10, 6.5), height_ratios=(1.4, 1, 1, 1))
-mel = audio.log_mel(samples)
+mel = spectrum.log_mel(samples)
 axes[0].imshow(
-    mel, aspect="auto", origin="lower", extent=(0, mel.shape[1] * audio.HOP_LENGTH / audio.SAMPLE_RATE, 0, 128)
+    mel, aspect="auto", origin="lower", extent=(0, mel.shape[1] * spectrum.HOP_LENGTH / audio.SAMPLE_RATE, 0, 128)
 )
 axes[0].set_ylabel("mel band")
 for word in words:

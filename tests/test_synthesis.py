@@ -12,7 +12,7 @@ from PIL import Image
 
 from ha2g_jax import synthesis
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import log_mel, mel_window
+from ha2g_jax.features.spectrum import log_mel, mel_window
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.methods.method import restore, subtract_mean

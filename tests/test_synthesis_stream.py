@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import FFT_SIZE, SAMPLE_RATE, mel_power
-from ha2g_jax.features.unheard import hide_unheard
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import FFT_SIZE, hide_unheard, mel_power
 from ha2g_jax.motion.control import Controls, Pin, Span, rest_pose
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.synthesis import Stream, Style, stream

@@ -4,7 +4,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from ha2g_jax.features.audio import HOP_LENGTH, NUM_MELS, SAMPLE_RATE, window_columns
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.layers import resnet_se
 from ha2g_jax.layers.resampling import frame_centres
 

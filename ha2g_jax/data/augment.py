@@ -8,10 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.audio import FLOOR_DB, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, log_mel, sound_power
-from ha2g_jax.features.spectrum import mel_frequencies
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import (
+    FLOOR_DB,
+    HOP_LENGTH,
+    NUM_MELS,
+    hide_unheard,
+    log_mel,
+    mel_frequencies,
+    sound_power,
+)
 from ha2g_jax.features.text import PADDING
-from ha2g_jax.features.unheard import hide_unheard
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 _NOISE_SECONDS = 16

@@ -17,7 +17,7 @@ class Track(NamedTuple):
         speech: speech features.
         directions: (T, bones, 3) float32 direction vectors.
         images: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
-        power: mean power of the sound, see `features.audio.sound_power`; 0 without the input "mel".
+        power: mean power of the sound, see `features.spectrum.sound_power`; 0 without the input "mel".
     """
 
     speech: Speech

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.features.asr_mel import asr_log_mel, asr_window
-from ha2g_jax.features.audio import log_mel, mel_window, wave_window
+from ha2g_jax.features.audio import wave_window
+from ha2g_jax.features.spectrum import asr_log_mel, asr_window, log_mel, mel_window
 from ha2g_jax.features.text import Vocabulary, Word, plain_words, words_to_frames
 
 

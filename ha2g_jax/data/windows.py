@@ -15,7 +15,7 @@ from ha2g_jax.data import records, speech
 from ha2g_jax.data.clip_cache import ClipCache, Track
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.data.window_index import make_index
-from ha2g_jax.features.audio import sound_power
+from ha2g_jax.features.spectrum import sound_power
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import Skeleton, positions_to_directions
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
 from ha2g_jax.evaluation.clip_result import ClipResult
-from ha2g_jax.features.audio import log_mel, mel_window
+from ha2g_jax.features.spectrum import log_mel, mel_window
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.windows import join_windows, num_windows
 from ha2g_jax.skeleton import positions_to_directions

@@ -1,36 +1,71 @@
-"""Speech: reader of audio files as mono 16 kHz samples, and the log-mel spectrogram of the models.
+"""Sound of recordings as mono samples at 16 kHz, decoded by libsndfile or by FFmpeg in little memory."""
 
-The spectrogram is librosa's: FFT 1024, hop 512, Hann window, centred frames with reflected borders, 128 mel bands of
-Slaney's scale and area normalisation over 0-8 kHz, power to dB. D11: 0 dB is the maximum of the clip, the floor lies
-80 dB below it; the spectrogram is computed once per clip and sliced at the nearest column.
-"""
-
+import contextlib
 import logging
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from typing import Any, NamedTuple
 
+import av
 import numpy as np
+import soundfile
 import soxr
+from av.container import InputContainer
+from av.error import FFmpegError
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import sound_files
-from ha2g_jax.features.sound_files import Block
-from ha2g_jax.features.spectrum import mel_frequencies, mel_spectrum, power_spectrum
-from ha2g_jax.files.reading import reading, shown
-from ha2g_jax.limits import MAX_SOUND_SECONDS, MAX_SOUND_VALUES
+from ha2g_jax.files.reading import quiet, reading, reason, shown
+from ha2g_jax.limits import (
+    MAX_SOUND_CHANNELS,
+    MAX_SOUND_RATE,
+    MAX_SOUND_SECONDS,
+    MAX_SOUND_VALUES,
+    MAX_VIDEO_PIXELS,
+    MIN_SOUND_RATE,
+)
 
 SAMPLE_RATE = 16000
-FFT_SIZE = 1024
-HOP_LENGTH = 512
-NUM_MELS = 128
-FLOOR_DB = -80.0
 MIN_SECONDS = 0.2
 
-# A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
-_SILENCE_POWER = 1e-15
 _INFINITE = 1e30  # greater samples would overflow in sums of them
-
 _logger = logging.getLogger(__name__)
+
+# FFmpeg knows hundreds of formats, among them lists of other files and of addresses in the network, which a file of
+# unknown origin must not make it open, and pictures of letters, which any text is. These are those of recordings.
+_FORMATS = (
+    *("3g2", "3gp", "aac", "ac3", "aiff", "amr", "amrnb", "amrwb", "ape", "asf", "au", "avi", "caf", "dsf", "dts"),
+    *("dtshd", "dv", "eac3", "flac", "flv", "gsm", "gxf", "h264", "hevc", "ivf", "loas", "m4v", "matroska", "mlp"),
+    *("mov", "mp3", "mp4", "mpc", "mpc8", "mpeg", "mpegts", "mpegvideo", "mxf", "nut", "obu", "ogg", "rm", "tak"),
+    *("truehd", "tta", "voc", "w64", "wav", "webm", "wtv", "wv"),
+)
+MEDIA_ERRORS = (FFmpegError, OSError, ValueError, ArithmeticError, LookupError)
+"""Exceptions by which PyAV answers damaged files."""
+_MAX_PACKET_VALUES = 1 << 23  # samples of all channels, four times as many as the longest packet of a real codec
+_OPTIONS = {
+    "format_whitelist": ",".join(_FORMATS),
+    # For the codecs that look into the beginning of a file while it is opened.
+    "max_pixels": str(MAX_VIDEO_PIXELS),
+    "max_samples": str(_MAX_PACKET_VALUES),
+}
+# Tags may have letters in any encoding. PyAV accepts them since version 19; before, it fails unless it is told.
+_TAGS: Any = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
+
+# Exceptions of libsndfile and its wrapper, after which FFmpeg is tried.
+_SOUNDFILE_ERRORS = (soundfile.SoundFileError, OSError, ValueError, ArithmeticError, TypeError, AssertionError)
+_BLOCK = 1 << 20  # values that are decoded at a time
+_UNKNOWN = 1 << 62  # libsndfile's number of samples where a header does not state it
+_SAMPLE_DUMP = b"\xf0\x7e"
+_MPEG = b"\xff"  # first byte of MP3 without a tag; its decoder prints
+_PAIRWISE = 8  # channels from which NumPy adds in another order
+
+
+class _Block(NamedTuple):
+    """Decoded sound."""
+
+    samples: np.ndarray  # (samples,) float32, mean of the channels
+    rate: int  # samples per second
+    channels: int  # of the file
+    declared: int = 0  # samples of the whole file by its header, 0 if it does not say
 
 
 def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS) -> np.ndarray:
@@ -62,16 +97,16 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
     # Sums of samples that are damaged may be infinite.
     with reading(path, "a recording of speech"), np.errstate(over="ignore", invalid="ignore"):
         try:
-            samples = _collect(sound_files.libsndfile_blocks(path), shown(path), max_seconds)
-        except sound_files.SOUNDFILE_ERRORS:
-            samples = _collect(sound_files.ffmpeg_blocks(path), shown(path), max_seconds)
+            samples = _collect(_libsndfile_blocks(path), shown(path), max_seconds)
+        except _SOUNDFILE_ERRORS:
+            samples = _collect(_ffmpeg_blocks(path), shown(path), max_seconds)
     peak = max(samples.max(), -samples.min())
     if peak > 1:
         samples /= peak
     return samples
 
 
-def _collect(blocks: Iterator[Block], name: str, max_seconds: float) -> np.ndarray:
+def _collect(blocks: Iterator[_Block], name: str, max_seconds: float) -> np.ndarray:
     """Return the sound of blocks, (samples,) float32 at 16 kHz; it is resampled block by block, which gives the same
     samples as to resample all of it at once."""
     parts, num_samples, num_bad, rate, resampler = [], 0, 0, SAMPLE_RATE, None
@@ -142,98 +177,9 @@ def _report(num_bad: int, num_samples: int, name: str) -> None:
         _logger.warning("%s: %d of %d samples are NaN or infinite; taken as silence", name, num_bad, num_samples)
 
 
-def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
-    """Compute the log-mel spectrogram of a clip in dB relative to its maximum (D11).
-
-    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
-    librosa, the floor is relative to the clip, so that the result does not depend on the volume, and silence is at the
-    floor and not at 0 dB.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz, at least 1 sample.
-        reference: mel power of 0 dB; the maximum of the clip by default.
-
-    Returns:
-        (128, 1 + samples // 512) float32 in [-80, 0].
-    """
-    power = mel_power(np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect"))
-    return decibels(power, float(np.max(power)) if reference is None else reference)
-
-
-def mel_power(padded: np.ndarray) -> np.ndarray:
-    """Compute the mel powers of sound.
-
-    Args:
-        padded: (samples,) float32 at 16 kHz, at least 1024 samples; column c is that of samples 512 c to 512 c + 1023.
-
-    Returns:
-        (128, 1 + (samples - 1024) // 512) float32.
-    """
-    return mel_spectrum(power_spectrum(padded, FFT_SIZE, HOP_LENGTH), SAMPLE_RATE, FFT_SIZE, NUM_MELS)
-
-
-def decibels(power: np.ndarray, reference: float) -> np.ndarray:
-    """Return mel powers in dB relative to a reference, in [-80, 0]; all of them -80 if the reference is silence.
-
-    Args:
-        power: (128, columns) float32 mel powers.
-        reference: mel power of 0 dB.
-    """
-    if reference < _SILENCE_POWER:
-        return np.full(power.shape, FLOOR_DB, np.float32)
-    ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
-    return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
-
-
-def sound_power(power: np.ndarray) -> float:
-    """Compute the mean power of a sound, up to a constant factor.
-
-    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
-
-    Args:
-        power: (128, columns) mel powers.
-    """
-    edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
-    widths = edges[2:] - edges[:-2]
-    return float(widths @ power.mean(axis=1) / widths.sum())
-
-
-def window_column(frame: int, fps: float) -> int:
-    """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512.
-
-    Args:
-        frame: number of the frame, from 0.
-        fps: frames per second.
-    """
-    return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
-
-
-def window_columns(num_frames: int, fps: float) -> int:
-    """Return the number of whole columns of the spectrogram in a window: 70 for 34 frames at 15 fps."""
-    return int(num_frames * SAMPLE_RATE / (fps * HOP_LENGTH))
-
-
 def window_samples(num_frames: int, fps: float) -> int:
     """Return the number of samples at 16 kHz in a window, rounded: 36,267 for 34 frames at 15 fps."""
     return round(num_frames * SAMPLE_RATE / fps)
-
-
-def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram of the window that starts at a frame.
-
-    Args:
-        mel: (128, columns) of a whole clip, in dB.
-        start_frame: first frame of the window, from 0.
-        num_frames: length of the window in frames.
-        fps: frames per second.
-
-    Returns:
-        (128, `window_columns`); past the end of the clip there is silence (-80 dB).
-    """
-    start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
-    window = mel[:, start : start + columns]
-    missing = columns - window.shape[1]
-    return np.pad(window, ((0, 0), (0, missing)), constant_values=FLOOR_DB) if missing else window
 
 
 def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
@@ -251,3 +197,112 @@ def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float
     start, samples = round(start_frame * SAMPLE_RATE / fps), window_samples(num_frames, fps)
     window = audio[start : start + samples]
     return np.pad(window, (0, samples - len(window)))
+
+
+def _libsndfile_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
+    """Yield the sound of a file that libsndfile reads; the first block is empty and has what the header declares."""
+    # The file is passed as a number: libsndfile would use a name before the contents, and an offset in a damaged header
+    # would raise in a callback, where Python can only print it.
+    with path.open("rb", buffering=0) as raw:
+        head = raw.read(3)
+        raw.seek(0)
+        if head.startswith(_SAMPLE_DUMP):
+            raise ValueError("a MIDI sample dump, whose decoder prints")
+        silence = quiet if head == b"ID3" or head[:1] == _MPEG else contextlib.nullcontext
+        with silence():
+            file = soundfile.SoundFile(raw.fileno(), closefd=False)
+        with file:
+            rate, channels = file.samplerate, file.channels
+            _check_header(path, rate, channels)
+            declared = file.frames if 0 < file.frames < _UNKNOWN else 0
+            yield _Block(np.zeros(0, np.float32), rate, channels, declared)
+            while True:
+                with silence():
+                    block = file.read(_BLOCK // channels, dtype="float32", always_2d=True)
+                if not len(block):
+                    return
+                yield _Block(_mix(block), rate, channels)
+
+
+def _ffmpeg_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
+    try:
+        with open_media(path) as container:
+            if not container.streams.audio:
+                raise UserError(f"{shown(path)} has no sound; expected a recording of speech, or a video with sound")
+            yield from _decode(path, container.streams.audio[0], container)
+    except MEDIA_ERRORS as error:
+        raise UserError(
+            f"{shown(path)} holds no sound that can be read ({reason(error).lower()}); expected a recording of speech"
+        ) from error
+
+
+def has_sound(path: pathlib.Path) -> bool:
+    """Return whether the beginning of a file is one of sound, or of a video with sound.
+
+    Args:
+        path: path of a regular file.
+    """
+    try:
+        with contextlib.closing(_libsndfile_blocks(path)) as blocks:
+            return next(blocks, None) is not None
+    except UserError:  # sound beyond the limits
+        return True
+    except _SOUNDFILE_ERRORS:
+        pass
+    try:
+        with contextlib.closing(_ffmpeg_blocks(path)) as blocks:
+            return next(blocks, None) is not None
+    except UserError:
+        return False
+
+
+def _decode(path: pathlib.Path, stream: av.AudioStream, container: InputContainer) -> Generator[_Block, None, None]:
+    context = stream.codec_context
+    if context is None:
+        raise ValueError("of an unknown codec")
+    rate = context.sample_rate
+    _check_header(path, rate, context.channels)
+    context.options = {"max_samples": str(_MAX_PACKET_VALUES)}
+    # Interleaved, because PyAV reads beyond the planes of a frame of eight channels.
+    to_float = av.AudioResampler(format="flt")
+    for frame in container.decode(stream):
+        if frame.sample_rate != rate:
+            raise ValueError(f"the sample rate changes from {rate} to {frame.sample_rate}")
+        channels = frame.layout.nb_channels
+        _check_header(path, rate, channels)
+        for part in to_float.resample(frame):
+            yield _Block(_mix(part.to_ndarray().reshape(-1, channels)), rate, channels)
+
+
+def _check_header(path: pathlib.Path, rate: int, channels: int) -> None:
+    if not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
+        raise UserError(
+            f"{shown(path)} declares {rate} samples per second; expected at least {MIN_SOUND_RATE} and at most "
+            f"{MAX_SOUND_RATE}"
+        )
+    if not 1 <= channels <= MAX_SOUND_CHANNELS:
+        raise UserError(f"{shown(path)} has {channels} channels; expected 1 to {MAX_SOUND_CHANNELS}")
+
+
+def _mix(block: np.ndarray) -> np.ndarray:
+    """Return the mean of the channels, (samples,), as `block.mean(axis=1)`, but several times as fast."""
+    channels = block.shape[1]
+    if channels >= _PAIRWISE:
+        return block.mean(axis=1)
+    mixed = block[:, 0].copy()
+    for channel in range(1, channels):
+        mixed += block[:, channel]
+    return mixed / np.float32(channels)
+
+
+def open_media(path: pathlib.Path) -> InputContainer:
+    """Open a file of sound or images, which the caller must close.
+
+    Args:
+        path: path of the file, with any characters.
+
+    Raises:
+        One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.
+    """
+    # Without "file:" the part of a name before a colon would be taken for a protocol.
+    return av.open(f"file:{path}", options=_OPTIONS, **_TAGS)

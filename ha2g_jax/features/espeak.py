@@ -20,7 +20,6 @@ import soxr
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.voices import Voice
 
 # Names as in espeak-ng/speak_lib.h.
 _AUDIO_OUTPUT_SYNCHRONOUS = 2
@@ -32,7 +31,52 @@ _RATE, _VOLUME, _PITCH, _RANGE = 1, 2, 3, 4
 _BASE_VOLUME = 30
 _EVENT_LIST_TERMINATED, _EVENT_WORD, _EVENT_PHONEME = 0, 1, 7
 
+LANGUAGES = ("en-us", "en-us", "en-us", "en-us-nyc", "en", "en-029", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-scotland")
+MALE_VARIANTS = (
+    *("m1", "m2", "m3", "m4", "m5", "m6", "m7", "m8", "adam", "david", "edward", "robert", "paul", "Gene"),
+    *("Alex", "Andy", "Lee", "Michael", "benjamin", "john", "max", "miguel", "quincy", "victor", "klatt", "klatt4"),
+)
+FEMALE_VARIANTS = (
+    *("f1", "f2", "f3", "f4", "f5", "steph", "linda", "belinda", "Annie", "anika"),
+    *("Alicia", "Andrea", "aunty", "grandma", "shelby", "steph2"),
+)
+
 _TOKEN = re.compile(r"<[^>]*>|(?P<word>[^\W_]+(?:['’-][^\W_]+)*)")
+
+
+class Voice(NamedTuple):
+    """A speaker's voice in the terms of espeak-ng.
+
+    Attributes:
+        language: accent, espeak-ng's name of a variety of English, such as "en-us".
+        variant: timbre, one of espeak-ng's voice variants.
+        pitch: base pitch, 0 to 100; 50 is the default of the variant.
+        pitch_range: liveliness of the intonation, 0 (monotone) to 100.
+        rate: words per minute, not counting pauses.
+    """
+
+    language: str
+    variant: str
+    pitch: int
+    pitch_range: int
+    rate: int
+
+
+def sample_voice(rng: np.random.Generator) -> Voice:
+    """Draw a random voice; female and male voices are equally likely.
+
+    Args:
+        rng: generator of the random draws.
+    """
+    is_male = rng.random() < 0.5
+    return Voice(
+        language=str(rng.choice(LANGUAGES)),
+        variant=str(rng.choice(MALE_VARIANTS if is_male else FEMALE_VARIANTS)),
+        # The female variants are tuned high already.
+        pitch=int(rng.integers(15, 81) if is_male else rng.integers(10, 56)),
+        pitch_range=int(rng.integers(40, 100)),
+        rate=int(rng.integers(135, 211)),
+    )
 
 
 class Utterance(NamedTuple):

@@ -1,12 +1,13 @@
 """The log-mel spectrogram of speech that arrives in pieces, in memory that does not grow.
 
-Its columns are those of `features.audio.log_mel`. Only 0 dB differs: the maximum of a clip is not known before its end,
-so that 0 dB is a running level, which each window takes as it is at its time.
+Its columns are those of `features.spectrum.log_mel`. Only 0 dB differs: the maximum of a clip is not known before its
+end, so that 0 dB is a running level, which each window takes as it is at its time.
 """
 
 import numpy as np
 
-from ha2g_jax.features.audio import FFT_SIZE, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, decibels, mel_power
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import FFT_SIZE, HOP_LENGTH, NUM_MELS, decibels, mel_power
 
 # The loudest mel power of speech with a peak of about 0.2: 12 to 37 in four recordings. 0 dB starts here, so that the
 # noise before the first word is not taken for speech, and louder speech raises it at once.

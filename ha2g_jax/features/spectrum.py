@@ -1,14 +1,224 @@
-"""Power spectra and mel filters, those of librosa, whose import takes seconds because it compiles with numba."""
+"""Log-mel spectrograms of whole clips and of their windows: that of HA2G, and that of Whisper.
+
+HA2G's is librosa's, whose import takes seconds because it compiles with numba: FFT 1024, hop 512, periodic Hann window,
+centred frames with reflected borders, 128 mel bands of Slaney's scale and area normalisation over 0-8 kHz, power to dB.
+D11: 0 dB is the maximum of the clip, the floor lies 80 dB below it; the spectrogram is computed once per clip and
+sliced at the nearest column.
+
+Whisper's (Radford et al. 2022, section 2.2), the input of a speech recognition encoder, has FFT 400, hop 160, log10 of
+the power, a floor 80 dB below the loudest value, and (x + 4) / 4. As with D11, the loudest value is that of the clip
+that a window is cut from, so that all windows of a clip have the same floor; Whisper takes that of its 30 s.
+
+The end of a window that has not been heard yet is hidden, in training and in a stream: while someone speaks, a window
+reaches into the future, and a model must know where its knowledge ends.
+"""
 
 import functools
+import math
 
 import numpy as np
+
+from ha2g_jax.features.audio import SAMPLE_RATE
+
+FFT_SIZE = 1024
+HOP_LENGTH = 512
+NUM_MELS = 128
+FLOOR_DB = -80.0
+# A clip whose loudest mel power is lower is silence: 70 dB below the noise of 16-bit rounding.
+_SILENCE_POWER = 1e-15
+
+NUM_ASR_MELS = 80  # mel bands of Whisper's models, except large-v3 and its derivatives, which have 128
+ASR_COLUMNS_PER_SECOND = 100
+_ASR_FFT_SIZE = 400
+_ASR_HOP_LENGTH = SAMPLE_RATE // ASR_COLUMNS_PER_SECOND
+_ASR_LEAST_POWER = 1e-10
+_ASR_DECADES = 8.0  # difference between the loudest value and the floor
+
+# The value of all bands of a hidden column. 0 dB is the maximum of a clip, so that no sound has it in every band, and
+# silence is at the other end of the range: no further input is needed to tell them apart.
+HIDDEN_DB = 0.0
 
 _LINEAR_HZ, _LINEAR_MEL = 1000.0, 15.0  # end of the linear part of Slaney's scale
 _LOG_STEP = np.log(6.4) / 27  # of the logarithm of the frequency in a mel above it
 _BLOCK_BYTES = 1 << 22  # of samples that are transformed together
 _NEIGHBOURS = 8  # bands that are filtered together: few enough to have few frequencies, many enough to be fast
 _COLUMNS = 256  # columns that are filtered together: few enough for a single thread of BLAS
+
+
+def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
+    """Compute the log-mel spectrogram of a clip in dB relative to its maximum (D11).
+
+    For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
+    librosa, the floor is relative to the clip, so that the result does not depend on the volume, and silence is at the
+    floor and not at 0 dB.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz, at least 1 sample.
+        reference: mel power of 0 dB; the maximum of the clip by default.
+
+    Returns:
+        (128, 1 + samples // 512) float32 in [-80, 0].
+    """
+    power = mel_power(np.pad(np.asarray(audio, np.float32), FFT_SIZE // 2, mode="reflect"))
+    return decibels(power, float(np.max(power)) if reference is None else reference)
+
+
+def mel_power(padded: np.ndarray) -> np.ndarray:
+    """Compute the mel powers of sound.
+
+    Args:
+        padded: (samples,) float32 at 16 kHz, at least 1024 samples; column c is that of samples 512 c to 512 c + 1023.
+
+    Returns:
+        (128, 1 + (samples - 1024) // 512) float32.
+    """
+    return mel_spectrum(power_spectrum(padded, FFT_SIZE, HOP_LENGTH), SAMPLE_RATE, FFT_SIZE, NUM_MELS)
+
+
+def decibels(power: np.ndarray, reference: float) -> np.ndarray:
+    """Return mel powers in dB relative to a reference, in [-80, 0]; all of them -80 if the reference is silence.
+
+    Args:
+        power: (128, columns) float32 mel powers.
+        reference: mel power of 0 dB.
+    """
+    if reference < _SILENCE_POWER:
+        return np.full(power.shape, FLOOR_DB, np.float32)
+    ratio = np.clip(power / np.float32(reference), 10 ** (FLOOR_DB / 10), 1)
+    return np.clip(10 * np.log10(ratio), FLOOR_DB, 0, dtype=np.float32)
+
+
+def sound_power(power: np.ndarray) -> float:
+    """Compute the mean power of a sound, up to a constant factor.
+
+    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
+
+    Args:
+        power: (128, columns) mel powers.
+    """
+    edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
+    widths = edges[2:] - edges[:-2]
+    return float(widths @ power.mean(axis=1) / widths.sum())
+
+
+def window_column(frame: int, fps: float) -> int:
+    """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512.
+
+    Args:
+        frame: number of the frame, from 0.
+        fps: frames per second.
+    """
+    return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
+
+
+def window_columns(num_frames: int, fps: float) -> int:
+    """Return the number of whole columns of the spectrogram in a window: 70 for 34 frames at 15 fps."""
+    return int(num_frames * SAMPLE_RATE / (fps * HOP_LENGTH))
+
+
+def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the spectrogram of the window that starts at a frame.
+
+    Args:
+        mel: (128, columns) of a whole clip, in dB.
+        start_frame: first frame of the window, from 0.
+        num_frames: length of the window in frames.
+        fps: frames per second.
+
+    Returns:
+        (128, `window_columns`); past the end of the clip there is silence (-80 dB).
+    """
+    start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
+    window = mel[:, start : start + columns]
+    missing = columns - window.shape[1]
+    return np.pad(window, ((0, 0), (0, missing)), constant_values=FLOOR_DB) if missing else window
+
+
+def heard_columns(end_frame: int, fps: float) -> int:
+    """Return how many columns of a clip's spectrogram are known when its first frames have been heard.
+
+    Column c is centred on sample 512 c and is computed from 1024 samples, so that it needs the first 512 (c + 1)
+    samples of the clip; floor(end_frame / fps x 16000) of them have been heard.
+
+    Args:
+        end_frame: number of frames whose time has passed: the speech before the moment end_frame / fps is known.
+        fps: frames per second.
+    """
+    return int(end_frame * SAMPLE_RATE // (fps * HOP_LENGTH))
+
+
+def hide_unheard(mel: np.ndarray, start_frame: int, heard: int, fps: float) -> np.ndarray:
+    """Hide the columns of a window that need speech from after its first frames.
+
+    Args:
+        mel: (128, columns) dB of a window.
+        start_frame: first frame of the window in its clip, from 0.
+        heard: number of frames of the window whose time has passed.
+        fps: frames per second.
+
+    Returns:
+        (128, columns) dB, a copy in which the hidden columns are `HIDDEN_DB`.
+    """
+    known = heard_columns(start_frame + heard, fps) - window_column(start_frame, fps)
+    hidden = np.array(mel)
+    hidden[:, max(known, 0) :] = HIDDEN_DB
+    return hidden
+
+
+def _asr_scale(decades):  # type: ignore[no-untyped-def]
+    return (decades + 4) / 4
+
+
+def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
+    """Compute Whisper's log-mel spectrogram of a whole clip, with column c centred on c / 100 s.
+
+    Whisper drops the last column, which is kept here. All values lie between -1.5, which is silence, and about 2, so
+    that they can be stored as float16.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz, at least 1 sample.
+        num_mels: number of mel bands, which must be that of the encoder.
+
+    Returns:
+        (num_mels, 1 + samples // 160) float32.
+    """
+    padded = np.pad(np.asarray(audio, np.float32), _ASR_FFT_SIZE // 2, mode="reflect")
+    power = mel_spectrum(power_spectrum(padded, _ASR_FFT_SIZE, _ASR_HOP_LENGTH), SAMPLE_RATE, _ASR_FFT_SIZE, num_mels)
+    decades = np.log10(np.maximum(power, np.float32(_ASR_LEAST_POWER)))
+    return _asr_scale(np.maximum(decades, np.max(decades) - np.float32(_ASR_DECADES)))
+
+
+def asr_columns(num_frames: int, fps: float) -> int:
+    """Return the columns of a window: 228, 2.28 s, for 34 frames at 15 fps.
+
+    It is the least even number that covers the window and has, after the encoder has halved it, a position after the
+    middle of the last frame.
+    """
+    positions = ASR_COLUMNS_PER_SECOND / 2
+    last = math.floor((num_frames - 0.5) * positions / fps)
+    return 2 * max(math.ceil(num_frames * positions / fps), last + 2)
+
+
+def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
+    """Return the spectrogram of the window that starts at a frame.
+
+    Args:
+        mel: (num_mels, columns) of a whole clip, as from `asr_log_mel`.
+        start_frame: first frame of the window, from 0.
+        num_frames: length of the window in frames.
+        fps: frames per second.
+
+    Returns:
+        (num_mels, `asr_columns`) of the type of `mel`; past the end of the clip there is the floor of the clip, which
+        silence in the clip has, too.
+    """
+    start, columns = round(start_frame * ASR_COLUMNS_PER_SECOND / fps), asr_columns(num_frames, fps)
+    window = mel[:, start : start + columns]
+    missing = columns - window.shape[1]
+    if not missing:
+        return window
+    floor = max(float(np.max(mel)) - _ASR_DECADES / 4, _asr_scale(np.log10(_ASR_LEAST_POWER)))
+    return np.pad(window, ((0, 0), (0, missing)), constant_values=floor)
 
 
 def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.ndarray:

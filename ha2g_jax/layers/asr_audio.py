@@ -3,7 +3,7 @@
 import jax
 from flax import linen as nn
 
-from ha2g_jax.features.asr_mel import ASR_COLUMNS_PER_SECOND
+from ha2g_jax.features.spectrum import ASR_COLUMNS_PER_SECOND
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 from ha2g_jax.layers.resnet_se import Features

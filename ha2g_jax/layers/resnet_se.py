@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
 
-from ha2g_jax.features.audio import HOP_LENGTH, SAMPLE_RATE, window_columns
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import HOP_LENGTH, window_columns
 from ha2g_jax.layers import initializers, recompute
 from ha2g_jax.layers.conv import Conv
 from ha2g_jax.layers.norm import BatchNorm

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.config.settings import Config
-from ha2g_jax.features.asr_mel import NUM_ASR_MELS, asr_columns
-from ha2g_jax.features.audio import NUM_MELS, window_columns, window_samples
+from ha2g_jax.features.audio import window_samples
+from ha2g_jax.features.spectrum import NUM_ASR_MELS, NUM_MELS, asr_columns, window_columns
 from ha2g_jax.features.text import MAX_PLAIN_WORDS
 from ha2g_jax.skeleton import Skeleton, normalize
 

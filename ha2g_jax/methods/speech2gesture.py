@@ -14,7 +14,7 @@ from flax import linen as nn
 from ha2g_jax.config.choices import choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import NUM_MELS, window_columns
+from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.norm import BatchNorm
 from ha2g_jax.methods.encoders import no_identity

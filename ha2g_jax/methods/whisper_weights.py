@@ -15,7 +15,7 @@ import numpy as np
 from flax import traverse_util
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.asr_mel import asr_columns
+from ha2g_jax.features.spectrum import asr_columns
 from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.sound_files import has_sound
+from ha2g_jax.features.audio import has_sound
 from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.files.writing import check_kept
 from ha2g_jax.motion import formats

@@ -2,7 +2,7 @@
 
 The generator runs on a window of N frames each time that `hop` more frames can be made; the first M are the seed pose,
 as the windows before generated them. A model that was trained with hidden ends has its new frames right after the seed
-pose, and the speech after them that has not been heard is hidden, see `features.unheard`. Any other model has them at
+pose, and the speech after them that has not been heard is hidden, see `features.spectrum`. Any other model has them at
 the end of a window that has been heard, and what is before them was generated before. What is computed depends on the
 samples so far and not on how they were cut into pieces.
 """
@@ -14,9 +14,9 @@ import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, window_column, window_columns
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.running_mel import RunningMel
-from ha2g_jax.features.unheard import hide_unheard
+from ha2g_jax.features.spectrum import hide_unheard, window_column, window_columns
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
 from ha2g_jax.motion.control.running import Ramp, RunningControls, check_running

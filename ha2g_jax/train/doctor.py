@@ -16,7 +16,7 @@ from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk.build import talk_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features.voices import Voice
+from ha2g_jax.features.espeak import Voice
 from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
 from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory

@@ -16,9 +16,9 @@ from ha2g_jax.data.augment import (
     reverberate,
     warp_formants,
 )
-from ha2g_jax.features.audio import FLOOR_DB, SAMPLE_RATE, log_mel, mel_window, sound_power
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import FLOOR_DB, HIDDEN_DB, heard_columns, log_mel, mel_window, sound_power
 from ha2g_jax.features.text import PADDING
-from ha2g_jax.features.unheard import HIDDEN_DB, heard_columns
 from ha2g_jax.skeleton import directions_to_positions, joint_angles, load_skeleton, normalize
 
 SKELETON = load_skeleton("ted_expressive")

@@ -14,7 +14,8 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.data.windows import Windows, resize_images
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, log_mel, sound_power, window_column
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import log_mel, sound_power, window_column
 from ha2g_jax.features.text import UNKNOWN, Word
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 

@@ -10,11 +10,10 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features import voices
 from ha2g_jax.features.audio import SAMPLE_RATE
 
-MAN = voices.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=160)
-WOMAN = voices.Voice("en", "f2", pitch=40, pitch_range=60, rate=160)
+MAN = speech.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=160)
+WOMAN = speech.Voice("en", "f2", pitch=40, pitch_range=60, rate=160)
 TEXT = "The first of the ideas, <break time='300ms'/> and don't forget it, was found in the garden."
 
 
@@ -42,8 +41,8 @@ def test_independent_of_what_was_said_before(voice):
 
 def test_same_in_another_process():
     code = (
-        "from ha2g_jax.data.talk import speech, voices; import hashlib;"
-        f"print(hashlib.sha256(speech.say({TEXT!r}, voices.{WOMAN}).audio.tobytes()).hexdigest())"
+        "from ha2g_jax.features import espeak as speech; import hashlib;"
+        f"print(hashlib.sha256(speech.say({TEXT!r}, speech.{WOMAN}).audio.tobytes()).hexdigest())"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == hashlib.sha256(speech.say(TEXT, WOMAN).audio.tobytes()).hexdigest()
@@ -82,17 +81,17 @@ def test_markup_changes_the_sound():
 
 def test_every_voice_speaks():
     """Each variant and accent exists, does not clip, and has a rate like that of people."""
-    for variant in (*voices.MALE_VARIANTS, *voices.FEMALE_VARIANTS):
+    for variant in (*speech.MALE_VARIANTS, *speech.FEMALE_VARIANTS):
         utterance = speech.say("people like to hear a good story", MAN._replace(variant=variant))
         assert 0.05 < np.abs(utterance.audio).max() < 0.95, variant
-    for language in voices.LANGUAGES:
+    for language in speech.LANGUAGES:
         assert len(speech.say("hello world", MAN._replace(language=language)).words) == 2
 
 
 def test_sampled_voices_differ():
-    sampled = [voices.sample_voice(np.random.default_rng(seed)) for seed in range(24)]
+    sampled = [speech.sample_voice(np.random.default_rng(seed)) for seed in range(24)]
     assert len(set(sampled)) == 24
-    assert sampled == [voices.sample_voice(np.random.default_rng(seed)) for seed in range(24)]
+    assert sampled == [speech.sample_voice(np.random.default_rng(seed)) for seed in range(24)]
 
 
 def test_no_words():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data.speech import prepare
-from ha2g_jax.features.audio import FFT_SIZE, FLOOR_DB, SAMPLE_RATE, mel_power
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.running_mel import TYPICAL_POWER, RunningMel
+from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, mel_power
 
 
 def _speech(seconds: float, peak: float = 0.2) -> np.ndarray:

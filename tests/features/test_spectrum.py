@@ -1,10 +1,29 @@
-"""Spectra, filters and frequencies are those of librosa, to the last bit where features of trained models need it."""
+"""Spectrograms are those of librosa and of Whisper, and their windows are cut at the nearest column."""
 
 import librosa
 import numpy as np
 import pytest
 
-from ha2g_jax.features.spectrum import mel_filters, mel_frequencies, mel_spectrum, power_spectrum
+from ha2g_jax.features.spectrum import (
+    asr_columns,
+    asr_log_mel,
+    asr_window,
+    log_mel,
+    mel_filters,
+    mel_frequencies,
+    mel_spectrum,
+    mel_window,
+    power_spectrum,
+    window_column,
+)
+
+
+def tone(seconds: float, rate: int = 16000, hertz: float = 440) -> np.ndarray:
+    return (0.3 * np.sin(2 * np.pi * hertz * np.arange(round(seconds * rate)) / rate)).astype(np.float32)
+
+
+def noise(num_samples: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, 0.1, num_samples).astype(np.float32)
 
 
 @pytest.mark.parametrize(("fft_size", "hop_length"), [(1024, 512), (400, 160)])
@@ -31,3 +50,143 @@ def test_every_band_and_column_has_all_of_its_frequencies(fft_size, num_mels):
     power = np.random.default_rng(0).exponential(size=(1 + fft_size // 2, 600)).astype(np.float32)
     expected = mel_filters(16000, fft_size, num_mels).astype(np.float64) @ power
     np.testing.assert_allclose(mel_spectrum(power, 16000, fft_size, num_mels), expected, rtol=1e-5)
+
+
+def test_mel_is_librosas_with_reflected_borders():
+    samples = noise(36267)
+    power = librosa.feature.melspectrogram(
+        y=samples, sr=16000, n_fft=1024, hop_length=512, n_mels=128, pad_mode="reflect"
+    )
+    expected = librosa.power_to_db(power, ref=np.max, top_db=80)
+    mel = log_mel(samples)
+    assert mel.shape == (128, 71)
+    assert mel.dtype == np.float32
+    np.testing.assert_allclose(mel, expected, atol=1e-3)
+
+
+def test_mel_of_a_tone_peaks_in_the_band_of_its_pitch():
+    mel = log_mel(tone(1, hertz=1000))
+    centres = librosa.mel_frequencies(130, fmin=0, fmax=8000)[1:-1]
+    assert abs(centres[np.argmax(mel[:, 15])] - 1000) < 40
+    assert mel.max() == 0
+    assert mel.min() == -80
+
+
+@pytest.mark.parametrize("num_samples", [1, 2, 511, 512, 513, 1024])
+def test_mel_of_a_very_short_clip(num_samples):
+    mel = log_mel(noise(num_samples))
+    assert mel.shape == (128, 1 + num_samples // 512)
+    assert np.isfinite(mel).all()
+
+
+def test_silence_is_the_floor_and_a_quiet_clip_is_as_loud_as_a_loud_one():
+    assert (log_mel(np.zeros(16000, np.float32)) == -80).all()
+    np.testing.assert_allclose(log_mel(1e-4 * noise(16000)), log_mel(noise(16000)), atol=1e-2)
+
+
+def test_a_given_reference_is_the_zero_of_the_scale():
+    half = log_mel(noise(16000), reference=1e3)
+    np.testing.assert_allclose(log_mel(noise(16000), reference=1e2), np.minimum(half + 10, 0), atol=1e-3)
+    assert half.max() <= 0
+
+
+def test_windows_are_whole_and_silent_past_the_end():
+    mel = np.arange(128 * 100, dtype=np.float32).reshape(128, 100) - 13000
+    assert [window_column(frame, 15) for frame in (0, 1, 15, 30, 60, 90)] == [0, 2, 31, 62, 125, 188]
+    np.testing.assert_array_equal(mel_window(mel, 0, 34, 15), mel[:, :70])
+    window = mel_window(mel, 30, 34, 15)
+    assert window.shape == (128, 70)
+    np.testing.assert_array_equal(window[:, :38], mel[:, 62:])
+    assert (window[:, 38:] == -80).all()
+    assert (mel_window(mel, 900, 34, 15) == -80).all()
+
+
+def test_a_window_of_a_long_clip_is_that_of_the_same_sound_alone():
+    samples = noise(16000 * 12)
+    start = 120 * 16000 // 15  # on a column
+    window = mel_window(log_mel(samples, reference=1), 120, 34, 15)
+    alone = log_mel(samples[start : start + 36267], reference=1)
+    np.testing.assert_allclose(window[:, 1:69], alone[:, 1:69], atol=1e-3)  # the outer columns reach further
+
+
+def test_clicks_lie_in_their_windows():
+    samples = np.zeros(16000 * 60, np.float32)
+    clicks = np.arange(1, 60, 2)  # one in each stride of two seconds, a second after its start
+    samples[clicks * 16000] = 1
+    mel = log_mel(samples)
+    loudest = [np.argmax(mel_window(mel, 30 * window, 34, 15).sum(axis=0)) for window in range(29)]
+    assert set(loudest) <= {31, 32}  # a second is 31.25 columns
+
+
+def speech_like(seconds: float, seed: int = 0) -> np.ndarray:
+    """Noise whose loudness rises and falls four times a second."""
+    time = np.arange(round(16000 * seconds)) / 16000
+    noise = np.random.default_rng(seed).normal(0, 0.1, len(time))
+    return (noise * (1 + np.sin(8 * np.pi * time))).astype(np.float32)
+
+
+@pytest.mark.parametrize("num_mels", [80, 128])
+def test_whispers_spectrogram_is_its_definition(num_mels):
+    audio = speech_like(0.5).astype(np.float64)
+    filters = librosa.filters.mel(sr=16000, n_fft=400, n_mels=num_mels)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(400) / 400)
+    padded = np.concatenate([audio[200:0:-1], audio, audio[-2:-202:-1]])
+    columns = [np.fft.rfft(window * padded[160 * column : 160 * column + 400]) for column in range(51)]
+    decades = np.log10(np.maximum(filters @ np.abs(np.array(columns).T) ** 2, 1e-10))
+    expected = (np.maximum(decades, decades.max() - 8) + 4) / 4
+    mel = asr_log_mel(audio.astype(np.float32), num_mels)
+    assert mel.shape == (num_mels, 51) and mel.dtype == np.float32
+    np.testing.assert_allclose(mel, expected, atol=1e-4)
+
+
+def test_whispers_spectrogram_is_that_of_faster_whisper():
+    extractor = pytest.importorskip("faster_whisper.feature_extractor").FeatureExtractor()
+    audio = np.append(speech_like(2), np.zeros(1600, np.float32))
+    theirs = extractor(audio, padding=0)
+    np.testing.assert_allclose(asr_log_mel(audio)[:, :-1], theirs, atol=1e-4)
+
+
+def test_whispers_windows_of_a_clip_share_its_floor():
+    """A window that is all quiet keeps the floor of the loud part of its clip."""
+    audio = np.concatenate([speech_like(3), 1e-6 * speech_like(3)])
+    mel = asr_log_mel(audio)
+    quiet = asr_window(mel, 50, 34, 15)
+    assert quiet.shape == (80, asr_columns(34, 15))
+    np.testing.assert_allclose(quiet, mel.max() - 2, atol=1e-6)
+    assert asr_window(mel, 0, 34, 15).max() == mel.max()
+
+
+@pytest.mark.parametrize(("frame", "fps", "column"), [(0, 15, 0), (1, 15, 7), (30, 15, 200), (7, 30, 23)])
+def test_whispers_window_starts_at_the_nearest_column(frame, fps, column):
+    mel = np.broadcast_to(np.arange(500, dtype=np.float32), (80, 500))
+    np.testing.assert_array_equal(asr_window(mel, frame, 34, fps)[3], np.arange(column, column + asr_columns(34, fps)))
+
+
+@pytest.mark.parametrize("gain", [1, 1e-5, 0])
+def test_past_the_end_is_what_silence_is_within_the_clip(gain):
+    audio = np.float32(gain) * speech_like(2)
+    short = asr_log_mel(audio)
+    long = asr_log_mel(np.append(audio, np.zeros(48000, np.float32)))
+    last = 201 - round(15 * 100 / 15)  # column of the window after which the clip has ended
+    ended, going_on = (asr_window(mel, 15, 34, 15) for mel in (short, long))
+    np.testing.assert_allclose(ended[:, last + 2 :], going_on[:, last + 2 :], atol=1e-5)
+    np.testing.assert_array_equal(ended[:, :last], short[:, 100:])
+    assert np.ptp(asr_window(short, 900, 34, 15)) == 0
+
+
+def test_half_precision_is_enough():
+    tone = np.sin(2 * np.pi * 440 * np.arange(32000) / 16000).astype(np.float32)
+    mel = asr_log_mel(np.append(tone, np.zeros(16000, np.float32)))
+    stored = mel.astype(np.float16)
+    assert -1.5 < mel.min() < mel.max() < 2
+    assert np.abs(stored.astype(np.float32) - mel).max() < 5e-4  # 0.02 dB
+    assert asr_window(stored, 20, 34, 15).dtype == np.float16
+    np.testing.assert_allclose(asr_window(stored, 20, 34, 15), asr_window(mel, 20, 34, 15), atol=1e-3)
+
+
+@pytest.mark.parametrize("num_samples", [1, 159, 160])
+def test_whispers_spectrogram_of_the_shortest_clips(num_samples):
+    silence = asr_log_mel(np.zeros(num_samples, np.float32))
+    assert silence.shape == (80, 1 + num_samples // 160)
+    np.testing.assert_allclose(silence, -1.5, atol=1e-6)
+    assert np.isfinite(asr_log_mel(np.ones(num_samples, np.float32))).all()

@@ -8,7 +8,7 @@ import numpy as np
 import optax
 import pytest
 
-from ha2g_jax.features.asr_mel import asr_columns
+from ha2g_jax.features.spectrum import asr_columns
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder, feature_blocks, resample
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.whisper import WhisperEncoder

@@ -130,13 +130,12 @@ def test_real_weights_give_what_faster_whisper_gives(tmp_path):
     if model is None:
         pytest.skip("no Whisper model here (set HA2G_WHISPER_MODEL to a folder)")
     from ha2g_jax.features import espeak as speech
-    from ha2g_jax.features import voices
-    from ha2g_jax.features.asr_mel import asr_log_mel
+    from ha2g_jax.features.spectrum import asr_log_mel
     from ha2g_jax.methods import whisper_weights
 
     ctranslate2_weights.write_folder(pathlib.Path(model), tmp_path / "whisper", np.float16)
     sizes, params = whisper_weights.load(tmp_path / "whisper")
-    spoken = speech.say("The old garden was full of yellow flowers.", voices.Voice("en-us", "m3", 50, 60, 150)).audio
+    spoken = speech.say("The old garden was full of yellow flowers.", speech.Voice("en-us", "m3", 50, 60, 150)).audio
     audio = np.pad(spoken, (0, 480_000 - len(spoken)))
     mel = asr_log_mel(audio, sizes.num_mels)[:, :-1]
     assert mel.shape == (sizes.num_mels, 3000) and mel.std() > 0.1

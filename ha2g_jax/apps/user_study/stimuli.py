@@ -10,8 +10,7 @@ from ha2g_jax.apps.user_study.design import Planned, Scene
 from ha2g_jax.apps.user_study.key import ATTENTION
 from ha2g_jax.apps.user_study.sources import Sources
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.features.espeak import say
-from ha2g_jax.features.voices import Voice
+from ha2g_jax.features.espeak import Voice, say
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.video import fit_view, write_video
 from ha2g_jax.progress import progress_bar

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ha2g_jax.checkpoint.onnx.graph import Graph
-from ha2g_jax.features.audio import NUM_MELS, window_columns
+from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers.norm import EPSILON
 from ha2g_jax.layers.resampling import interpolate
 from ha2g_jax.layers.resnet_se import HEADS, MEL_RANGE, AudioEncoder, head_grid, head_places

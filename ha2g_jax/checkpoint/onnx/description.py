@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.checkpoint import assets as assets_module
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.features.audio import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, SAMPLE_RATE, window_columns
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, window_columns
 from ha2g_jax.files.reading import parse_json
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CHANNELS, MAX_WINDOW_FRAMES
 

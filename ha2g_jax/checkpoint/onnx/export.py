@@ -13,7 +13,7 @@ from ha2g_jax.checkpoint.onnx.graph import Graph
 from ha2g_jax.checkpoint.onnx.inferer import add_inferer
 from ha2g_jax.checkpoint.onnx.reading import SUFFIX
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import NUM_MELS, window_columns
+from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file

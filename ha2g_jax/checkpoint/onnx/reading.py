@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ha2g_jax.checkpoint.onnx.description import Description, from_metadata
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import NUM_MELS, window_columns
+from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason
 from ha2g_jax.limits import MAX_ONNX_BYTES
 

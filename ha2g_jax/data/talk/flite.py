@@ -18,8 +18,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.espeak import Utterance
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.voices import FliteVoice
 
+FLITE_VOICES = ("awb", "rms", "slt")  # a Scottish man, a man and a woman of the United States
 _LEVEL = 0.3  # of the sound of a word that is not emphasised, so that emphasis does not clip
 _RAMP = 0.02  # seconds over which the loudness changes from word to word
 _WORD = re.compile(r"([^\W_]+(?:['’-][^\W_]+)*)([.,]?)")
@@ -27,6 +27,37 @@ _START, _END = (
     b"R:SylStructure.daughter1.daughter1.R:Segment.p.end",
     b"R:SylStructure.daughtern.daughtern.R:Segment.end",
 )
+
+
+class FliteVoice(NamedTuple):
+    """A speaker's voice in the terms of Flite.
+
+    Attributes:
+        name: one of `FLITE_VOICES`, whose sounds come from recordings of a person.
+        pitch: ratio of the pitch to that of the person; that of "rms" follows the formants alone.
+        rate: ratio of the rate of speech to that of the person.
+        formants: ratio of the formants to those of the person; a shorter vocal tract has higher ones.
+    """
+
+    name: str
+    pitch: float
+    rate: float
+    formants: float
+
+
+def sample_flite_voice(rng: np.random.Generator) -> FliteVoice:
+    """Draw a random voice of Flite.
+
+    Args:
+        rng: generator of the random draws.
+    """
+    formants = rng.uniform(0.86, 1.16)
+    return FliteVoice(
+        name=str(rng.choice(FLITE_VOICES)),
+        pitch=float(formants * rng.uniform(0.85, 1.2)),  # people with a shorter vocal tract have a higher pitch
+        rate=float(rng.uniform(0.8, 1.2)),
+        formants=float(formants),
+    )
 
 
 class _Wave(ctypes.Structure):

@@ -8,7 +8,6 @@ import numpy as np
 from ha2g_jax.data.talk import flite
 from ha2g_jax.data.talk.style import Style, sample_style
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features.voices import FliteVoice, Voice, sample_flite_voice, sample_voice
 
 DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
 
@@ -31,9 +30,11 @@ class Synthesiser(NamedTuple):
 
 
 SYNTHESISERS = {
-    "espeak-ng": Synthesiser(sample_voice, speech.say, "Synthetic speech and motion; free of third-party rights"),
+    "espeak-ng": Synthesiser(
+        speech.sample_voice, speech.say, "Synthetic speech and motion; free of third-party rights"
+    ),
     "flite": Synthesiser(
-        sample_flite_voice,
+        flite.sample_flite_voice,
         flite.say,
         "Synthetic motion, and speech of voices of Carnegie Mellon University, free to use",
     ),
@@ -50,7 +51,7 @@ class Speaker(NamedTuple):
     """
 
     name: str
-    voice: Voice | FliteVoice
+    voice: speech.Voice | flite.FliteVoice
     style: Style
 
 

@@ -10,7 +10,7 @@ from av.container import InputContainer
 from PIL import Image
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.media import MEDIA_ERRORS
+from ha2g_jax.features.audio import MEDIA_ERRORS
 from ha2g_jax.files.reading import shown
 from ha2g_jax.importers.video.decoding import decode, no_images, open_video, unreadable
 from ha2g_jax.skeleton import Skeleton

@@ -11,7 +11,7 @@ from av.container import OutputContainer
 from PIL import Image, ImageDraw
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.media import MEDIA_ERRORS, open_media
+from ha2g_jax.features.audio import MEDIA_ERRORS, open_media
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import images

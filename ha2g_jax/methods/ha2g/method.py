@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from ha2g_jax.config.choices import ARCHITECTURES, choice, some_of
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.asr_mel import NUM_ASR_MELS
+from ha2g_jax.features.spectrum import NUM_ASR_MELS
 from ha2g_jax.layers.asr_audio import AsrAudioEncoder
 from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity

@@ -1,11 +1,17 @@
 """Times of events: onsets of a sound, local minima of a curve, and the kernel of the distance to the nearest time."""
 
+import contextlib
+import functools
+import importlib
 import math
-from typing import NamedTuple
+import warnings
+from typing import Any, NamedTuple
 
+import filelock
 import numpy as np
 
-from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.cache import cache_folder
 
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 
@@ -115,3 +121,21 @@ def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
     padded = np.pad(np.asarray(audio, np.float32), (0, max(0, _MIN_SAMPLES - len(audio))))
     times = detect_onsets(padded)
     return times[times < duration]
+
+
+@functools.cache
+def librosa(part: str) -> Any:
+    """Import one module of librosa, such as "filters" or "core.spectrum", and return it.
+
+    When a module is first imported in an environment, numba compiles functions and caches them on disk, which takes
+    nearly half a minute for "onset". Processes that do so at the same time, such as workers, can corrupt this cache,
+    and then every process that calls these functions ends with a segmentation fault.
+    """
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError, UserError):  # a read-only home, or none
+            cache_folder().mkdir(parents=True, exist_ok=True)
+            stack.enter_context(filelock.FileLock(cache_folder() / "librosa.lock"))
+        with warnings.catch_warnings():
+            # Its downloader, which nothing here calls, would ask for the progress bars of notebooks.
+            warnings.filterwarnings("ignore", "IProgress not found")
+            return importlib.import_module(f"librosa.{part}")

@@ -17,7 +17,7 @@ from ha2g_jax.checkpoint.onnx.export import build, export
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import window_columns
+from ha2g_jax.features.spectrum import window_columns
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.methods.build import MIN_FRAMES, variable_shapes
 from ha2g_jax.methods.build import build as build_spec

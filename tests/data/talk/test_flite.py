@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data.talk import build, flite, grammar
+from ha2g_jax.data.talk.flite import FLITE_VOICES, FliteVoice, sample_flite_voice
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.features.voices import FLITE_VOICES, FliteVoice, sample_flite_voice
 
 VOICE = FliteVoice("slt", 1.0, 1.0, 1.0)
 TEXT = (

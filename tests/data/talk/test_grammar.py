@@ -9,7 +9,6 @@ import numpy as np
 from ha2g_jax.data.talk import grammar, patterns
 from ha2g_jax.data.talk.lexicon import WORD_CLASSES, word_class
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features import voices
 
 
 def sample(seed: int, count: int) -> list[str]:
@@ -53,7 +52,7 @@ def test_classes_are_even_and_frequent():
 def test_espeak_speaks_the_words_and_nothing_else():
     """No racing over crowded markup, no punctuation read out."""
     for seed in range(8):
-        voice = voices.sample_voice(np.random.default_rng(seed))
+        voice = speech.sample_voice(np.random.default_rng(seed))
         for markup in sample(seed, 20):
             utterance = speech.say(markup, voice)
             assert [word.text for word in utterance.words] == words(markup)

@@ -7,12 +7,11 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features import voices
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.words import alignment, pronunciation, voicing
 
-VOICE = voices.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=150)
+VOICE = speech.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=150)
 TEXTS = (
     "Old ladies are what society has left behind, and nobody listens to them any more.",
     "The question that I do not even know to ask will only arise after a long walk.",

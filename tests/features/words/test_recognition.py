@@ -9,7 +9,6 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
-from ha2g_jax.features import voices
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.words import recognition
@@ -57,7 +56,7 @@ def test_other_languages_keep_the_times_of_whisper(whisper):
 def test_english_is_aligned_anew(whisper):
     """Whisper's times are off by half a second here; those of the alignment are not."""
     pytest.importorskip("pocketsphinx")
-    utterance = speech.say("The old garden was full of yellow flowers.", voices.Voice("en-us", "m3", 50, 60, 150))
+    utterance = speech.say("The old garden was full of yellow flowers.", speech.Voice("en-us", "m3", 50, 60, 150))
     whisper.answer = ([segment(" " + word.text, word.start + 0.5, word.end + 0.5) for word in utterance.words], "en")
     words = recognition.recognise(utterance.audio)
     assert [word.text for word in words] == [word.text for word in utterance.words]
@@ -121,7 +120,7 @@ def test_source_of_words(tmp_path, whisper):
     assert whisper.loaded is None
     text = tmp_path / "a.txt"
     text.write_text("The old garden.")
-    utterance = speech.say("The old garden.", voices.Voice("en-us", "m3", 50, 60, 150))
+    utterance = speech.say("The old garden.", speech.Voice("en-us", "m3", 50, 60, 150))
     assert [word.text for word in transcripts.words_of(utterance.audio, text, recognise=None)] == [
         "the",
         "old",

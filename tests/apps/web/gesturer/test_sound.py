@@ -7,7 +7,8 @@ import pytest
 import soundfile
 import soxr
 
-from ha2g_jax.features.audio import log_mel, read_audio
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.features.spectrum import log_mel
 
 SPEECH = pathlib.Path(__file__).parents[4] / "examples" / "hello.wav"
 # dB. At other rates the filters that resample differ; a band at the floor may differ by more than one that is heard.

@@ -5,12 +5,12 @@ import subprocess
 import sys
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import librosa_once
-from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.metrics.beats import times
+from ha2g_jax.metrics.beats.times import librosa
 
 PROGRAM = """
 import numpy as np
-from ha2g_jax.features.librosa_once import librosa
+from ha2g_jax.metrics.beats.times import librosa
 print(librosa("core.audio").zero_crossings(np.array([1.0, -1.0, 1.0])).sum())
 """
 
@@ -37,6 +37,6 @@ def test_a_user_without_a_home_does_not_matter(monkeypatch):
     def no_folder():
         raise UserError("this user has no home folder")
 
-    monkeypatch.setattr(librosa_once, "cache_folder", no_folder)
+    monkeypatch.setattr(times, "cache_folder", no_folder)
     librosa.cache_clear()
     assert librosa("util.exceptions").ParameterError
