@@ -36,8 +36,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.cpu.memory import keep_memory
 from ha2g_jax.layers.cpu.onednn.library import use_onednn, used_version
-from ha2g_jax.train.machine import gib
-from ha2g_jax.train.measure import TimedStep
+from ha2g_jax.train.measure import TimedStep, gib
 
 _SETTINGS = ("batch_size", "dtype", "accumulate", "devices")
 # Backend of JAX -> device on which PyTorch runs the same step.

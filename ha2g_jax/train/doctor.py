@@ -19,8 +19,7 @@ from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.espeak import Voice
 from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
-from ha2g_jax.train.machine import Finding, examine_machine, gib, host_memory
-from ha2g_jax.train.measure import TimedStep
+from ha2g_jax.train.measure import Finding, TimedStep, examine_machine, gib, host_memory
 
 _STEPS = 5
 _SECONDS = 20.0  # no further step is timed after this time

@@ -1,13 +1,14 @@
-"""Inputs of a run as its config states them: corpus, windows, batches and pretrained parameters."""
+"""Inputs of a run as its config states them: corpus, windows, batches, initial weights, start poses and styles."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import grain
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import weights
-from ha2g_jax.checkpoint.word_tables import is_word_table
+from ha2g_jax.checkpoint import loading, weights
+from ha2g_jax.checkpoint.word_tables import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
@@ -18,18 +19,17 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
 from ha2g_jax.methods import whisper_weights
-from ha2g_jax.methods.build import variable_shapes
+from ha2g_jax.methods.build import encode_identity, variable_shapes
 from ha2g_jax.methods.method import Spec
-from ha2g_jax.train.initial_model import initial_variables
 
 VALIDATION = "val"
+
+_IDENTITY = "identity"  # name of the network E_ID
+_NUM_STARTS, _CLIPS_PER_SPEAKER = 16, 8
 
 
 def open_corpus(config: Config) -> Corpus:
     """Open the corpus of a config; the Talk corpus ("talk") is made if it does not exist yet.
-
-    Args:
-        config: settings of the run.
 
     Raises:
         UserError: there is no corpus, it is damaged, or its skeleton or frame rate differs from that of the config.
@@ -79,9 +79,6 @@ def open_windows(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabul
 def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Vocabulary) -> Windows | None:
     """Return the windows of the validation split, None if the corpus has none that the model can use.
 
-    Args:
-        config, spec, corpus, vocabulary: see `open_windows`.
-
     Raises:
         UserError: the split cannot be used.
     """
@@ -96,15 +93,7 @@ def open_validation(config: Config, spec: Spec, corpus: Corpus, vocabulary: Voca
 def training_batches(
     config: Config, windows: Windows, first: int, host: int = 0, num_hosts: int = 1
 ) -> grain.DatasetIterator:
-    """Return this host's part of the training batches; see `ha2g_jax.data.batches`.
-
-    Args:
-        config: settings of the run.
-        windows: windows of the training split.
-        first: number of the first batch.
-        host: number of this host, from 0.
-        num_hosts: number of hosts.
-    """
+    """Return this host's part of the training batches from number `first` on; see `ha2g_jax.data.batches`."""
     data = config.data
     return batches(
         windows,
@@ -132,11 +121,6 @@ def training_batches(
 def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
     """Read the weights that the config names, of a model or of parts of one, which take the place of random ones.
 
-    Args:
-        config: settings of the run.
-        spec: networks and sizes.
-        vocabulary: words of the training split.
-
     Returns:
         A part of the tree {"params", "batch_stats"} of the generator.
 
@@ -155,33 +139,16 @@ def pretrained(config: Config, spec: Spec, vocabulary: Vocabulary) -> dict[str, 
     if text.vectors:
         if not {"words", "plain_words"} & set(spec.training_inputs):
             raise UserError(f"{config.method} reads no words: leave out --config.model.text.vectors")
-        vectors = read_word_vectors(text.vectors, vocabulary, text.embedding_dim)
-        parts |= word_table(config, spec, len(vocabulary), vectors)
+        parts |= word_table(spec, read_word_vectors(text.vectors, vocabulary, text.embedding_dim))
     if audio.kind == "whisper":
         parts |= {"audio": {"whisper": _whisper(audio)}}
     return {"params": parts}
 
 
-def word_table(config: Config, spec: Spec, vocabulary_size: int, word_vectors: np.ndarray) -> dict[str, Any]:
-    """Return pretrained parameters of a generator whose word embeddings start from word vectors.
-
-    Args:
-        config: settings of the model.
-        spec: networks and sizes.
-        vocabulary_size: number of words.
-        word_vectors: (vocabulary_size, embedding_dim) vector of each word.
-
-    Raises:
-        UserError: the shape of the vectors is not that of the embedding.
-    """
-    table = (vocabulary_size, config.model.text.embedding_dim)
-    if word_vectors.shape != table:
-        raise UserError(
-            f"word vectors have shape {word_vectors.shape}, expected {table}: "
-            f"set --config.model.text.embedding_dim={word_vectors.shape[-1]}"
-        )
+def word_table(spec: Spec, vectors: np.ndarray) -> dict[str, Any]:
+    """Return parameters of a generator whose word embeddings start from vectors (vocabulary, embedding_dim)."""
     names = [name.removeprefix("params/") for name in weights.flatten(variable_shapes(spec)) if is_word_table(name)]
-    return traverse_util.unflatten_dict(dict.fromkeys(names, word_vectors), sep="/")
+    return traverse_util.unflatten_dict(dict.fromkeys(names, vectors), sep="/")
 
 
 def _whisper(audio: Config) -> dict[str, Any]:
@@ -196,3 +163,96 @@ def _whisper(audio: Config) -> dict[str, Any]:
         settings = " ".join(f"--config.model.audio.whisper.{name}={getattr(found, name)}" for name in odd)
         raise UserError(f"{audio.weights} has an encoder of another size than the config: set {settings}")
     return params
+
+
+def initial_variables(source: str, spec: Spec, vocabulary: Vocabulary) -> dict[str, Any]:
+    """Read the weights of a model as the initial ones of a generator for other words and speakers.
+
+    A word that the model knows keeps its vector; every other word starts with that of unknown words. A table of
+    speakers is left out, and starts anew. So does all of E_ID where the model has styles from images and the generator
+    from a table, or the other way round.
+
+    Args:
+        source: the model, see `ha2g_jax.checkpoint.loading.load`.
+        spec: networks and sizes of the generator.
+        vocabulary: words of the generator.
+
+    Returns:
+        A part of the tree {"params", "batch_stats"} of the generator.
+
+    Raises:
+        UserError: there is no such model, or it has another method, skeleton or size than the generator.
+    """
+    model = loading.load(source)
+    if model.spec.method != spec.method:
+        raise UserError(f"{source} is a model of {model.spec.method}, but the config of {spec.method}")
+    if model.spec.skeleton.bones != spec.skeleton.bones:
+        raise UserError(f"{source} has skeleton {model.spec.skeleton.name}, but the config has {spec.skeleton.name}")
+    found = weights.flatten(model.variables)
+    for name in filter(is_word_table, found):
+        found[name] = in_vocabulary(found[name], model.assets.vocabulary, vocabulary)
+    has_same_kind = model.spec.identity == spec.identity
+    expected = {name: leaf.shape for name, leaf in weights.flatten(variable_shapes(spec)).items()}
+    found, expected = (
+        {name: value for name, value in tree.items() if not _is_new(name, has_same_kind)} for tree in (found, expected)
+    )
+    if difference := weights.compare({name: array.shape for name, array in found.items()}, expected):
+        raise UserError(
+            f"{source} has other networks than the config ({difference}): give the preset or the settings "
+            "config.model that it was trained with"
+        )
+    return traverse_util.unflatten_dict(found, sep="/")
+
+
+def _is_new(name: str, has_same_kind: bool) -> bool:
+    """Return whether a variable belongs to the speakers of one corpus, and so starts anew on another."""
+    is_identity = name.split("/")[1] == _IDENTITY
+    return (name.endswith(TABLE) and not is_word_table(name)) or (is_identity and not has_same_kind)
+
+
+def calm_starts(windows: Windows, mean_directions: np.ndarray, num_frames: int) -> np.ndarray:
+    """Return calm seed poses: of the starts of windows that are near the mean pose, those that move least.
+
+    Args:
+        windows: windows of the training split.
+        mean_directions: (bones, 3) mean direction vectors of the training split.
+        num_frames: number of frames of a seed pose, M.
+
+    Returns:
+        (K, M, bones, 3) float32 unit vectors, at most 16, and at most one from each clip.
+    """
+    starts = np.stack([windows.directions(index)[:num_frames] for index in range(len(windows))])
+    distance = np.linalg.norm(starts - mean_directions, axis=-1).mean(axis=(1, 2))
+    motion = np.linalg.norm(np.diff(starts, axis=1), axis=-1).sum(axis=1).mean(axis=-1)
+    near = np.argsort(distance, kind="stable")[: max(_NUM_STARTS, len(starts) // 4)]
+    calmest: dict[int, int] = {}
+    for index in near[np.argsort(motion[near], kind="stable")]:
+        calmest.setdefault(windows.clip_index(index), index)
+    return starts[list(calmest.values())[:_NUM_STARTS]]
+
+
+def speaker_identities(
+    spec: Spec, variables: dict[str, Any], windows: Windows, names: list[str]
+) -> dict[str, np.ndarray]:
+    """Return the style of every speaker, the output of E_ID, averaged over at most eight training clips.
+
+    Args:
+        spec: networks and sizes.
+        variables: variables of the generator.
+        windows: windows of the training split.
+        names: names of the speakers of the training split, by index.
+
+    Returns:
+        name -> (style_dim,) float32; empty for a method without identities.
+    """
+    if not spec.identity:
+        return {}
+
+    def identity(speaker):
+        if spec.identity == "speaker":
+            return np.asarray(encode_identity(spec, variables, np.int32(speaker)))
+        images = windows.reference_images(speaker, limit=_CLIPS_PER_SPEAKER)
+        return np.mean([encode_identity(spec, variables, image) for image in images], axis=0)
+
+    with ThreadPoolExecutor() as pool:  # threads decode images in parallel
+        return dict(zip(names, pool.map(identity, range(len(names))), strict=True))

@@ -14,10 +14,12 @@ from typing import Any
 import jax
 import numpy as np
 import tqdm
+from jax.sharding import Mesh
 
 from ha2g_jax.checkpoint import ASSETS, BEST, FAILED, LATEST, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
+from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.config import checks
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.batches import batch_names
@@ -31,10 +33,8 @@ from ha2g_jax.progress import stage
 from ha2g_jax.stopping import Stop, stop_after_step
 from ha2g_jax.train import hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog, open_writers
-from ha2g_jax.train.objective import build_objective, init_state
-from ha2g_jax.train.profiling import Profile
-from ha2g_jax.train.starts import calm_starts, speaker_identities
-from ha2g_jax.train.validation import Validation
+from ha2g_jax.train.measure import Profile
+from ha2g_jax.train.objective import Objective, build_objective, init_state
 from ha2g_jax.train.workdir import only_run
 
 SAMPLES, PROFILE = "samples", "profile"
@@ -153,7 +153,9 @@ def _train(
     def trained() -> tuple[Any, Assets]:
         """Return the variables as arrays of this host, and the assets with the styles of the speakers."""
         variables = jax.device_get(state.model)
-        return variables, dataclasses.replace(assets, speakers=speaker_identities(spec, variables, windows, speakers))
+        return variables, dataclasses.replace(
+            assets, speakers=inputs.speaker_identities(spec, variables, windows, speakers)
+        )
 
     def save(checkpoints: Checkpoints, **more: Any) -> None:
         taken = int(state.step)  # less than `step` after a step that was not finite
@@ -215,7 +217,7 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
         checks.check_corpus(workdir, assets, corpus)
         model_folder.check_assets(workdir, assets, spec, has_styles=False)
         return assets
-    starts = calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
+    starts = inputs.calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
     named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()
     no_styles = dict.fromkeys(named, np.zeros(0, np.float32))
     return Assets(corpus.skeleton, corpus.vocabulary(), no_styles, starts)
@@ -241,3 +243,40 @@ def _failure(error: NotFinite, names: list[str], workdir: pathlib.Path, save: Ca
 
 def _is_due(step: int, every: int, last: int) -> bool:
     return step % every == 0 or step == last
+
+
+class Validation:
+    """Mean terms of the objective over a split, in the same batches every time.
+
+    Args:
+        objective: networks and objective.
+        mesh: mesh from `sharding.data_mesh`.
+        windows: windows of the split; those that do not fill a batch are left out.
+        batch_size: largest number of windows in a batch; batches are smaller if the split has fewer windows.
+
+    Raises:
+        UserError: there are fewer windows than devices.
+    """
+
+    def __init__(self, objective: Objective, mesh: Mesh, windows: Windows, batch_size: int):
+        self._mesh, self._windows = mesh, windows
+        self._step = sharding.compile_validation_step(objective, mesh)
+        size = min(batch_size, len(windows) // mesh.size * mesh.size)
+        if not size:
+            raise UserError(
+                f"the validation split has {len(windows)} windows for {mesh.size} devices: "
+                "use more data or set --config.train.devices=1"
+            )
+        order = np.random.default_rng(0).permutation(len(windows))  # so that a batch has many speakers, as in training
+        batches = order[: len(order) // size * size].reshape(-1, jax.process_count(), size // jax.process_count())
+        self._batches = batches[:, jax.process_index()]  # this host's rows of each batch
+
+    def __call__(self, state: TrainState, key: jax.Array) -> dict[str, float]:
+        """Return the mean over the split of each term of `validation_step`, by name."""
+        metrics = []
+        for number, indices in enumerate(self._batches):
+            examples = [self._windows[index] for index in indices]
+            batch = {name: np.stack([example[name] for example in examples]) for name in examples[0]}
+            metrics.append(self._step(state, sharding.shard_batch(self._mesh, batch), jax.random.fold_in(key, number)))
+        metrics = jax.device_get(metrics)
+        return {name: float(np.mean([terms[name] for terms in metrics])) for name in metrics[0]}

@@ -1,37 +1,146 @@
-"""Measure the training step of a config on random data: time, speed and memory."""
+"""Measure a machine and a training step on it: devices, time, memory, operations, and a trace of where time goes."""
 
+import collections
+import contextlib
+import importlib.metadata
+import math
+import os
+import pathlib
+import platform
+import sys
 import time
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import tqdm
+from jax.extend import core
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.layers.cpu.onednn import calls
+from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
-from ha2g_jax.train.operations import count_operations
 
 # Sizes of the tables of words and speakers where no corpus is given: about those of TED.
 NUM_WORDS, NUM_SPEAKERS = 20_000, 1_000
 
+_PACKAGES = ("ha2g-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "grain", "numpy")
+_CUDA_PLUGINS = ("jax-cuda12-plugin", "jax-cuda13-plugin")
+# Files by which JAX itself detects a GPU: those of a driver, of a container and of WSL.
+_GPU_FILES = ("/dev/nvidia0", "/dev/nvidiactl", "/dev/dxg")
+
+_MEMORY = pathlib.Path("/proc/meminfo")
+_CONTAINER = pathlib.Path("/sys/fs/cgroup")
+
+
+class Finding(NamedTuple):
+    """Result of one check: what was found, in words and as values, and what is wrong and what to do, "" if nothing."""
+
+    name: str
+    found: str
+    trouble: str = ""
+    values: dict[str, Any] | None = None
+
+
+def examine_machine() -> list[Finding]:
+    """Check Python and packages, devices, cores and memory."""
+    return [_python(), _packages(), _devices(), _host()]
+
+
+def host_memory() -> tuple[int | None, int | None]:
+    """Return the total and the available memory in bytes, within the limit of a container; None if unknown."""
+    total, available = None, None
+    if _MEMORY.exists():
+        lines = (line.split() for line in _MEMORY.read_text().splitlines())
+        sizes = {line[0]: int(line[1]) * 1024 for line in lines}
+        total, available = sizes["MemTotal:"], sizes["MemAvailable:"]
+    elif {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= getattr(os, "sysconf_names", {}).keys():
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    limit, used = _CONTAINER / "memory.max", _CONTAINER / "memory.current"
+    if total and available and limit.exists() and used.exists() and (size := limit.read_text().strip()) != "max":
+        total, available = min(total, int(size)), min(available, int(size) - int(used.read_text()))
+    return total, available
+
+
+def gib(size: int) -> str:
+    """Format a number of bytes, such as "1.5 GiB"."""
+    return f"{size / 2**30:.1f} GiB" if size >= 2**30 / 10 else f"{size / 2**20:.1f} MiB"
+
+
+def _python() -> Finding:
+    values = {"python": platform.python_version(), "platform": platform.platform()}
+    return Finding("python", f"{values['python']} on {values['platform']}", values=values)
+
+
+def _packages() -> Finding:
+    versions = {name: _version(name) for name in _PACKAGES}
+    missing = " ".join(name for name, version in versions.items() if version is None)
+    with contextlib.suppress(RuntimeError):  # JAX finds no device, which `_devices` reports
+        if onednn := used_version():
+            versions["onednn"] = onednn
+    found = ", ".join(f"{name} {version}" for name, version in versions.items() if version is not None)
+    return Finding("packages", found, f"pip install {missing}" if missing else "", versions)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _devices() -> Finding:
+    try:
+        devices = jax.devices()
+    except RuntimeError as error:  # JAX_PLATFORMS names a platform that is not available
+        return Finding("devices", "", f"JAX finds none ({str(error).splitlines()[0]}): unset JAX_PLATFORMS")
+    kinds = collections.Counter(device.device_kind for device in devices)
+    memory = {device.device_kind: (device.memory_stats() or {}).get("bytes_limit") for device in jax.local_devices()}
+    found = [
+        f"{count} x {kind}" + (f" with {gib(size)} each for JAX" if (size := memory.get(kind)) else "")
+        for kind, count in kinds.items()
+    ]
+    values = {"devices": dict(kinds), "device_memory": memory, "backend": jax.default_backend()}
+    return Finding("devices", ", ".join(found), _idle_gpu(), values)
+
+
+def _idle_gpu() -> str:
+    """Return why JAX does not use the GPU of this machine, "" if it does or if there is none."""
+    if jax.default_backend() != "cpu" or not any(map(os.path.exists, _GPU_FILES)):
+        return ""
+    if platforms := os.environ.get("JAX_PLATFORMS"):
+        return f"there is an NVIDIA GPU, but JAX_PLATFORMS={platforms} keeps JAX from using it: unset JAX_PLATFORMS"
+    if plugins := [name for name in _CUDA_PLUGINS if _version(name)]:
+        return (
+            f"there is an NVIDIA GPU, but {plugins[0]} does not start: "
+            "JAX_PLATFORMS=cuda python -c 'import jax; jax.devices()' shows why"
+        )
+    return (
+        "there is an NVIDIA GPU, but JAX computes on the CPU: pip install -U 'jax[cuda13]', "
+        "or 'jax[cuda12]' where the driver is older than 580"
+    )
+
+
+def _host() -> Finding:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    total, available = host_memory()
+    found = f"{cores} cores" + (f", {gib(total)} of memory" if total else "")
+    found += f", {gib(available)} available" if available is not None else ""
+    return Finding("machine", found, values={"cores": cores, "memory": total, "memory_available": available})
+
 
 class Memory(NamedTuple):
-    """Memory of a compiled step on each device, in bytes.
+    """Memory of a compiled step on each device, in bytes."""
 
-    Attributes:
-        arguments: size of the state and the batch that the step takes.
-        outputs: size of the state and the metrics that the step returns.
-        aliased: part of the outputs that reuses the memory of arguments.
-        temporary: size of all intermediate values.
-    """
-
-    arguments: int
-    outputs: int
-    aliased: int
-    temporary: int
+    arguments: int  # the state and the batch
+    outputs: int  # the state and the metrics
+    aliased: int  # part of the outputs that reuses the memory of arguments
+    temporary: int  # all intermediate values
 
     @property
     def total(self) -> int:
@@ -43,7 +152,7 @@ class TimedStep:
     """The training step of a config, compiled for the devices of the config but not yet run.
 
     Args:
-        config: settings, see `ha2g_jax.config.settings.paper`.
+        config: settings of the run.
         corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
 
     Attributes:
@@ -94,14 +203,7 @@ class TimedStep:
 
 
 def random_batch(spec: Spec, size: int, num_words: int, num_speakers: int) -> dict[str, np.ndarray]:
-    """Return noise in the shapes, types and units of a batch, see `ha2g_jax.data.windows`.
-
-    Args:
-        spec: networks and sizes.
-        size: windows in the batch.
-        num_words: number of words in the vocabulary.
-        num_speakers: number of speakers.
-    """
+    """Return noise in the shapes, types and units of a batch of `size` windows, see `ha2g_jax.data.windows`."""
     random = np.random.default_rng(0)
 
     def draw(name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -130,3 +232,102 @@ def _memory(step: jax.stages.Compiled) -> Memory | None:
         aliased=found.alias_size_in_bytes,
         temporary=found.temp_size_in_bytes,
     )
+
+
+class Profile:
+    """Trace some steps of a run after the step is compiled, and stop after them.
+
+    Args:
+        folder: folder that the trace is written to; None to write no trace.
+        first: number of calls of `step` before the trace begins.
+        steps: number of calls of `step` in the trace.
+    """
+
+    def __init__(self, folder: pathlib.Path | None, *, first: int = 3, steps: int = 5):
+        self._folder, self._first, self._last = folder, first, first + steps - 1
+        self._calls = 0
+        self._is_tracing = False
+
+    @contextlib.contextmanager
+    def step(self, number: int) -> Iterator[None]:
+        """Mark the block that runs a step; the trace also contains what happens between two steps."""
+        if self._folder is None:
+            yield
+            return
+        if self._calls == self._first:
+            self._start(self._folder)
+        with jax.profiler.StepTraceAnnotation("train", step_num=number):
+            yield
+        if self._calls == self._last:
+            self._stop(self._folder)
+        self._calls += 1
+
+    def close(self) -> None:
+        """Write the trace so far if the run ends before the last traced step."""
+        if self._folder is not None and self._is_tracing:
+            self._stop(self._folder)
+        elif self._folder is not None and self._calls <= self._first:
+            _say(f"no trace: the run ended before its step {self._first + 1}; raise --config.train.steps")
+
+    def _start(self, folder: pathlib.Path) -> None:
+        options = jax.profiler.ProfileOptions()
+        options.python_tracer_level = 0  # calls of Python functions would hide the rest
+        jax.profiler.start_trace(folder, create_perfetto_trace=True, profiler_options=options)
+        self._is_tracing = True
+
+    def _stop(self, folder: pathlib.Path) -> None:
+        jax.block_until_ready(jax.live_arrays())  # a trace contains only what the device has finished
+        self._is_tracing = False
+        jax.profiler.stop_trace()
+        for path in sorted(folder.rglob("perfetto_trace.json.gz"))[-1:]:  # the names of the folders are times
+            _say(f"trace written to {path}: open it at https://ui.perfetto.dev, or open {folder} with xprof")
+
+
+def _say(line: str) -> None:
+    tqdm.tqdm.write(line, file=sys.stderr)
+
+
+def count_operations(jaxpr: core.Jaxpr) -> int:
+    """Count the operations of the matrix products and convolutions of a traced function.
+
+    A multiplication and the addition of its result are two operations. All other operations are left out: they are
+    few, and limited by memory rather than by arithmetic. A loop counts as often as it runs, except a `while_loop`,
+    whose number of runs is unknown and which counts once. Of the branches of a `cond` the most expensive one counts.
+
+    Args:
+        jaxpr: function as JAX traced it, such as `jax.jit(f).trace(x).jaxpr.jaxpr`.
+    """
+    return sum(map(_of_equation, jaxpr.eqns))
+
+
+def _of_equation(equation: core.JaxprEqn) -> int:
+    match equation.primitive.name:
+        case "dot_general":
+            return _of_product(equation)
+        case "conv_general_dilated":
+            return _of_convolution(equation)
+        case "ffi_call":
+            shapes = [_shape(variable) for variable in (*equation.invars, *equation.outvars)]
+            return calls.count_operations(equation.params["target_name"], shapes)
+    counts = [count_operations(jaxpr) for jaxpr in core.jaxprs_in_params(equation.params)]
+    if equation.primitive.name == "cond":
+        return max(counts)
+    return sum(counts) * equation.params.get("length", 1)
+
+
+def _of_product(equation: core.JaxprEqn) -> int:
+    (contracted, _), _ = equation.params["dimension_numbers"]
+    left = _shape(equation.invars[0])
+    return 2 * math.prod(_shape(equation.outvars[0])) * math.prod(left[axis] for axis in contracted)
+
+
+def _of_convolution(equation: core.JaxprEqn) -> int:
+    """Count a convolution; of one with a dilated input, as in a gradient, the products with its zeros are left out."""
+    numbers, dilation = equation.params["dimension_numbers"], equation.params["lhs_dilation"]
+    kernel = _shape(equation.invars[1])
+    taps = math.prod(kernel[axis] for axis in numbers.rhs_spec[1:])  # inputs, height and width
+    return 2 * math.prod(_shape(equation.outvars[0])) * taps // math.prod(dilation)
+
+
+def _shape(variable: Any) -> tuple[int, ...]:
+    return variable.aval.shape

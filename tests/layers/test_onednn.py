@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from ha2g_jax.layers import conv as convolution
 from ha2g_jax.layers.cpu.onednn import calls, library
 from ha2g_jax.layers.gru_scan import Gates, gru_scan
-from ha2g_jax.train.operations import count_operations
+from ha2g_jax.train.measure import count_operations
 
 try:
     importlib.metadata.version("onednn-cpu-gomp")

@@ -1,16 +1,26 @@
 """Inputs of a run on a corpus with unusual splits."""
 
 import dataclasses
+import shutil
 
+import jax
+import numpy as np
 import pytest
 
+from ha2g_jax import cli
+from ha2g_jax.checkpoint import loading, model_folder, weights
+from ha2g_jax.checkpoint.word_tables import is_word_table
+from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.build import build
+from ha2g_jax.features.text import UNKNOWN, Vocabulary
+from ha2g_jax.methods.build import build, variable_shapes
+from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import inputs
+from ha2g_jax.train.inputs import _is_new, initial_variables
 
 
 @pytest.fixture
@@ -52,3 +62,70 @@ def test_a_table_knows_the_speakers_of_training(config, tiny_talk, tmp_path):
     assert inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "test").speakers() == {0}
     with pytest.raises(UserError, match="no clip of a speaker of training in split 'val'"):
         inputs.open_windows(config, spec, corpus, corpus.vocabulary(), "val")
+
+
+WORDS = "params/text/embedding/embedding"
+
+
+def spec_for(*words: str, data="talk", method="ha2g", kind="images", hidden_dim=128):
+    """Return the vocabulary of some words and networks for it, by default of the demo's size."""
+    changes = {"model.identity.kind": kind, "model.inferer.hidden_dim": hidden_dim}
+    config = presets.make(data, "medium", method, changes)
+    vocabulary = Vocabulary(words)
+    return vocabulary, build(config, load_skeleton(config.skeleton), len(vocabulary), 3)
+
+
+def start(vocabulary, spec):
+    return weights.flatten(initial_variables("demo", spec, vocabulary))
+
+
+def test_all_weights_are_those_of_the_model_and_words_keep_their_vectors():
+    demo = loading.load("demo")
+    known = demo.assets.vocabulary.words[5]
+    found, before = start(*spec_for("qwyx", known)), weights.flatten(demo.variables)
+    assert found.keys() == before.keys()
+    assert all(np.array_equal(found[name], before[name]) for name in found if name != WORDS)
+    np.testing.assert_array_equal(found[WORDS], before[WORDS][[0, 1, UNKNOWN, demo.assets.vocabulary.encode(known)]])
+
+
+def test_a_table_of_speakers_starts_anew():
+    """The demo has styles from images; motion capture has none."""
+    vocabulary, spec = spec_for("you", data="bvh", kind="speakers")
+    missing = weights.flatten(variable_shapes(spec)).keys() - start(vocabulary, spec).keys()
+    assert missing
+    assert all("/identity/" in name for name in missing)
+
+
+def test_every_table_of_words_keeps_its_vectors():
+    """Each level of a released model has a table of its own; those of speakers start anew."""
+    names = weights.flatten(variable_shapes(spec_for("you", method="release", kind="speakers")[1]))
+    new = {name for name in names if name.endswith("/embedding/embedding") and _is_new(name, True)}
+    words = {name for name in names if is_word_table(name)}
+    assert len(words) == 7 and new and not new & words
+    assert all("/text/" in name for name in words) and not any("/text/" in name for name in new)
+
+
+def test_models_that_do_not_fit_are_refused():
+    with pytest.raises(UserError, match="model of ha2g, but the config of trimodal"):
+        start(*spec_for(method="trimodal", kind="speakers"))
+    with pytest.raises(UserError, match="has skeleton ted_expressive, but the config has ted_gesture"):
+        start(*spec_for(data="ted_gesture", kind="speakers"))
+    with pytest.raises(UserError, match="has shape"):
+        start(*spec_for(hidden_dim=32))
+
+
+def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
+    """With a learning rate of 0 all weights are those of the model at the end, except for vectors of other words."""
+    source = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
+    flags = ["--config=talk:debug", f"--workdir={tmp_path / 'run'}", f"--config.data.path={tiny_talk}"]
+    rates = ("learning_rate", "discriminator_learning_rate")
+    flags += [f"--config.train.init_from={source}", *(f"--config.train.{rate}=0.0" for rate in rates)]
+    assert cli.main(["train", *flags]) == 0
+    assert f"training starts from the weights of {source}" in capsys.readouterr().err
+    before, after = (loading.load(path).variables["params"] for path in (source, tmp_path / "run"))
+    del before["text"]["embedding"], after["text"]["embedding"]
+    assert jax.tree.all(jax.tree.map(np.array_equal, before, after))
+
+    shutil.rmtree(source)
+    assert cli.main(["train", *flags]) == 0  # a run that has begun needs the model no more
+    assert "training starts from" not in capsys.readouterr().err

@@ -84,15 +84,10 @@ def test_a_speaker_and_the_mirror_image_are_two_rows_of_the_table(config, build)
     assert build(config).spec.generator.identity.num_speakers == 10
 
 
-def test_word_vectors_of_another_size_are_refused(config, build):
-    with pytest.raises(UserError, match="embedding_dim=300"):
-        word_table(config, build(config).spec, 11, np.zeros((11, 300), np.float32))
-
-
 def test_word_vectors_start_every_table_of_words():
     config = presets.make("ted_gesture", "debug", "release", {"model.text.embedding_dim": 300})
     spec = build_method(config, load_skeleton("ted_gesture"), 11, 3)
-    found = weights.flatten(word_table(config, spec, 11, np.ones((11, 300), np.float32)))
+    found = weights.flatten(word_table(spec, np.ones((11, 300), np.float32)))
     assert set(found) == {f"{part}text/embedding/embedding" for part in ("", "pose_1/", "pose_2/", "pose_3/")}
 
 
