@@ -46,19 +46,18 @@ PAGES = [
 BLOCK = re.compile(r"^```(?:sh|bash|)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 PARSED_ONLY = {
-    "data build-video": "needs the environment of data install-pose; tests/importers/video runs it",
-    "data install-pose": "needs the network and 400 MB",
-    "import-weights": "needs released weights; tests/checkpoint/released imports some",
+    "data build-video": "needs the environment of the pose estimator; tests/importers/video runs it",
+    "model import": "needs released weights; tests/checkpoint/released imports some",
     "generate speech.wav --words speech.srt --checkpoint models/released": "needs released weights",
     "generate speech.wav --checkpoint hf://": "needs a model on the Hub; tests/checkpoint/test_hub.py fetches one",
-    "publish": "needs a token of the Hub; tests/checkpoint/test_hub.py publishes",
+    "model publish": "needs a token of the Hub; tests/checkpoint/test_hub.py publishes",
     "live --source microphone": "needs a microphone",
     "live --source ws": "runs until Ctrl-C; tests/apps/live runs it",
     "serve": "runs until it is stopped; tests/apps/serve runs it",
     "web": "needs node, and npm with its registry; tests/apps/web runs it",
 }
 # Of the recipes the imports and what is done with the corpora run; training and scores are those of other pages.
-RECIPES = "docs/recipes/"
+RECIPES = "docs/recipes.md"
 # Pages whose commands need what the page tells the reader to write; test_extending.py runs them.
 OF_THE_READER = {"extending.md"}
 
@@ -89,12 +88,12 @@ DEBUG = (
     (r"^data make-talk .*", r"\g<0> --speakers 2 --minutes 1.2"),  # of two equal flags the last holds
     (r" --synthesiser flite", ""),  # a library of the system
     (r" /shared/", " shared/"),
-    (r"^data inspect .*", r"\g<0> --samples 1"),
+    (r"^data inspect (?!.*--check).* (-o|--out) .*", r"\g<0> --samples 1"),
     (r"^generate (?!.*--checkpoint).*", r"\g<0> --checkpoint runs/talk"),  # the demo takes half a minute to compile
-    (r"^average .*", "average runs/talk runs/talk -o average"),
+    (r"^model average .*", "model average runs/talk runs/talk -o average"),
     (r"^generate .*", r"\g<0> --size 64"),  # a picture of 1080 lines takes a second to draw
     (r"^study make .*", r"\g<0> --size 64"),
-    (r"^video .*", r"\g<0> --size 64x64"),
+    (r"^export .*\.mp4.*", r"\g<0> --size 64x64"),
     (r"^study power .*", r"\g<0> --simulations 20"),
     (r"^live (?!.*--checkpoint)(.*?)(?: --fast)?$", r"live \1 --checkpoint runs/talk --fast"),
 )
@@ -115,7 +114,7 @@ def commands_to_run():
         found[page] = []
         for command in commands:
             made = debug_size(command)
-            if page.startswith(RECIPES) and command[0] != "data":
+            if page == RECIPES and command[0] != "data":
                 continue
             if pathlib.Path(page).name in OF_THE_READER or shlex.join(command).startswith(tuple(PARSED_ONLY)):
                 continue

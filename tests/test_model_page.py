@@ -1,4 +1,4 @@
-"""docs/model.md leads from every equation and table of the paper, and every decision, to code that exists."""
+"""docs/model.md leads from every equation, table and decision to code that exists; so does the tour, docs/tour.md."""
 
 import importlib.util
 import pathlib
@@ -8,6 +8,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "model.md").read_text()
+PAGES = {"model": PAGE, "tour": (ROOT / "docs" / "tour.md").read_text()}
 # A link to a file, and the symbols after it.
 ANCHOR = re.compile(r"\[`([^`]+)`\]\(([^)]+)\)((?:,?\s(?:and\s)?`[A-Za-z_][\w.]*`)+)")
 SECTIONS = dict(re.findall(r"^### ([^\n]+)\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -27,19 +28,22 @@ def line_of():
     return module.line_of
 
 
-def test_places_in_the_code_exist(line_of):
-    found = anchors(PAGE)
-    assert len(found) > 80
+@pytest.mark.parametrize(("page", "least"), [("model", 80), ("tour", 25)])
+def test_places_in_the_code_exist(page, least, line_of):
+    found = anchors(PAGES[page])
+    assert len(found) > least
     assert not [place for place in found if not line_of(ROOT / place[0], place[1])]
 
 
-def test_links_name_the_file_that_they_lead_to():
-    links = re.findall(r"\[`([^`]+)`\]\((\.\.[^)]+)\)", PAGE)
+@pytest.mark.parametrize("page", PAGES.values(), ids=list(PAGES))
+def test_links_name_the_file_that_they_lead_to(page):
+    links = re.findall(r"\[`([^`]+)`\]\((\.\.[^)]+)\)", page)
     assert links and not [link for link in links if f"../{link[0]}" != link[1]]
 
 
-def test_every_link_to_code_is_followed_by_a_symbol():
-    assert len(re.findall(r"\]\(\.\./[^)]+\.py\)", PAGE)) == len(ANCHOR.findall(PAGE))
+@pytest.mark.parametrize("page", PAGES.values(), ids=list(PAGES))
+def test_every_link_to_code_is_followed_by_a_symbol(page):
+    assert len(re.findall(r"\]\(\.\./[^)]+\.py\)", page)) == len(ANCHOR.findall(page))
 
 
 def test_a_symbol_that_is_gone_is_found(line_of):

@@ -1,7 +1,7 @@
-"""Draw docs/images/demo.png, the moving picture of the README: the demo model's motion for 5 s of examples/hello.wav.
+"""Draw docs/images/demo.gif, the moving picture of the README: the demo model's motion for 6 s of examples/hello.wav.
 
-ha2g generate examples/hello.wav --out out/demo
-python docs/images/demo.py out/demo.npz examples/hello.wav docs/images/demo.png
+ha2g generate examples/hello.wav --fps 10 --out out/demo.npz
+python docs/images/demo.py out/demo.npz examples/hello.wav docs/images/demo.gif
 """
 
 import sys
@@ -13,10 +13,10 @@ from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.figure import DEFAULT_LOOK, View, draw_figure, fit
 from ha2g_jax.motion.motion import Motion
 
-START, SECONDS = 5.0, 5.0
+START, SECONDS = 5.0, 6.0
 WIDTH, FIGURE, WAVE = 400, 340, 60  # pixels: width of all, heights of the figure and of the waveform
 PAPER, PAST, FUTURE = (250, 250, 252), (62, 110, 160), (190, 198, 208)
-COLOURS = 128
+COLOURS = 64
 
 
 def main(motion_path: str, speech: str, out: str) -> None:
@@ -31,7 +31,7 @@ def main(motion_path: str, speech: str, out: str) -> None:
     palette = pictures[len(pictures) // 2].quantize(COLOURS, dither=Image.Dither.NONE)
     pictures = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     duration = round(1000 / motion.fps)
-    pictures[0].save(out, "PNG", save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=True)
+    pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0, optimize=True)
 
 
 def _picture(motion: Motion, frame: int, view: View, heights: np.ndarray, done: float) -> Image.Image:
