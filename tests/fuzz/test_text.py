@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.words import read_words
-from ha2g_jax.features.words.unspoken import without_brackets
+from ha2g_jax.features.words.subtitles import without_brackets
 from ha2g_jax.importers.ted import arrow_values
 from ha2g_jax.importers.video import pose, settings, work_folder
 from ha2g_jax.motion import control

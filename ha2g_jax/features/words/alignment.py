@@ -8,37 +8,58 @@
 3. Pieces of at most 30 s, cut at the longest pauses between neighbouring anchors, are aligned by forced alignment.
 """
 
+import ctypes
 import difflib
 import itertools
 import logging
 import pathlib
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.espeak import fresh_library
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words import pronunciation, timing, voicing
-from ha2g_jax.features.words.spelling import split_words
-from ha2g_jax.features.words.timing import Stretch
+from ha2g_jax.features.words.timing import Stretch, fill_gaps, split_words, without_overlap
 from ha2g_jax.limits import MAX_WORDS
 
 if TYPE_CHECKING:
     from pocketsphinx import Decoder
 
 MAX_PIECE_SECONDS = 30.0
-
 _MIN_ANCHOR = 3
 _MAX_LETTERS = 100  # in a word, far more than the longest of English
 # Time of the neighbours that may belong to a word that was not recognised.
 _SLACK_SECONDS = 0.3
 # Minimum fraction of recognised words; below it the text is probably not that of the recording.
 _MIN_RECOGNISED = 0.3
-
 _logger = logging.getLogger(__name__)
+
+FRAME_SECONDS = 0.01
+_FRAME = round(FRAME_SECONDS * SAMPLE_RATE)
+# Speech lies within this many decibels of the loudest hundredth.
+_SPEECH_DB = 35.0
+# The clock moves slowly in silence, so that it is invertible.
+_SILENCE_SPEED = 0.02
+
+_VOICE = b"en-us"
+_CHARS_UTF8 = 1
+_SEPARATOR = "_"
+# Phonemes of espeak-ng's American English, without marks of stress, in the phones of the CMU dictionary.
+_PHONES = {
+    **{"p": "P", "b": "B", "t": "T", "t#": "T", "t2": "T", "?": "T", "d": "D", "k": "K", "g": "G", "x": "K"},
+    **{"f": "F", "v": "V", "T": "TH", "D": "DH", "s": "S", "z": "Z", "S": "SH", "Z": "ZH", "h": "HH"},
+    **{"tS": "CH", "dZ": "JH", "m": "M", "n": "N", "n-": "AH N", "N": "NG", "l": "L", "r": "R", "r-": "R"},
+    **{"w": "W", "j": "Y", ";": "Y", "@": "AH", "@-": "AH", "a#": "AH", "V": "AH", "@L": "AH L", "3": "ER", "3:": "ER"},
+    **{"I": "IH", "I#": "IH", "I2": "IH", "i": "IY", "i:": "IY", "i@": "IY AH", "i@3": "IH R", "E": "EH", "e@": "EH R"},
+    **{"a": "AE", "aa": "AE", "A:": "AA", "0": "AA", "A@": "AA R", "O:": "AO", "O2": "AO", "O@": "AO R", "o@": "AO R"},
+    **{"U": "UH", "U@": "UH R", "u:": "UW", "eI": "EY", "aI": "AY", "aI@": "AY AH", "aI3": "AY ER", "OI": "OY"},
+    **{"oU": "OW", "aU": "AW"},
+}
+_STRESS = "',%=|"
 
 
 class _Placed(NamedTuple):
@@ -79,23 +100,18 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
         if aligned is None and piece:
             _logger.warning("%d words from %.1f to %.1f s cannot be aligned; spread by letters", len(piece), start, end)
         words += [one.word for one in piece] if aligned is None else aligned
-    return timing.without_overlap(words)
+    return without_overlap(words)
 
 
 def _load(texts: Sequence[str]) -> "Decoder":
     """Load a decoder with only the words of the text, which makes it start 40 times as fast."""
-    try:
-        from pocketsphinx import Decoder, get_model_path
-    except ImportError as error:
-        raise UserError(
-            "aligning a text needs pocketsphinx: pip install 'ha2g-jax[speech]'; or give a transcript with times"
-        ) from error
-    known = pronunciation.known_pronunciations(texts, pathlib.Path(get_model_path("en-us/cmudict-en-us.dict")))
+    pocketsphinx = require("pocketsphinx", "speech", by="aligning a text (a transcript without times)")
+    known = _known_pronunciations(texts, pathlib.Path(pocketsphinx.get_model_path("en-us/cmudict-en-us.dict")))
     with tempfile.TemporaryDirectory() as folder:
         dictionary = pathlib.Path(folder, "words.dict")
         dictionary.write_text("".join(line for lines in known.values() for line in lines), encoding="utf-8")
-        decoder = Decoder(lm=None, dict=str(dictionary), loglevel="FATAL")
-    for word, phones in pronunciation.guess_pronunciations(sorted({*texts} - {*known})).items():
+        decoder = pocketsphinx.Decoder(lm=None, dict=str(dictionary), loglevel="FATAL")
+    for word, phones in guess_pronunciations(sorted({*texts} - {*known})).items():
         decoder.add_word(word, phones, update=False)
     return decoder
 
@@ -112,7 +128,7 @@ def _recognise(decoder: "Decoder", audio: np.ndarray, texts: Sequence[str]) -> l
             model.write(file)
         decoder.add_lm_file("text", str(path))
     decoder.activate_search("text")
-    pieces = voicing.cut_at_quiet(audio, MAX_PIECE_SECONDS)
+    pieces = cut_at_quiet(audio, MAX_PIECE_SECONDS)
     return [word for start, end in pieces for word in _decode(decoder, audio, start, end)]
 
 
@@ -129,8 +145,8 @@ def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> 
     return [
         Word(
             segment.word.partition("(")[0],
-            start + segment.start_frame * voicing.FRAME_SECONDS,
-            start + (segment.end_frame + 1) * voicing.FRAME_SECONDS,
+            start + segment.start_frame * FRAME_SECONDS,
+            start + (segment.end_frame + 1) * FRAME_SECONDS,
         )
         for segment in spoken
     ]
@@ -138,7 +154,7 @@ def _decode(decoder: "Decoder", audio: np.ndarray, start: float, end: float) -> 
 
 def _place(audio: np.ndarray, texts: Sequence[str], recognised: Sequence[Word]) -> list[_Placed]:
     """Return provisional times: the recognised ones for anchors, and a part of the gap for the words between."""
-    clock = voicing.voiced_clock(audio)
+    clock = voiced_clock(audio)
     matcher = difflib.SequenceMatcher(None, texts, [word.text for word in recognised])
     times = {
         block.a + offset: recognised[block.b + offset]
@@ -156,7 +172,7 @@ def _place(audio: np.ndarray, texts: Sequence[str], recognised: Sequence[Word]) 
         else Stretch(text, None, None)
         for index, text in enumerate(texts)
     ]
-    filled = timing.fill_gaps(stretches, 0.0, float(clock.readings[-1]), slack=_SLACK_SECONDS)
+    filled = fill_gaps(stretches, 0.0, float(clock.readings[-1]), slack=_SLACK_SECONDS)
     if len(filled) < len(texts):
         _logger.warning("%d of %d words fit nowhere in the recording; left out", len(texts) - len(filled), len(texts))
     anchors = {id(stretch) for index, stretch in enumerate(stretches) if index in times}
@@ -199,3 +215,121 @@ def _force(decoder: "Decoder", audio: np.ndarray, start: float, end: float, text
     except RuntimeError:  # pocketsphinx raises this for every failure
         return None
     return words if [word.text for word in words] == list(texts) else None
+
+
+class VoicedClock(NamedTuple):
+    """A clock that almost stops in silence.
+
+    Attributes:
+        times: (frames + 1,) times in the recording, in seconds.
+        readings: (frames + 1,) duration of speech up to each time, in seconds, strictly increasing.
+    """
+
+    times: np.ndarray
+    readings: np.ndarray
+
+    def to_voiced(self, time: float) -> float:
+        """Convert a time in the recording to a reading of the clock."""
+        return float(np.interp(time, self.times, self.readings))
+
+    def to_time(self, reading: float) -> float:
+        """Convert a reading of the clock to a time in the recording."""
+        return float(np.interp(reading, self.readings, self.times))
+
+
+def loudness(audio: np.ndarray) -> np.ndarray:
+    """Compute the level of each 10 ms in decibels, smoothed over 50 ms.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz.
+
+    Returns:
+        (frames,) float64 with frames = samples // 160, at least 1.
+    """
+    frames = max(1, len(audio) // _FRAME)
+    padded = np.zeros(frames * _FRAME)
+    padded[: len(audio)] = audio[: frames * _FRAME]
+    power = np.square(padded.reshape(frames, _FRAME)).mean(axis=1)
+    smooth = np.convolve(np.pad(power, 2, mode="edge"), np.full(5, 0.2), mode="valid")
+    return 10 * np.log10(smooth + 1e-10)
+
+
+def voiced_clock(audio: np.ndarray) -> VoicedClock:
+    """Compute the speech clock of a recording.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz.
+    """
+    level = loudness(audio)
+    speed = np.where(level > np.quantile(level, 0.99) - _SPEECH_DB, 1.0, _SILENCE_SPEED)
+    readings = np.concatenate([[0.0], np.cumsum(speed) * FRAME_SECONDS])
+    return VoicedClock(np.arange(len(readings)) * FRAME_SECONDS, readings)
+
+
+def cut_at_quiet(audio: np.ndarray, max_seconds: float) -> list[tuple[float, float]]:
+    """Cut a recording into pieces, each of which ends at the quietest moment of its second half.
+
+    Args:
+        audio: (samples,) float32 at 16 kHz.
+        max_seconds: maximum length of a piece in seconds.
+
+    Returns:
+        (start, end) of each piece in seconds; together they cover the whole recording.
+    """
+    level = loudness(audio)
+    longest = round(max_seconds / FRAME_SECONDS)
+    duration, start, pieces = len(audio) / SAMPLE_RATE, 0, []
+    while duration - start * FRAME_SECONDS > max_seconds:
+        middle = start + longest // 2
+        end = middle + int(np.argmin(level[middle : start + longest]))
+        pieces.append((start * FRAME_SECONDS, end * FRAME_SECONDS))
+        start = end
+    return [*pieces, (start * FRAME_SECONDS, duration)]
+
+
+def _known_pronunciations(words: Iterable[str], dictionary: pathlib.Path) -> dict[str, list[str]]:
+    """Return the lines `word PHONE PHONE ...` of words in a CMU dictionary by word; further pronunciations of a word
+    follow as `word(2) ...`.
+    """
+    wanted, found = set(words), {}
+    with dictionary.open(encoding="utf-8") as file:
+        for line in file:
+            word = line.split(None, 1)[0].partition("(")[0]
+            if word in wanted:
+                found.setdefault(word, []).append(line)
+    return found
+
+
+def guess_pronunciations(words: Iterable[str]) -> dict[str, str]:
+    """Guess the American English pronunciation of words, numbers and letters with espeak-ng.
+
+    Args:
+        words: words of any spelling.
+
+    Returns:
+        Phones of the CMU set, separated by spaces, by word; a single vowel if espeak-ng gives no phoneme.
+
+    Raises:
+        UserError: espeak-ng cannot be loaded.
+    """
+    with fresh_library() as (library, _):
+        library.espeak_SetVoiceByName(_VOICE)
+        translate = library.espeak_TextToPhonemes
+        translate.restype = ctypes.c_char_p
+        translate.argtypes = [ctypes.POINTER(ctypes.c_char_p), ctypes.c_int, ctypes.c_int]
+        return {word: _to_phones(_phonemes(word, translate)) for word in words}
+
+
+def _phonemes(word: str, translate) -> str:  # type: ignore[no-untyped-def]
+    # Each call advances the pointer by a clause, and sets it to zero at the end.
+    buffer = ctypes.create_string_buffer(word.encode())
+    rest = ctypes.c_char_p(ctypes.addressof(buffer))
+    clauses = []
+    while rest.value:
+        clauses.append(translate(ctypes.byref(rest), _CHARS_UTF8, ord(_SEPARATOR) << 8).decode())
+    return " ".join(clauses)
+
+
+def _to_phones(phonemes: str) -> str:
+    symbols = (symbol.strip(_STRESS) for symbol in phonemes.replace(" ", _SEPARATOR).split(_SEPARATOR))
+    return " ".join(_PHONES[symbol] for symbol in symbols if symbol in _PHONES) or "AH"

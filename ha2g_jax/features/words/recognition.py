@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import threadpoolctl
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words import alignment, timing
-from ha2g_jax.features.words.spelling import split_words
+from ha2g_jax.features.words.alignment import align
+from ha2g_jax.features.words.timing import split_words, spread, without_overlap
 
 if TYPE_CHECKING:
     from faster_whisper import WhisperModel
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None = None) -> tuple[Word, ...]:
     """Recognise the words of a recording by Whisper.
 
-    Whisper's own times are wrong by up to half a second. English words are aligned again by `alignment.align`; for
+    Whisper's own times are wrong by up to half a second. English words are aligned again by `align`; for
     other languages pocketsphinx has no model, and Whisper's times are kept.
 
     Args:
@@ -45,26 +45,19 @@ def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None
             condition_on_previous_text=False,
             vad_filter=True,
         )
-    words = timing.without_overlap(
+    words = without_overlap(
         Word(text, start, end)
         for segment in segments
         for word in segment.words or ()
-        for text, start, end in timing.spread(
-            split_words(word.word), float(word.start), float(max(word.start, word.end))
-        )
+        for text, start, end in spread(split_words(word.word), float(word.start), float(max(word.start, word.end)))
     )
     if info.language != "en" or not words:
         return words
-    return alignment.align(audio, " ".join(word.text for word in words))
+    return align(audio, " ".join(word.text for word in words))
 
 
 def _load(model: str) -> "WhisperModel":
-    try:
-        from faster_whisper import WhisperModel
-    except ImportError as error:
-        raise UserError(
-            "recognising words needs faster-whisper: pip install 'ha2g-jax[speech]'; or give a transcript"
-        ) from error
+    whisper = require("faster_whisper", "speech", by="recognising words (a recording without a transcript)")
     folder = pathlib.Path(model)
     missing = [name for name in ("model.bin", "tokenizer.json") if not (folder / name).is_file()]
     if folder.is_dir() and missing:
@@ -73,7 +66,7 @@ def _load(model: str) -> "WhisperModel":
             "give the folder that ct2-transformers-converter made, with the tokenizer"
         )
     try:
-        return WhisperModel(model, device="cpu", compute_type="int8", cpu_threads=1)
+        return whisper.WhisperModel(model, device="cpu", compute_type="int8", cpu_threads=1)
     except Exception as error:  # the libraries raise plain Exception, among others
         reason = " ".join(str(error).split())[:100]
         where = "in that folder" if folder.is_dir() else "on the Hugging Face Hub and in its cache (HF_HOME)"

@@ -8,15 +8,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import srt
-import webvtt
-from webvtt.errors import MalformedCaptionError, MalformedFileError
-
-from ha2g_jax.errors import UserError
-from ha2g_jax.features.words.spelling import num_letters, split_words
-from ha2g_jax.features.words.timing import Stretch
-from ha2g_jax.features.words.unspoken import without_brackets
-from ha2g_jax.files.reading import shown
+from ha2g_jax.errors import UserError, require
+from ha2g_jax.features.words.timing import Stretch, num_letters, split_words
+from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_CUE_LINES, MAX_SUBTITLE_LETTERS
 
 _NOTES = re.compile("[♪♫]")
@@ -29,11 +23,12 @@ _SPEAKER = re.compile(
 )
 _BLANKS = re.compile(r"[^\S\n]+")
 _LONG_NUMBER = re.compile(r"[0-9]{30}")
-
 # WebVTT has only the start of a word; without this limit, a word before a pause would last until its end.
 _WORD_SECONDS, _LETTER_SECONDS = 0.3, 0.1
-
 _logger = logging.getLogger(__name__)
+
+_CLOSING = {"{": "}", "[": "]", "(": ")", "<": ">"}
+_MAX_INSIDE = 200  # letters
 
 
 class _Cue(NamedTuple):
@@ -43,18 +38,16 @@ class _Cue(NamedTuple):
 
 
 def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """Parse the subtitles of a SubRip file.
+    """Parse SubRip: one stretch per subtitle, or one per word if the file has times of words.
 
     Args:
         text: contents of the file.
         path: path of the file, to name it in an error message.
 
-    Returns:
-        One stretch per subtitle, or one per word if the file has times of words.
-
     Raises:
-        UserError: the text is not SubRip.
+        UserError: the text is not SubRip, or the package srt is missing.
     """
+    srt = require("srt", "import", by=f"{shown(path)} in SubRip")
     if _LONG_NUMBER.search(text):
         raise UserError(f"{shown(path)} has a number of more than 30 digits; expected subtitles")
     # The library takes quadratic time for runs of blanks.
@@ -64,28 +57,30 @@ def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
     try:
         cues = list(srt.parse("\n".join(kept) + "\n"))
     except (srt.SRTParseError, srt.TimestampParseError, ValueError, OverflowError) as error:
-        raise UserError(f"{shown(path)} is not valid SubRip ({_short(error)}); export the subtitles again") from error
+        raise UserError(
+            f"{shown(path)} is not valid SubRip ({reason(error)[:80]}); export the subtitles again"
+        ) from error
     return _stretches([_Cue(cue.content, cue.start.total_seconds(), cue.end.total_seconds()) for cue in cues])
 
 
 def parse_vtt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """Parse the cues of a WebVTT file; a cue with unreadable times is left out, with a warning in the log.
+    """Parse WebVTT: one stretch per cue, or one per word if the file has times of words.
+
+    A cue with unreadable times is left out, with a warning in the log.
 
     Args:
         text: contents of the file.
         path: path of the file, to name it in an error message.
 
-    Returns:
-        One stretch per cue, or one per word if the file has times of words.
-
     Raises:
-        UserError: the text is not WebVTT.
+        UserError: the text is not WebVTT, or the package webvtt-py is missing.
     """
+    webvtt = require("webvtt", "import", by=f"{shown(path)} in WebVTT", package="webvtt-py")
     _check_cues(text.split("\n"), "", path)
     try:
         captions = webvtt.from_string(text.lstrip()).captions
-    except (MalformedFileError, MalformedCaptionError, ValueError) as error:
-        raise UserError(f"{shown(path)} is not WebVTT ({_short(error)}); export the subtitles again") from error
+    except (webvtt.errors.MalformedFileError, webvtt.errors.MalformedCaptionError, ValueError) as error:
+        raise UserError(f"{shown(path)} is not WebVTT ({reason(error)[:80]}); export the subtitles again") from error
     num_arrows = sum("-->" in line for line in text.split("\n"))
     if num_arrows > len(captions):
         _logger.warning(
@@ -102,29 +97,17 @@ def parse_vtt(text: str, path: pathlib.Path) -> list[Stretch]:
 def _check_cues(lines: Sequence[str], border: str, path: pathlib.Path) -> None:
     """Check the numbers of letters and of lines in a cue, for which the libraries take quadratic time.
 
-    Args:
-        lines: lines of the file.
-        border: text in the line that begins a cue (SRT, whose cues may have empty lines), "" for an empty line (VTT).
-        path: path of the file, to name it in an error message.
-
-    Raises:
-        UserError: there are too many.
+    A cue begins with a line that contains `border` (SRT, whose cues may have empty lines) or after an empty one (VTT).
     """
-    num_letters = sum(map(len, lines)) + len(lines)
-    if num_letters > MAX_SUBTITLE_LETTERS:
-        raise UserError(
-            f"{shown(path)} has {num_letters} characters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file"
-        )
+    total = sum(map(len, lines)) + len(lines)
+    if total > MAX_SUBTITLE_LETTERS:
+        raise UserError(f"{shown(path)} has {total} characters; expected at most {MAX_SUBTITLE_LETTERS}: cut the file")
     places = [-1, *(i for i, line in enumerate(lines) if (border in line if border else not line)), len(lines)]
     longest = max(after - before for before, after in itertools.pairwise(places)) - 1
     if longest > MAX_CUE_LINES:
         raise UserError(
             f"{shown(path)} has a subtitle of {longest} lines; expected at most {MAX_CUE_LINES}: export it again"
         )
-
-
-def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:80] or type(error).__name__
 
 
 def _stretches(cues: Sequence[_Cue]) -> list[Stretch]:
@@ -175,3 +158,29 @@ def _timed_words(cues: Sequence[_Cue]) -> list[Stretch]:
 def _to_seconds(time: str) -> float:
     *hours, minutes, seconds = time.split(":")
     return 3600 * int(hours[0] if hours else 0) + 60 * int(minutes) + float(seconds)
+
+
+def without_brackets(text: str, openings: str, instead: str) -> str:
+    """Replace each bracket with at most 200 letters in it, all on one line.
+
+    A regular expression would try 200 letters for each opening bracket, which takes minutes for a file full of them.
+
+    Args:
+        text: any text.
+        openings: opening brackets to look for, some of `{[(<`.
+        instead: text that takes the place of a bracket.
+
+    Returns:
+        The text without the brackets.
+    """
+    kept, position = [], 0
+    for opening in re.finditer(f"[{re.escape(openings)}]", text):
+        start = opening.start()
+        if start < position:
+            continue
+        end = text.find(_CLOSING[opening[0]], start + 1, start + _MAX_INSIDE + 2)
+        if end < 0 or text.find("\n", start, end) >= 0:
+            continue
+        kept.append(text[position:start])
+        position = end + 1
+    return instead.join([*kept, text[position:]])

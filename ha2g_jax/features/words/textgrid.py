@@ -3,11 +3,9 @@
 import pathlib
 import re
 
-from praatio.utilities import errors, textgrid_io
-
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.words.timing import Stretch
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import reason, shown
 
 _WORD_NAMES = ("words", "word", "ort", "ort-mau", "orthography", "transcript", "transcription", "text")
 # Words within a tier's name, such as "S1 - words" of the Montreal aligner.
@@ -38,12 +36,11 @@ def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
         text: contents of the file.
         path: path of the file, to name it in an error message.
 
-    Returns:
-        One stretch per label.
-
     Raises:
-        UserError: the text is not a complete TextGrid, or has no tier of words.
+        UserError: the text is not a complete TextGrid, or has no tier of words, or the package praatio is missing.
     """
+    textgrid_io = require("praatio.utilities.textgrid_io", "import", by=f"{shown(path)} in TextGrid")
+    errors = require("praatio.utilities.errors", "import")
     if not text.lstrip().startswith("File type"):
         raise UserError(f"{shown(path)} is not a TextGrid in text form; open it in Praat and save it as text file")
     if "item [" in text and max(map(len, _ENTRY.split(text))) > _MAX_ENTRY:
@@ -56,13 +53,11 @@ def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
             if tier["class"] == "IntervalTier"
         ]
     except (errors.PraatioException, ValueError, IndexError, KeyError, TypeError) as error:
-        raise UserError(f"{shown(path)} is a damaged TextGrid ({_reason(error)}); save it again from Praat") from error
+        raise UserError(
+            f"{shown(path)} is a damaged TextGrid ({reason(error)[:80]}); save it again from Praat"
+        ) from error
     _check_counts(text, len(tiers), [len(entries) for _, entries in stretches], path)
     return _word_tier([(name, list(filter(_is_speech, entries))) for name, entries in stretches], path)
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())[:80] or type(error).__name__
 
 
 def _check_counts(text: str, num_tiers: int, num_intervals: list[int], path: pathlib.Path) -> None:

@@ -1,21 +1,28 @@
-"""Times of words: division of stretches by letters, filling of gaps, removal of overlaps, checks of times."""
+"""Words of a text and their times: spelling, division of stretches by letters, gaps, overlaps, checks of times."""
 
 import itertools
 import pathlib
+import re
+import unicodedata
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words.spelling import num_letters, split_words
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_WORDS
 
 MAX_SECONDS = 360_000.0  # a hundred hours
-
 # Minimum time of a letter; nobody speaks faster.
 _MIN_LETTER_SECONDS = 0.03
 _MIN_WORD_SECONDS = 1e-3
+
+_APOSTROPHES = str.maketrans(dict.fromkeys("’‘ʼ＇`", "'"))
+_THOUSANDS = re.compile(r"(?<=[0-9]),(?=[0-9]{3}(?![0-9]))")
+_NOT_OF_WORDS = re.compile(r"[^a-z0-9']")
+# Characters that join letters of Persian and Indian scripts within a word.
+_JOINERS = "\u200c\u200d"
+_MANY = 100  # marks on one letter
 
 
 class Stretch(NamedTuple):
@@ -160,3 +167,42 @@ def inside(words: Iterable[Word], duration: float) -> tuple[Word, ...]:
     """
     cut = (word._replace(start=max(0.0, word.start), end=min(duration, word.end)) for word in words)
     return tuple(word for word in cut if word.end - word.start >= _MIN_WORD_SECONDS)
+
+
+def split_words(text: str) -> list[str]:
+    """Split a text into words as the corpus spells them.
+
+    Letters (with their marks), digits and apostrophes within a word are kept, in lower case; everything else separates
+    words, so that "twenty-one" is two words. A comma in a number is dropped: "1,000" is "1000".
+
+    Args:
+        text: any text, without brackets and tags.
+
+    Returns:
+        The words, none empty.
+    """
+    if len(text) > _MANY and not text.isascii():
+        text = _with_few_marks(text)
+    text = _THOUSANDS.sub("", unicodedata.normalize("NFC", text).lower().translate(_APOSTROPHES))
+    if text.isascii():
+        text = _NOT_OF_WORDS.sub(" ", text)
+    else:
+        text = "".join(character if _belongs(character) else " " for character in text)
+    words = (word.strip("'" + _JOINERS) for word in text.split())
+    return [word for word in words if any(character.isalnum() for character in word)]
+
+
+def _with_few_marks(text: str) -> str:
+    """Cut runs of marks that belong to one letter; sorting a run takes time in the square of its length."""
+    marks = "".join(character for character in set(text) if unicodedata.combining(character))
+    return re.sub(f"([{marks}]{{{_MANY}}})[{marks}]+", r"\1", text) if marks else text
+
+
+def _belongs(character: str) -> bool:
+    # Vowel signs of Indian scripts are marks, neither letters nor digits.
+    return character.isalnum() or character in _JOINERS or character == "'" or unicodedata.category(character)[0] == "M"
+
+
+def num_letters(word: str) -> int:
+    """Count the letters and digits of a word, by which time is divided among words; at least 1."""
+    return max(1, sum(character.isalnum() for character in word))

@@ -9,7 +9,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
-from ha2g_jax.features.words import alignment, pronunciation, voicing
+from ha2g_jax.features.words import alignment
 
 VOICE = speech.Voice("en-us", "m3", pitch=50, pitch_range=60, rate=150)
 TEXTS = (
@@ -117,8 +117,8 @@ def test_genuine_recordings(private_data, folder):
 
 def test_guessed_pronunciations():
     """Near those of the dictionary, in its phones alone; numbers are read out."""
-    phones = {phone for mapped in pronunciation._PHONES.values() for phone in mapped.split()}
-    guessed = pronunciation.guess_pronunciations(["hello", "80", "zbrigzell", "café", "日"])
+    phones = {phone for mapped in alignment._PHONES.values() for phone in mapped.split()}
+    guessed = alignment.guess_pronunciations(["hello", "80", "zbrigzell", "café", "日"])
     assert guessed["hello"] == "HH AH L OW" and guessed["80"] == "EY T IY" and guessed["café"] == "K AE F EY"
     assert all(set(spoken.split()) <= phones and spoken for spoken in guessed.values())
     assert len(phones) == 39  # all of the CMU set
@@ -128,10 +128,10 @@ def test_voiced_clock():
     """It stands still in silence, nearly, and can be read backwards."""
     random = np.random.default_rng(0)
     audio = np.concatenate([np.zeros(SAMPLE_RATE), random.normal(0, 0.1, SAMPLE_RATE), np.zeros(2 * SAMPLE_RATE)])
-    clock = voicing.voiced_clock(audio.astype(np.float32))
+    clock = alignment.voiced_clock(audio.astype(np.float32))
     assert clock.to_voiced(1.0) < 0.1 and clock.to_voiced(2.0) - clock.to_voiced(1.0) == pytest.approx(1, abs=0.05)
     assert clock.to_time(clock.to_voiced(1.5)) == pytest.approx(1.5)
-    pieces = voicing.cut_at_quiet(audio.astype(np.float32), 1.5)
+    pieces = alignment.cut_at_quiet(audio.astype(np.float32), 1.5)
     assert pieces[0][0] == 0 and pieces[-1][1] == 4.0
     assert all(before[1] == after[0] for before, after in itertools.pairwise(pieces))
     assert max(end - start for start, end in pieces) <= 1.5

@@ -5,7 +5,7 @@ import pathlib
 import pytest
 
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words import inside, spelling, timing
+from ha2g_jax.features.words import inside, timing
 from ha2g_jax.features.words.timing import Stretch
 
 PATH = pathlib.Path("a.tsv")
@@ -28,7 +28,7 @@ def rounded(words):
 )
 def test_spelling(text, words):
     """Any language; marks within a word stay in it, punctuation never does."""
-    assert spelling.split_words(text) == words
+    assert timing.split_words(text) == words
 
 
 def test_spread_by_letters():

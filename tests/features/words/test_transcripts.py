@@ -1,9 +1,11 @@
-"""Every format that people hold gives the same words, and a hostile file gives one line that names it."""
+"""The transcript of a recording is found by rules; every format gives the same words, a hostile file one line."""
 
 import itertools
 import json
 import os
 import resource
+import subprocess
+import sys
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,7 +14,6 @@ from hypothesis import strategies as st
 from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
-from ha2g_jax.features.words import readers
 
 # As to_words must give them, whatever the format.
 WORDS = [("old", 0.5, 0.9), ("ladies", 0.9, 1.5), ("it's", 2.0, 2.25), ("80", 2.25, 2.5)]
@@ -294,7 +295,7 @@ def test_hostile_files(tmp_path, name):
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "talk.tsv")
     with pytest.raises(UserError, match=r"talk\.tsv is not a file"):
-        readers.read_words(tmp_path / "talk.tsv")
+        transcripts.read_words(tmp_path / "talk.tsv")
 
 
 def test_a_gigabyte_is_not_read(tmp_path):
@@ -331,7 +332,7 @@ def test_fuzz(tmp_path_factory, name):
     def read(data):
         path.write_bytes(data)
         try:
-            words = readers.read_words(path)
+            words = transcripts.read_words(path)
         except UserError as error:
             assert str(path) in str(error) and "\n" not in str(error)
             outcomes["refused"] += 1
@@ -349,3 +350,59 @@ def test_a_table_without_rows_is_refused(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(UserError, match=r"a\.csv has no rows; expected start, end and word"):
         transcripts.read_words(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (["a.TextGrid", "a.b.tsv", "words.tsv"], "a.b.tsv"),  # the longer stem is nearer
+        (["a.srt", "a.json", "a.textgrid", "a.txt"], "a.textgrid"),
+        (["a.vtt", "a.txt"], "a.vtt"),
+        (["a.en.vtt", "words.tsv"], "a.en.vtt"),
+        (["a.info.json", "a.txt"], "a.txt"),
+        (["ab.tsv", "words.tsv"], "words.tsv"),
+        (["words.tsv", "words.TextGrid"], None),
+        (["ab.tsv", "a.md"], None),
+        ([], None),
+    ],
+)
+def test_the_transcript_of_a_recording_is_found_by_rules(tmp_path, names, found):
+    for name in names:
+        (tmp_path / name).write_text("x")
+    (tmp_path / "a.dir.tsv").mkdir()
+    expected = found and tmp_path / found
+    assert transcripts.find(tmp_path / "a.b.bvh") == expected
+
+
+def test_no_transcript_in_a_folder_that_is_missing(tmp_path):
+    assert transcripts.find(tmp_path / "missing" / "a.wav") is None
+
+
+def test_the_transcripts_of_genuine_recordings_are_found(private_data):
+    found = transcripts.find(private_data / "zeroeggs_067" / "067_Speech_2_x_1_0.mixamo.bvh")
+    assert found is not None and found.name == "067_Speech_2_x_1_0.TextGrid"
+    assert transcripts.find(private_data / "video" / "sample.mp4") == private_data / "video" / "words.tsv"
+
+
+def test_a_transcript_needs_no_synthesiser_and_no_reader_of_another_format(tmp_path):
+    (tmp_path / "a.tsv").write_bytes(FILES["a.tsv"])
+    others = ("srt", "webvtt", "praatio", "espeakng_loader", "pocketsphinx")
+    code = f"""import pathlib, sys; from ha2g_jax.features import words; words.read_words(pathlib.Path('a.tsv'))
+print([name for name in {others} if name in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "package"),
+    [
+        ("a.srt", "srt", "srt"),
+        ("a.vtt", "webvtt", "webvtt-py"),
+        ("short.TextGrid", "praatio.utilities.textgrid_io", "praatio"),
+    ],
+)
+def test_a_format_whose_package_is_missing_names_the_extra(tmp_path, monkeypatch, name, module, package):
+    (tmp_path / name).write_bytes(FILES[name])
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UserError, match=rf"{name} .* needs {package}: pip install 'ha2g-jax\[import\]'"):
+        transcripts.read_words(tmp_path / name)
