@@ -21,8 +21,8 @@ import numpy as np
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import write_video
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 _LEAST_SPEED = 5

@@ -36,7 +36,8 @@ from IPython.display import Video
 import ha2g_jax
 from ha2g_jax import figure
 from ha2g_jax.features import audio, spectrum
-from ha2g_jax.motion import formats, video
+from ha2g_jax.motion import formats
+from ha2g_jax.motion.formats import video
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style

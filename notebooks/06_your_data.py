@@ -42,7 +42,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.evaluation.corpus import statistics
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.importers.mocap.import_bvh import import_bvh
+from ha2g_jax.importers.mocap import import_bvh
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion

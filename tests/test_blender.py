@@ -19,7 +19,7 @@ from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 ROOT = pathlib.Path(__file__).parent.parent

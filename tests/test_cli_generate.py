@@ -230,7 +230,7 @@ def test_a_failure_on_the_way_leaves_neither_file(checkpoint, speech, tmp_path, 
         path.write_bytes(b"half a video")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ha2g_jax.motion.video.write_video", interrupt)
+    monkeypatch.setattr("ha2g_jax.motion.formats.video.write_video", interrupt)
     assert generate(speech, "-o", tmp_path / "new" / "out", "--checkpoint", checkpoint) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
@@ -314,7 +314,7 @@ def test_an_interrupt_leaves_the_files_that_are_complete(checkpoint, recordings,
         if "speech" in path.name:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("ha2g_jax.motion.video.write_video", write)
+    monkeypatch.setattr("ha2g_jax.motion.formats.video.write_video", write)
     assert generate(recordings, "-o", tmp_path / "out", "--checkpoint", checkpoint) == 130
     names = ["second_gestures.mp4", "second_gestures.npz"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names

@@ -27,7 +27,7 @@ from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers.smplx_template import template
+from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import loop, sharding
 from ha2g_jax.train.objective import build_objective

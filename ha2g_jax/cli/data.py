@@ -82,14 +82,14 @@ def _import(arguments: argparse.Namespace) -> None:
 
         report = importer.import_ted(arguments.src, arguments.dst, **given)
     else:
-        from ha2g_jax.importers.mocap import import_bvh, import_smplx
-        from ha2g_jax.importers.mocap.options import ImportOptions
+        from ha2g_jax.importers import mocap
+        from ha2g_jax.importers.mocap.importing import ImportOptions
 
         common = {name: given.pop(name) for name in (*_MOTION, "split") if name in given}
         options = ImportOptions(
             with_words=not common.pop("no_words", False), licence=common.pop("license", ""), **common
         )
-        convert = import_bvh.import_bvh if kind == "bvh" else import_smplx.import_smplx
+        convert = mocap.import_bvh if kind == "bvh" else mocap.import_smplx
         report = convert(arguments.src, arguments.dst, options, **given)
     _print_report(report, arguments)
 

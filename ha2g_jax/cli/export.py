@@ -74,7 +74,7 @@ def _export(arguments: argparse.Namespace) -> None:
     elif suffix == ".mp4":
         _write_video(arguments)
     elif suffix == ".html":
-        from ha2g_jax.viewer.files import view_files
+        from ha2g_jax.viewer.page import view_files
 
         view_files(arguments.motions, arguments.out, audio=arguments.audio, words=arguments.words, **reading(arguments))
     else:
@@ -94,7 +94,7 @@ def _export_motion(arguments: argparse.Namespace, suffix: str) -> None:
 
 
 def _write_video(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.motion.video import write_video
+    from ha2g_jax.motion.formats.video import write_video
 
     motions = _load(arguments)
     audio = _read_audio(arguments.audio) if arguments.audio else None
@@ -105,7 +105,7 @@ def _write_video(arguments: argparse.Namespace) -> None:
 
 def _draw_key_frames(arguments: argparse.Namespace) -> None:
     from ha2g_jax.features.words import read_words
-    from ha2g_jax.motion import keyframes
+    from ha2g_jax.motion.formats import keyframes
 
     size = read_size(arguments.size or "240")
     if not isinstance(size, int):
@@ -136,7 +136,7 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
     """Load the motions by name; the names of files with equal names include their folders."""
-    from ha2g_jax.viewer.files import names_of, read_shown
+    from ha2g_jax.viewer.page import names_of, read_shown
 
     paths, names = arguments.motions, arguments.names or names_of(arguments.motions)
     if len(names) != len(paths):

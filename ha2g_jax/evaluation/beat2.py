@@ -18,10 +18,8 @@ from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.rests import EDGE, FPS, UPPER_BODY, Beat2Row
 from ha2g_jax.metrics.metric import Statistic
 from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
-from ha2g_jax.motion.readers import smplx, smplx_arrays
-from ha2g_jax.motion.readers.content import read_content
-from ha2g_jax.motion.readers.smplx_model import read_body_model
-from ha2g_jax.motion.readers.smplx_template import JOINTS, Body, template
+from ha2g_jax.motion.readers import read_content, smplx, smplx_arrays
+from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, read_body_model, template
 
 PROTOCOL = "beat2"
 

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ha2g_jax.figure.outlines import outline
+from ha2g_jax.figure import DEFAULT_VIEW, View, outline
 from ha2g_jax.figure.shapes import Colour, Look, light_behind
-from ha2g_jax.figure.view import DEFAULT_VIEW, View
 from ha2g_jax.skeleton import Skeleton
 
 _INK = (70, 74, 82)

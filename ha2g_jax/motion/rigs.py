@@ -26,6 +26,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import Animation, Armature, ha2g_armature, world
+from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.skeleton import load_skeleton
 
 OWN = "ha2g"
@@ -150,3 +151,174 @@ def rest_positions(armature: Armature) -> tuple[np.ndarray, np.ndarray]:
     still = Animation(armature, armature.rest[None], np.zeros((1, 3)), 1.0, {})
     orientations, positions = world(still)
     return orientations[0], positions[0]
+
+
+PELVIS = LOWER_JOINTS[0]
+
+
+def retarget(animation: Animation, rig: Rig) -> Animation:
+    """Transfer an animation of the `ha2g` armature to another rig.
+
+    Joints that carry a `ha2g` joint take its rotation in the world. Bones between joints that have the places of
+    `ha2g` joints point in the same directions as there. So the positions of those joints relative to the chest are
+    the same where the rig takes the motion's bone lengths, except for the knuckles of rigs without bones in the palm,
+    whose hand is rigid, and for joints below a bone of the table's own length. The joints of the spine divide the
+    rotation of the chest, so that the chest moves a little. Where the armature has a pelvis and legs, the rig's
+    pelvis is at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest
+    pose and stand on the ground, y = 0.
+
+    Args:
+        animation: animation of the `ha2g` armature.
+        rig: rig to transfer it to; for "ha2g" the result is the animation itself.
+
+    Returns:
+        Animation of an armature that has the name of the rig.
+    """
+    if rig.name == animation.armature.name:
+        return animation
+    return Transfer.between(animation.armature, rig).apply(animation)
+
+
+@dataclasses.dataclass(frozen=True)
+class Transfer:
+    """The part of `retarget` that is the same for all frames, for motion that arrives frame by frame.
+
+    Attributes:
+        armature: armature of the rig, with J joints.
+        start: (3,) metres from the root of the `ha2g` armature to that of the rig: of an armature without pelvis, whose
+            root stays at the origin, the position of the rig's root at rest.
+        carried: (K,) indices of the joints that carry a joint of the `ha2g` armature.
+        sources: (K,) indices of the joints that they carry.
+        weights: (K,) fractions of the rotations that they take.
+        above: (K,) indices of the `ha2g` joints from whose rotation these fractions are counted, -1 for no rotation.
+        from_source: (K, 4) orientations of the joints relative to those of the joints that they carry.
+    """
+
+    armature: Armature
+    start: np.ndarray
+    carried: np.ndarray
+    sources: np.ndarray
+    weights: np.ndarray
+    above: np.ndarray
+    from_source: np.ndarray
+
+    @classmethod
+    def between(cls, armature: Armature, rig: Rig) -> "Transfer":
+        """Prepare the transfer from the `ha2g` armature of a skeleton to a rig.
+
+        Args:
+            armature: `ha2g` armature.
+            rig: any other rig.
+        """
+        places, to_rest, rest = _rest_pose(armature, rig)
+        found = [_source(armature, joint.carries) for joint in rig.joints]
+        above: list[int] = []  # the source of the nearest joint above that takes a whole rotation
+        for joint in rig.joints:
+            source = found[joint.parent] if joint.parent >= 0 and rig.joints[joint.parent].weight == 1 else None
+            above.append(-1 if joint.parent < 0 else above[joint.parent] if source is None else source)
+        carried = np.array([index for index, source in enumerate(found) if source is not None])
+        return cls(
+            armature=_armature(rig, places, rest),
+            start=places[0] - _pelvis(armature, rig, places),
+            carried=carried,
+            sources=np.array([source for source in found if source is not None]),
+            weights=np.array([rig.joints[index].weight for index in carried]),
+            above=np.array(above)[carried],
+            from_source=rotations.multiply(rotations.conjugate(to_rest), rest)[carried],
+        )
+
+    def apply(self, animation: Animation, before: np.ndarray | None = None) -> Animation:
+        """Transfer an animation of the `ha2g` armature.
+
+        Args:
+            animation: animation of the armature that the transfer was prepared for.
+            before: (J, 4) rotations of the frame before, which the signs of the quaternions continue.
+
+        Returns:
+            Animation of `armature`.
+        """
+        sources, _ = world(animation)
+        rotation = sources[:, self.sources]
+        for index in np.flatnonzero(self.weights < 1):
+            above = sources[:, self.above[index]] if self.above[index] >= 0 else rotations.IDENTITY
+            rotation[:, index] = rotations.slerp(above, rotation[:, index], self.weights[index])
+        local = np.tile(self.armature.rest, (animation.num_frames, 1, 1))
+        rotated = np.empty_like(local)
+        rotated[:, self.carried] = rotations.multiply(rotation, self.from_source)
+        is_carried = np.zeros(len(self.armature.joints), bool)
+        is_carried[self.carried] = True
+        parents = np.array(self.armature.parents)
+        for index in np.flatnonzero(~is_carried):
+            above = rotated[:, parents[index]] if index else rotations.IDENTITY
+            rotated[:, index] = rotations.multiply(above, local[:, index])
+        backs = rotations.conjugate(rotated[:, parents[self.carried]])
+        local[:, self.carried] = rotations.multiply(backs, rotated[:, self.carried])
+        if is_carried[0]:
+            local[:, 0] = rotated[:, 0]
+        local = rotations.continuous(rotations.unit(local), before)
+        return Animation(self.armature, local, self.start + animation.translation, animation.fps, animation.meta)
+
+
+def _rest_pose(armature: Armature, rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rig's rest pose: (J, 3) positions, (J, 4) rotations from the T-pose, and (J, 4) orientations."""
+    _, ours = rest_positions(armature)
+    straight = _t_pose(armature, ours, rig)
+    children = [next((i for i, joint in enumerate(rig.joints) if joint.parent == k), k) for k in range(len(rig.joints))]
+    to_rest = np.tile(rotations.IDENTITY, (len(rig.joints), 1))
+    at_rest = np.zeros((len(rig.joints), 3))
+    for index, joint in enumerate(rig.joints):
+        if joint.parent >= 0:
+            to_rest[index] = to_rest[joint.parent]
+        if joint.t_pose is not None:
+            to_rest[index] = rotations.multiply(joint.rest, rotations.conjugate(joint.t_pose))
+        elif joint.direction is not None:
+            bone = rotations.rotate(to_rest[index], straight[children[index]] - straight[index])
+            if np.linalg.norm(bone) > 0:
+                to_rest[index] = rotations.multiply(rotations.between(bone, joint.direction), to_rest[index])
+        if joint.parent < 0:
+            at_rest[index] = straight[index]
+        elif rig.has_own_lengths:
+            at_rest[index] = at_rest[joint.parent] + joint.offset
+        else:
+            bone = rotations.rotate(to_rest[joint.parent], straight[index] - straight[joint.parent])
+            at_rest[index] = at_rest[joint.parent] + bone
+    return at_rest, to_rest, np.array([joint.rest for joint in rig.joints])
+
+
+def _pelvis(armature: Armature, rig: Rig, places: np.ndarray) -> np.ndarray:
+    """Return the (3,) place at rest of the rig's pelvis, 0 for an armature without pelvis."""
+    if armature.joints[0] != PELVIS:
+        return np.zeros(3)
+    return next((places[index] for index, joint in enumerate(rig.joints) if joint.carries == PELVIS), places[0])
+
+
+def _t_pose(armature: Armature, ours: np.ndarray, rig: Rig) -> np.ndarray:
+    """Return (J, 3) positions of the rig's joints in the T-pose, with the motion's lengths where it has the joints."""
+    straight = np.zeros((len(rig.joints), 3))
+    shift = None
+    for index, joint in enumerate(rig.joints):
+        above = straight[joint.parent] if joint.parent >= 0 else np.zeros(3)
+        straight[index] = above + joint.offset
+        if joint.place in armature.joints:
+            place = ours[armature.joint(joint.place)]
+            shift = straight[index] - place if shift is None else shift
+            straight[index] = place + shift
+    return straight
+
+
+def _armature(rig: Rig, at_rest: np.ndarray, rest: np.ndarray) -> Armature:
+    """Return the armature of a rig from (J, 3) positions and (J, 4) orientations at rest."""
+    offsets, local = np.zeros_like(at_rest), rest.copy()
+    for index, joint in enumerate(rig.joints):
+        if joint.parent >= 0:
+            back = rotations.conjugate(rest[joint.parent])
+            offsets[index] = rotations.rotate(back, at_rest[index] - at_rest[joint.parent])
+            local[index] = rotations.multiply(back, rest[index])
+    names = tuple(joint.name for joint in rig.joints)
+    return Armature(rig.name, names, tuple(joint.parent for joint in rig.joints), offsets, local)
+
+
+def _source(armature: Armature, name: str | None) -> int | None:
+    """Return the index of the joint that rotates as the `ha2g` joint `name`, or None without such a joint."""
+    name = OTHER_NAMES.get(name or "", name) if OTHER_NAMES.get(name or "") in armature.joints else name
+    return armature.joint(name) if name in armature.joints else None

@@ -75,7 +75,7 @@ def generate_files(
             for path in task.paths:
                 formats.choose_rig(path, rig)
     if any(path.suffix.lower() == VIDEO for task in tasks for path in task.paths):
-        from ha2g_jax.motion.video import check_size
+        from ha2g_jax.motion.formats.video import check_size
 
         check_size((size, size) if isinstance(size, int) else size)
     with stage("loading the model"):
@@ -147,7 +147,7 @@ def _write(
     """Write a motion in the format of the suffix of the path, with the sound if the format has sound."""
     suffix = path.suffix.lower()
     if suffix == VIDEO:
-        from ha2g_jax.motion.video import write_video
+        from ha2g_jax.motion.formats.video import write_video
 
         write_video(path, motion, audio.samples, size=size)
         return

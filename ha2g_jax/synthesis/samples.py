@@ -15,8 +15,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.methods.build import encode_identity
 from ha2g_jax.methods.method import Spec
+from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis.model import Model, generate_directions
 from ha2g_jax.synthesis.style import Style, choose_style

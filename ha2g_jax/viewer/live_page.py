@@ -8,8 +8,8 @@ import numpy as np
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.viewer.document import build_document, source_hash
 from ha2g_jax.viewer.packing import describe_skeleton
+from ha2g_jax.viewer.page import build_document, source_hash
 
 _SCRIPTS = (
     *("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js"),

@@ -1,10 +1,14 @@
-"""Compact encoding of motion and sound for a page: differences from frame to frame, deflated, in base64."""
+"""Compact encoding of motion and sound for a page."""
 
 import base64
+import fractions
+import io
 import zlib
 from typing import Any
 
+import av
 import numpy as np
+import soxr
 
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import Motion
@@ -86,3 +90,37 @@ def peaks(audio: np.ndarray, sample_rate: int) -> str:
 def deflated(content: bytes) -> str:
     """Compress bytes to base64 text, which the page decompresses."""
     return base64.b64encode(zlib.compress(content, 9)).decode()
+
+
+_RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # sample rates of MP3
+_BIT_RATE = 32000
+
+
+def encode_sound(audio: np.ndarray, sample_rate: int) -> bytes:
+    """Encode sound as an MP3 file.
+
+    Its header has the number of samples that the encoder puts before the sound, so that players skip them. The same
+    sound gives the same bytes.
+
+    Args:
+        audio: (samples,) float32 mono sound.
+        sample_rate: samples per second.
+
+    Returns:
+        Content of the file.
+    """
+    if sample_rate not in _RATES:
+        audio = soxr.resample(audio, sample_rate, _RATES[0], quality="HQ")
+        sample_rate = _RATES[0]
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp3", options={"fflags": "+bitexact", "id3v2_version": "0"}) as container:
+        stream = container.add_stream("libmp3lame", rate=sample_rate, layout="mono")
+        stream.bit_rate = _BIT_RATE
+        samples = np.clip(np.asarray(audio, np.float32), -1, 1)
+        for start in range(0, len(samples), sample_rate):
+            frame = av.AudioFrame.from_ndarray(samples[None, start : start + sample_rate], "fltp", "mono")
+            frame.sample_rate, frame.pts = sample_rate, start
+            frame.time_base = fractions.Fraction(1, sample_rate)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return file.getvalue()

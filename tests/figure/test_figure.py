@@ -6,8 +6,7 @@ from figure.poses import WIDE, posed, random_poses
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.figure import stage
-from ha2g_jax.figure.outlines import outline
+from ha2g_jax.figure import outline, stage
 
 
 @pytest.mark.parametrize("name", skeletons.SKELETONS)

@@ -7,8 +7,8 @@ from scipy import ndimage
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
+from ha2g_jax.figure import from_the_front
 from ha2g_jax.figure.face import head_frame
-from ha2g_jax.figure.outlines import from_the_front
 from ha2g_jax.figure.shapes import capsules, enlarged, hull, project
 
 

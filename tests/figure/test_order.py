@@ -6,9 +6,8 @@ from figure.poses import GREEN, is_background, posed
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
+from ha2g_jax.figure import arm_ranks, from_the_front
 from ha2g_jax.figure.face import head_frame
-from ha2g_jax.figure.order import arm_ranks
-from ha2g_jax.figure.outlines import from_the_front
 
 
 def test_hands_are_behind_the_head_or_in_front_of_it():

@@ -6,9 +6,9 @@ from figure.poses import POSES, WIDE, posed
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
+from ha2g_jax.figure import from_the_front
 from ha2g_jax.figure.face import head_frame, head_shapes
-from ha2g_jax.figure.hands import hand_parts
-from ha2g_jax.figure.outlines import from_the_front
+from ha2g_jax.figure.limbs import hand_parts
 from ha2g_jax.figure.shapes import project
 
 

@@ -3,7 +3,6 @@
 import json
 import os
 import pathlib
-import runpy
 
 import numpy as np
 import pytest
@@ -12,18 +11,17 @@ from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_text
 from hypothesis import given
 from hypothesis import strategies as st
+from motion.readers import bvh_files
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.importers.mocap.import_bvh import import_bvh
-from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.importers.mocap import import_bvh
+from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.motion.readers.joint_maps import load_map
 from ha2g_jax.motion.readers.smplx import read_smplx
-from ha2g_jax.motion.readers.smplx_template import template
+from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.skeleton import load_skeleton
-
-bvh_files = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "importers" / "mocap" / "conftest.py"))
 
 GESTURE = load_skeleton("ted_gesture")
 ODD = "t\udcff\udce9 lk"
@@ -35,7 +33,7 @@ def ha2g_names(joint: str) -> str:
 
 
 def bvh(seconds: float = 1.0, **how) -> str:
-    return bvh_files["bvh"](bvh_files["swing"](seconds, 30, with_fingers=False), name=ha2g_names, **how)
+    return bvh_files.bvh(bvh_files.swing(seconds, 30, with_fingers=False), name=ha2g_names, **how)
 
 
 BVH = bvh(0.2)
@@ -164,7 +162,7 @@ def write_recording(folder: pathlib.Path, stem: str) -> pathlib.Path:
 
 
 def test_a_name_that_is_not_utf8_is_imported_as_text(tmp_path, refused):
-    from ha2g_jax.importers.mocap.options import ImportOptions
+    from ha2g_jax.importers.mocap.importing import ImportOptions
 
     path = write_recording(tmp_path / ODD, ODD)
     import_bvh(path, tmp_path / "out", ImportOptions(skeleton="ted_gesture"))

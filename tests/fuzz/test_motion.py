@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion import keyframes
-from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.formats import export, keyframes
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import find_skeleton, read_motion
 from ha2g_jax.skeleton import load_skeleton

@@ -19,7 +19,7 @@ from ha2g_jax.features.words.subtitles import without_brackets
 from ha2g_jax.importers.ted import arrow_values
 from ha2g_jax.importers.video import pose, settings, work_folder
 from ha2g_jax.motion import control
-from ha2g_jax.motion.control.controls import Controls, apply
+from ha2g_jax.motion.control import Controls, apply
 from ha2g_jax.skeleton import load_skeleton
 
 GRID = """File type = "ooTextFile"

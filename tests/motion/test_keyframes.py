@@ -11,7 +11,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.figure import DEFAULT_LOOK
 from ha2g_jax.figure.shapes import shade
-from ha2g_jax.motion import keyframes
+from ha2g_jax.motion.formats import keyframes
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, rotations
 from ha2g_jax.motion.armature import Animation, ha2g_armature, world
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 SIDES = {"left": 1.0, "right": -1.0}

@@ -8,8 +8,8 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
+from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import load_skeleton
 
 
@@ -131,7 +131,7 @@ def test_an_interrupted_video_leaves_nothing(tmp_path, motion, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ha2g_jax.motion.video.paint", interrupt)
+    monkeypatch.setattr("ha2g_jax.motion.formats.video.paint", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "v.mp4", motion, tone(1), size=64, has_progress=False)
     assert list(tmp_path.iterdir()) == []

@@ -6,8 +6,8 @@ import struct
 
 import numpy as np
 
+from ha2g_jax.motion.formats.gltf import write_figure
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.viewer.figure_file import write_figure
 
 
 def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):

@@ -11,6 +11,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.viewer import view, write_page
+from ha2g_jax.viewer.page import three_library
 
 
 class Elements(html.parser.HTMLParser):
@@ -98,9 +99,6 @@ def test_what_cannot_be_shown_is_refused_in_one_line(make_motion, tmp_path):
 
 
 def test_three_js_comes_whole():
-    import importlib.resources
-
-    library = importlib.resources.files("jupyter_threejs_sage") / "static" / "r130" / "three.min.js"
-    text = library.read_text("utf-8")
+    text = three_library().decode()
     assert re.search(r"SPDX-License-Identifier: MIT", text)  # travels with every page
     assert "OrbitControls" in text

@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from ha2g_jax.viewer import sound
+from ha2g_jax.viewer import packing
 
 
 def decode(content):
@@ -19,7 +19,7 @@ def decode(content):
 def test_nothing_is_added_before_the_sound(rate, new_rate):
     time = np.arange(int(1.7 * rate)) / rate
     audio = (0.5 * np.sin(2 * np.pi * 300 * time) * (np.abs(time - 1) < 0.1)).astype(np.float32)
-    decoded, decoded_rate = decode(sound.encode(audio, rate))
+    decoded, decoded_rate = decode(packing.encode_sound(audio, rate))
     assert decoded_rate == new_rate
     assert len(decoded) / new_rate == pytest.approx(1.7, abs=0.05)
     loud = np.flatnonzero(np.abs(decoded) > 0.15) / new_rate
@@ -29,4 +29,4 @@ def test_nothing_is_added_before_the_sound(rate, new_rate):
 
 def test_the_same_sound_gives_the_same_bytes():
     audio = np.random.default_rng(0).normal(0, 0.1, 20_000).astype(np.float32)
-    assert sound.encode(audio, 16000) == sound.encode(audio, 16000)
+    assert packing.encode_sound(audio, 16000) == packing.encode_sound(audio, 16000)

@@ -22,7 +22,7 @@ from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, parse_json, reading, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
 from ha2g_jax.motion.readers import smplx, smplx_arrays
-from ha2g_jax.motion.readers.smplx_template import template
+from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import load_skeleton

@@ -16,7 +16,7 @@ from ha2g_jax.evaluation.motion_folders import MANIFEST
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import temporary_folder, whole_file, whole_folder
 from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.smplx_model import read_body_model
+from ha2g_jax.motion.readers.smplx_body import read_body_model
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.synthesis.paths import find_speech

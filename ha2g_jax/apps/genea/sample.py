@@ -9,17 +9,15 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion import rigs, solver
-from ha2g_jax.motion.formats.smplx import arrays_of
+from ha2g_jax.motion.formats.tables import arrays_of
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import joint_maps, read_motion, smplx, smplx_arrays
-from ha2g_jax.motion.readers.content import read_content
-from ha2g_jax.motion.readers.kinds import SMPLX, find_kind
+from ha2g_jax.motion.readers import SMPLX, find_kind, joint_maps, read_content, read_motion, smplx, smplx_arrays
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
-from ha2g_jax.motion.readers.smplx_template import JOINTS, Body, template
+from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.resample import num_frames
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 30.0

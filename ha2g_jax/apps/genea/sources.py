@@ -16,7 +16,7 @@ from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_SEED
 from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.smplx_template import Body
+from ha2g_jax.motion.readers.smplx_body import Body
 from ha2g_jax.synthesis.files import read_words
 from ha2g_jax.synthesis.generator import Generator
 from ha2g_jax.synthesis.speech import Audio

@@ -7,7 +7,7 @@ import numpy as np
 
 from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.armature import Animation
-from ha2g_jax.motion.retargeting import Transfer
+from ha2g_jax.motion.rigs import Transfer
 from ha2g_jax.skeleton import Skeleton
 
 

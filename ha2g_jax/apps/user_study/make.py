@@ -14,8 +14,8 @@ from ha2g_jax.apps.user_study.sources import name_systems, read_sources
 from ha2g_jax.apps.user_study.stimuli import render
 from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
+from ha2g_jax.motion.formats.video import check_size
 from ha2g_jax.motion.readers.joint_maps import AUTO
-from ha2g_jax.motion.video import check_size
 
 _ID_LETTERS = 16
 

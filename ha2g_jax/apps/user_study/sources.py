@@ -10,10 +10,10 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, sound_key
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.motion.formats.video import VIDEO_FPS
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import find_skeleton, read_motion
 from ha2g_jax.motion.readers.joint_maps import AUTO
-from ha2g_jax.motion.video import VIDEO_FPS
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 

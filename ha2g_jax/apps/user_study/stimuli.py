@@ -11,8 +11,8 @@ from ha2g_jax.apps.user_study.key import ATTENTION
 from ha2g_jax.apps.user_study.sources import Sources
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.espeak import Voice, say
+from ha2g_jax.motion.formats.video import fit_view, write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import fit_view, write_video
 from ha2g_jax.progress import progress_bar
 
 _VOICE = Voice("en-us", "f2", pitch=50, pitch_range=50, rate=140)

@@ -13,7 +13,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.files.writing import temporary_folder, writing
 from ha2g_jax.progress import stage
-from ha2g_jax.viewer.document import read_asset, three_library
+from ha2g_jax.viewer.page import read_asset, three_library
 
 LIST = "site.json"  # names the files of a site, so that another site may take its place
 _FORMAT = "ha2g-site 1"
@@ -74,8 +74,8 @@ def _add_model(folder: pathlib.Path, checkpoint: str | pathlib.Path, weights: st
     # JAX is imported when all else is there.
     from ha2g_jax.checkpoint.onnx.export import export
     from ha2g_jax.checkpoint.onnx.reading import read
+    from ha2g_jax.motion.formats.gltf import write_figure
     from ha2g_jax.synthesis.takes import page_description
-    from ha2g_jax.viewer.figure_file import write_figure
 
     model = export(checkpoint, folder / "model.onnx", weights=weights, license=license)
     (folder / "model.json").write_text(json.dumps(page_description(model), separators=(",", ":")), encoding="utf-8")

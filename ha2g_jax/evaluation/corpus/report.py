@@ -34,8 +34,8 @@ from ha2g_jax.evaluation.corpus.statistics import (
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure, fit
 from ha2g_jax.files.writing import whole_file
+from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.video import write_video
 from ha2g_jax.skeleton import positions_to_directions
 
 _SAMPLE_SECONDS, _SAMPLE_SIZE = 8, 400

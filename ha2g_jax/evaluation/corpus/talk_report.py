@@ -19,7 +19,7 @@ from ha2g_jax.data.talk import portrait, teacher
 from ha2g_jax.data.talk.style import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,

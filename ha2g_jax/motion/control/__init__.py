@@ -4,11 +4,9 @@ All functions are pure: they take direction vectors (T, bones, 3) and return oth
 their input.
 """
 
-from ha2g_jax.motion.control.controls import NEUTRAL, Controls, apply, check, describe
-from ha2g_jax.motion.control.effects import energy, extent, handedness, mirror, mute, pin
+from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check, describe, read_mute, read_pin
+from ha2g_jax.motion.control.effects import EASE, apply, energy, extent, handedness, mirror, mute, pin
 from ha2g_jax.motion.control.parts import rest_pose
-from ha2g_jax.motion.control.requests import read_mute, read_pin
-from ha2g_jax.motion.control.spans import EASE, Pin, Span
 
 __all__ = [
     "EASE",

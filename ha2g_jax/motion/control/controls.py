@@ -1,20 +1,50 @@
-"""All controls of a motion as one value, and their application."""
+"""All controls of a motion as one value, and their parsing from text."""
 
 import dataclasses
 import itertools
 import math
+import pathlib
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.control import effects
+from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.motion.control.parts import SIDES
-from ha2g_jax.motion.control.spans import Pin, Span
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.resample import sample
 from ha2g_jax.skeleton import Skeleton
 
-MOST = 2.0  # largest energy and extent
+
+class Pin(NamedTuple):
+    """A pose that the motion holds from `start` to `end`, or passes through where the two are equal.
+
+    Attributes:
+        start: start in seconds.
+        end: end in seconds.
+        pose: (bones, 3) unit vectors; None for the rest pose.
+        name: name of the pose for the record of the controls.
+        skeleton: name of the skeleton of the pose, "" where it is not known.
+    """
+
+    start: float
+    end: float
+    pose: np.ndarray | None = None
+    name: str = "rest"
+    skeleton: str = ""
+
+
+class Span(NamedTuple):
+    """A span of time.
+
+    Attributes:
+        start: start in seconds.
+        end: end in seconds.
+    """
+
+    start: float
+    end: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,31 +70,8 @@ class Controls:
 
 NEUTRAL = Controls()
 
+MOST = 2.0  # largest energy and extent
 _MAX_SECONDS = 1e6  # of a span, which may end after the motion
-
-
-def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
-    """Apply controls to a motion: mirror, then scale, then hold the poses of pins and mutes.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) float32 unit vectors.
-        fps: frames per second; frame k shows the time k / fps.
-        controls: controls to apply.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors; the input itself for neutral controls.
-
-    Raises:
-        UserError: an amount, a side, a pose or a span is not valid.
-    """
-    check(controls, skeleton, (len(directions) + 0.5) / fps)  # the longest duration that rounds to so many frames
-    directions = effects.mirror(skeleton, directions, controls.mirror)
-    directions = effects.energy(skeleton, directions, fps, controls.energy)
-    directions = effects.extent(skeleton, directions, controls.extent)
-    directions = effects.handedness(skeleton, directions, controls.handedness)
-    directions = effects.pin(skeleton, directions, fps, controls.pins)
-    return effects.mute(skeleton, directions, fps, controls.mutes)
 
 
 def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) -> None:
@@ -133,3 +140,69 @@ def describe(controls: Controls) -> dict[str, Any]:
     if controls.mutes:
         changed["mutes"] = [{"start": mute.start, "end": mute.end} for mute in controls.mutes]
     return changed
+
+
+_EXPECTED = "a motion of `ha2g generate`"
+
+
+def read_pin(text: str) -> Pin:
+    """Parse a pin from START:END:POSE.
+
+    Args:
+        text: start and end in seconds; POSE is "rest", MOTION.npz for the first pose of a motion, or
+            MOTION.npz@SECONDS for a pose at another time.
+
+    Returns:
+        The pin.
+
+    Raises:
+        UserError: the text has another form, or there is no such motion.
+    """
+    start, end, pose = _split(text, 3, "START:END:POSE, such as 2:3.5:wave.npz@1.2 or 2:3.5:rest")
+    moments = _seconds(start, text), _seconds(end, text)
+    if pose == "rest":
+        return Pin(*moments)
+    path, moment = pathlib.Path(pose), 0.0
+    with reading(pose, _EXPECTED):
+        if not path.is_file() and "@" in pose:
+            name, _, at = pose.rpartition("@")
+            path, moment = pathlib.Path(name), _seconds(at, text)
+        exists = path.exists()
+    if exists:
+        check_regular(path, _EXPECTED)
+    motion = Motion.load(path)
+    last = (motion.num_frames - 1) / motion.fps
+    if not 0 <= moment <= last:
+        raise UserError(f"{shown(path)} has no pose at {moment:g} s; expected 0 to {last:.3f}")
+    (posed,) = sample(motion.directions, np.array([moment * motion.fps]))
+    return Pin(*moments, posed, f"{shown(path.name)}@{moment:g}", motion.meta["skeleton"])
+
+
+def read_mute(text: str) -> Span:
+    """Parse a span from START:END.
+
+    Args:
+        text: start and end in seconds.
+
+    Returns:
+        The span.
+
+    Raises:
+        UserError: the text has another form.
+    """
+    start, end = _split(text, 2, "START:END in seconds, such as 2:3.5")
+    return Span(_seconds(start, text), _seconds(end, text))
+
+
+def _split(text: str, count: int, expected: str) -> list[str]:
+    parts = text.split(":", count - 1)
+    if len(parts) != count or not all(parts):
+        raise UserError(f"{shown(text)!r} has another form; expected {expected}")
+    return parts
+
+
+def _seconds(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise UserError(f"{shown(text)!r} in {shown(whole)!r} is not a time; give seconds") from error

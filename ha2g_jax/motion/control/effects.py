@@ -1,16 +1,41 @@
-"""One pure function for each control of a motion; with a neutral setting each returns its input."""
+"""Application of controls: one pure function for each; with a neutral setting each returns its input."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from ha2g_jax.motion.control.controls import Controls, Pin, Span, check
 from ha2g_jax.motion.control.parts import SIDES, arm_parts, bones_of, parts, rest_pose
-from ha2g_jax.motion.control.reach import reach_farther
-from ha2g_jax.motion.control.scaling import scale_about, scale_about_mean
-from ha2g_jax.motion.control.spans import Pin, Span, motion_weight
+from ha2g_jax.motion.control.scaling import reach_farther, scale_about, scale_about_mean
+from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
+EASE = 0.5  # seconds of the transition from the motion to a pose, and of the transition back
 POSTURE_SECONDS = 4.0  # window of the slow mean pose, which counts as posture and not as movement
+
+
+def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
+    """Apply controls to a motion: mirror, then scale, then hold the poses of pins and mutes.
+
+    Args:
+        skeleton: skeleton of the directions.
+        directions: (T, bones, 3) float32 unit vectors.
+        fps: frames per second; frame k shows the time k / fps.
+        controls: controls to apply.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors; the input itself for neutral controls.
+
+    Raises:
+        UserError: an amount, a side, a pose or a span is not valid.
+    """
+    check(controls, skeleton, (len(directions) + 0.5) / fps)  # the longest duration that rounds to so many frames
+    directions = mirror(skeleton, directions, controls.mirror)
+    directions = energy(skeleton, directions, fps, controls.energy)
+    directions = extent(skeleton, directions, controls.extent)
+    directions = handedness(skeleton, directions, controls.handedness)
+    directions = pin(skeleton, directions, fps, controls.pins)
+    return mute(skeleton, directions, fps, controls.mutes)
 
 
 def energy(skeleton: Skeleton, directions: np.ndarray, fps: float, amount: float) -> np.ndarray:
@@ -128,3 +153,27 @@ def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence
         weight = motion_weight(one, [other for other in mutes if other is not one], len(directions), fps)
         directions = scale_about(rest_pose(skeleton), directions, weight, arm_parts(skeleton))
     return directions
+
+
+def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: float) -> np.ndarray:
+    """Compute the weight of the motion around a span: 0 within the span, 1 at least `EASE` seconds away from it.
+
+    Start and end are rounded to the nearest frames. The weight follows a minimum-jerk curve in the transitions. A
+    transition is not longer than the gap to the next span.
+
+    Args:
+        span: span in which the pose is held.
+        others: other spans of the motion.
+        frames: number of frames T.
+        fps: frames per second.
+
+    Returns:
+        (T,) weights from 0 to 1.
+    """
+    first, last = (round(moment * fps) for moment in (span.start, span.end))
+    gaps_before = [first - round(other.end * fps) for other in others if other.end <= span.start]
+    gaps_after = [round(other.start * fps) - last for other in others if other.start >= span.end]
+    eases = [max(1.0, min([EASE * fps, *gaps])) for gaps in (gaps_before, gaps_after)]
+    frame = np.arange(frames)
+    away = np.maximum(np.maximum((first - frame) / eases[0], (frame - last) / eases[1]), 0)
+    return minimum_jerk(np.minimum(away, 1))

@@ -7,9 +7,9 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.control import effects
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls, check
+from ha2g_jax.motion.control.effects import EASE
 from ha2g_jax.motion.control.parts import SIDES, arm_parts, parts, rest_pose
 from ha2g_jax.motion.control.scaling import scale_about, scale_about_posture
-from ha2g_jax.motion.control.spans import EASE
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 

@@ -13,7 +13,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import rigs, solver
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.rigs import retarget
 
 __all__ = ["SUFFIXES", "choose_rig", "export"]
 
@@ -60,9 +60,9 @@ def export(
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
     if suffix == ".npz":
-        from ha2g_jax.motion.formats import smplx
+        from ha2g_jax.motion.formats import tables
 
-        smplx.write(path, animation, moves=motion.lower is not None, face=motion.face)
+        tables.write_smplx(path, animation, moves=motion.lower is not None, face=motion.face)
         return
     _writers()[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
 
@@ -85,13 +85,13 @@ def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
 
 
 def _writers() -> dict[str, Callable[..., None]]:
-    """Return for each suffix the function that writes (path, animation); its keywords are those of `glb.write`."""
-    from ha2g_jax.motion.formats import bvh, glb, tables, vrma  # glTF's library takes a sixth of a second
+    """Return for each suffix the function that writes (path, animation); its keywords are those of `gltf.write_glb`."""
+    from ha2g_jax.motion.formats import bvh, gltf, tables  # glTF's library takes a sixth of a second
 
     return {
         ".bvh": lambda path, animation, **_: bvh.write(path, animation),
-        ".glb": glb.write,
-        ".vrma": vrma.write,
+        ".glb": gltf.write_glb,
+        ".vrma": gltf.write_vrma,
         ".json": lambda path, animation, **_: tables.write_json(path, animation),
         ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
     }

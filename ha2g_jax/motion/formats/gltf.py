@@ -1,12 +1,19 @@
-"""The common part of `.glb` and `.vrma`: the nodes of an armature, one animation, and a binary chunk."""
+"""glTF 2.0: `.glb` files with a skinned body, and `.vrma` files, VRM animations without a mesh."""
 
+import dataclasses
 import json
+import pathlib
 from typing import Any
 
 import numpy as np
 import pygltflib
 
-from ha2g_jax.motion.armature import Animation
+from ha2g_jax.files.writing import whole_file
+from ha2g_jax.motion import rotations
+from ha2g_jax.motion.armature import Animation, ha2g_armature
+from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
+from ha2g_jax.motion.rigs import rest_positions
+from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # A joint that changes by less than this needs no channel: its node already has the rest rotation.
 _STILL = 1e-9
@@ -131,3 +138,123 @@ def describe(animation: Animation, duration: float | None, audio_name: str | Non
 def _plain(values: np.ndarray) -> list[float]:
     # Rounded, because 1 and the last bit of a unit quaternion is out of glTF's range.
     return [round(float(value), 9) + 0.0 for value in values]
+
+
+def write_glb(
+    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
+) -> None:
+    """Write a `.glb` file (glTF 2.0): metres, y up, facing +z.
+
+    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of
+    the scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
+
+    Args:
+        path: file to write_glb.
+        animation: animation of any rig.
+        duration: length of the speech in seconds.
+        audio_name: file name of the speech.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    document = Document()
+    nodes = document.add_armature(animation)
+    _add_body(document, animation, nodes)
+    document.gltf.scenes[0].extras = describe(animation, duration, audio_name)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(document.to_bytes())
+
+
+def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:
+    """Add the mesh of the body in the rest pose, its materials and its skin."""
+    gltf = document.gltf
+    root = animation.translation[0]
+    parts = body_mesh(animation.armature)
+    primitives = []
+    for colour, part in parts.items():
+        joints, weights = part.bindings
+        attributes = pygltflib.Attributes(
+            POSITION=document.add_array(
+                (part.points + root).astype(np.float32), target=pygltflib.ARRAY_BUFFER, bounds=True
+            ),
+            NORMAL=document.add_array(part.normals.astype(np.float32), target=pygltflib.ARRAY_BUFFER),
+            JOINTS_0=document.add_array(joints.astype(np.uint8), target=pygltflib.ARRAY_BUFFER),
+            WEIGHTS_0=document.add_array(weights, target=pygltflib.ARRAY_BUFFER),
+        )
+        faces = document.add_array(part.faces.reshape(-1).astype(np.uint16), target=pygltflib.ELEMENT_ARRAY_BUFFER)
+        primitives.append(pygltflib.Primitive(attributes=attributes, indices=faces, material=len(gltf.materials)))
+        gltf.materials.append(_material(colour))
+    gltf.meshes.append(pygltflib.Mesh(name="body", primitives=primitives))
+    inverse = document.add_array(_inverse_bind(animation, root).astype(np.float32))
+    gltf.skins.append(pygltflib.Skin(joints=nodes, skeleton=nodes[0], inverseBindMatrices=inverse))
+    gltf.nodes.append(pygltflib.Node(name="body", mesh=0, skin=0))
+    document.roots.append(len(gltf.nodes) - 1)
+
+
+def _material(name: str) -> pygltflib.Material:
+    red, green, blue, roughness = COLOURS[name]
+    surface = pygltflib.PbrMetallicRoughness(
+        baseColorFactor=[red, green, blue, 1.0], metallicFactor=0.0, roughnessFactor=roughness
+    )
+    return pygltflib.Material(name=name, pbrMetallicRoughness=surface, alphaMode=None, alphaCutoff=None)
+
+
+def _inverse_bind(animation: Animation, root: np.ndarray) -> np.ndarray:
+    """Return (J, 16) inverse bind matrices of the joints, column by column as in glTF."""
+    orientations, places = rest_positions(animation.armature)
+    back = rotations.to_matrix(rotations.conjugate(orientations))
+    matrices = np.zeros((len(places), 4, 4))
+    matrices[:, :3, :3] = back
+    matrices[:, :3, 3] = -np.einsum("jab,jb->ja", back, places + root)
+    matrices[:, 3, 3] = 1
+    return matrices.transpose(0, 2, 1).reshape(-1, 16)
+
+
+_EXTENSION = "VRMC_vrm_animation"
+
+
+def write_vrma(
+    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
+) -> None:
+    """Write a `.vrma` file (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
+
+    Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
+    is the rest pose of the nodes.
+
+    Args:
+        path: file to write_vrma.
+        animation: animation of the rig vrm.
+        duration: length of the speech in seconds.
+        audio_name: file name of the speech.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    document = Document()
+    nodes = document.add_armature(animation)
+    bones = {name: {"node": node} for name, node in zip(animation.armature.joints, nodes, strict=True)}
+    document.gltf.extensionsUsed = [_EXTENSION]
+    document.gltf.extensions = {_EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
+    document.gltf.scenes[0].extras = describe(animation, duration, audio_name)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(document.to_bytes())
+
+
+_FPS = 15.0
+
+
+def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
+    """Write the figure of a model as a `.glb` file with one frame, the T-pose.
+
+    Its nodes, mesh and skin are those of every `.glb` of a motion of the model; the page replaces the animation.
+
+    Args:
+        path: file to write.
+        skeleton: skeleton of the model, whose bone lengths the figure has.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    # A motion is exported with the rest pose of the package's skeleton and the bone lengths of the model.
+    armature = ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
+    write_glb(path, Animation(armature, armature.rest[None], np.zeros((1, 3)), _FPS, {}))

@@ -11,19 +11,40 @@
 Nothing is unpickled, and sizes are checked before anything is unpacked.
 """
 
+import dataclasses
 import os
 import pathlib
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_MOTION_FPS, MIN_MOTION_FPS
+from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason, shown
+from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_FPS, MAX_MOTION_JSON_BYTES, MIN_MOTION_FPS
+from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.content import SUFFIXES, read_content
-from ha2g_jax.motion.readers.kinds import KINDS, Options, borders_of, find_kind
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays
+from ha2g_jax.motion.readers.bvh import read_bvh
+from ha2g_jax.motion.readers.smplx_body import template
+from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
 
 __all__ = ["KINDS", "SUFFIXES", "borders_of", "find_skeleton", "read_motion"]
+
+SUFFIXES = (".npz", ".bvh", ".json", ".npy")
+"""Suffixes by which files of motion are found in a folder."""
+
+OWN, SMPLX, POSITIONS, BVH, DIRECTIONS = "own", "SMPL-X", "positions", "BVH", "directions"
+
+_EXPECTED = "a motion: .npz, .npy, .bvh or .json"
+_PICKLES = (".pkl", ".pickle", ".p", ".pk")
+_PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
+_BEGINNINGS = {b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"}
+_HEAD = 64  # bytes that show the container
+_MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
+_ARM = (0.3, 1.0)  # metres from shoulder to wrist of a person
 
 
 def read_motion(
@@ -44,7 +65,7 @@ def read_motion(
         joint_map: names of the joints in the file: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
 
     Returns:
-        The motion; `meta["read_from"]` says of a file of others how it was read: "kind", "fps" of the file and more.
+        The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.
 
     Raises:
         UserError: the file cannot be read, is of no kind, or does not hold a motion.
@@ -52,10 +73,10 @@ def read_motion(
     path = pathlib.Path(path)
     if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
         raise UserError(f"{source_fps:g} frames per second of the file; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
-    options = Options(fps, source_fps, joint_map)
     content = read_content(path)
     kind = find_kind(content)
-    motion = kind.read(content, load_skeleton(skeleton or kind.find_skeleton(content, options)), options)
+    skeleton = skeleton or kind.find_skeleton(content, joint_map)
+    motion = kind.read(content, load_skeleton(skeleton), Options(fps, source_fps, joint_map))
     try:
         motion.check()
     except UserError as error:
@@ -70,4 +91,251 @@ def find_skeleton(path: str | os.PathLike, joint_map: str = joint_maps.AUTO) -> 
         UserError: none of them, or the file cannot be read.
     """
     content = read_content(pathlib.Path(path))
-    return find_kind(content).find_skeleton(content, Options(joint_map=joint_map))
+    return find_kind(content).find_skeleton(content, joint_map)
+
+
+def borders_of(motion: Motion, path: pathlib.Path) -> tuple[int, ...]:
+    """Return the first frames of the windows that a motion was joined from, as its file says.
+
+    Raises:
+        UserError: they are no frames.
+    """
+    try:
+        return tuple(array_files.read_borders(motion.meta, motion.num_frames).tolist())
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UserError(
+            f"{shown(path)} has borders that are not frames ({reason(error)}); generate the motion again"
+        ) from error
+
+
+class Content(NamedTuple):
+    """What a file of motion holds.
+
+    Attributes:
+        path: path of the file.
+        container: one of `SUFFIXES`, whatever the suffix of the path.
+        arrays: values by name of `.npz` and `.json`; those of other names are not read.
+        array: the array of a `.npy`, empty for others.
+    """
+
+    path: pathlib.Path
+    container: str
+    arrays: Mapping[str, Any]
+    array: np.ndarray
+
+
+class Options(NamedTuple):
+    """The options of `read_motion`."""
+
+    fps: float | None
+    source_fps: float | None
+    joint_map: str
+
+
+class Kind(NamedTuple):
+    """A kind of motion.
+
+    Attributes:
+        name: name of the kind, as in the documentation.
+        matches: function of the content of a file to whether it is of this kind.
+        find_skeleton: function of the content and the joint map to the name of the skeleton that suits it.
+        read: function of the content, a skeleton and the options to the motion.
+    """
+
+    name: str
+    matches: Callable[[Content], bool]
+    find_skeleton: Callable[[Content, str], str]
+    read: Callable[[Content, Skeleton, Options], Motion]
+
+
+def read_content(path: pathlib.Path) -> Content:
+    """Read the arrays of a file of motion; of a BVH nothing is read yet.
+
+    Raises:
+        UserError: the file is missing, a pickle, damaged or too large, or none of `SUFFIXES`.
+    """
+    check_regular(path, _EXPECTED)
+    container = _container(path)
+    arrays: Mapping[str, Any] = {}
+    array = np.zeros(0)
+    if container == ".npz":
+        names = {*motions.ARRAYS, *array_files.ARRAYS, *smplx_arrays.NAMES}
+        arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES, names=names)
+    elif container == ".npy":
+        found = read_npz(path, max_bytes=MAX_MOTION_BYTES)
+        if len(found) != 1:  # an archive behind other bytes
+            raise UserError(f"{shown(path)} contains {len(found)} arrays; expected one, as in every .npy file")
+        [array] = found.values()
+    elif container == ".json":
+        arrays = _read_json(path)
+    return Content(path, container, arrays, array)
+
+
+def _container(path: pathlib.Path) -> str:
+    """Return the suffix that the first bytes of a file stand for, or its own where they do not tell."""
+    with reading(path, _EXPECTED), path.open("rb") as file:
+        head = file.read(_HEAD)
+    suffix = path.suffix.lower()
+    if head.startswith(_PICKLE) or suffix in _PICKLES:
+        raise UserError(
+            f"{shown(path)} is a pickle, which may run code when it is read; load it where you trust it and save its "
+            "arrays with numpy.savez"
+        )
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip().upper()
+    for beginning, container in _BEGINNINGS.items():
+        if text.startswith(beginning):
+            return container
+    if suffix in SUFFIXES:
+        return suffix
+    raise UserError(f"{shown(path)} is not a motion; expected .npz, .npy, .bvh or .json")
+
+
+def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
+    text = read_bytes(path, "a motion in JSON", MAX_MOTION_JSON_BYTES)
+    if text.count(b"[") + text.count(b"{") > _MAX_GROUPS:
+        raise UserError(f"{shown(path)} has more than {_MAX_GROUPS} lists; give it as .npz, or cut the motion")
+    with reading(path, "a motion in JSON"):
+        content = parse_json(text)
+    if not isinstance(content, dict):
+        raise UserError(
+            f"{shown(path)} holds no motion but a {type(content).__name__}; expected positions (T, J, 3), fps and "
+            "joint_names (J,)"
+        )
+    return {name: content[name] for name in array_files.ARRAYS if name in content}
+
+
+def _read_own(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+    motion = Motion.from_arrays(content.arrays, content.path)
+    if motion.meta["skeleton"] != skeleton.name:
+        raise UserError(
+            f"{shown(content.path)} has the skeleton {motion.meta['skeleton']}, not {skeleton.name} as the others; "
+            "evaluate motion of one skeleton at a time"
+        )
+    if "borders" in content.arrays:
+        motion = dataclasses.replace(motion, meta=motion.meta | {"borders": content.arrays["borders"]})
+        motion.meta["borders"] = list(borders_of(motion, content.path))
+    return motion
+
+
+def _read_bvh(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+    found = bvh_motion.read_motion(content.path, skeleton, fps=options.fps, joint_map=options.joint_map, with_legs=True)
+    array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
+    facts = {"kind": BVH, "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
+    fps = options.fps or found.fps
+    return Motion.from_positions(skeleton, found.positions, fps, {"read_from": facts}, lower=found.lower)
+
+
+def _bvh_skeleton(content: Content, joint_map: str) -> str:
+    joints = read_bvh(content.path).joints
+    for name in SKELETONS[:-1]:
+        try:
+            joint_maps.choose_map(joints, load_skeleton(name), joint_map, content.path)
+        except UserError:
+            continue
+        return name
+    return SKELETONS[-1]  # the error at reading then says what is missing
+
+
+def _is_smplx(content: Content) -> bool:
+    arrays = content.arrays
+    if smplx_arrays.has_poses(arrays):
+        return True
+    if "joint_names" in arrays:
+        return False
+    found = [arrays[name] for name in smplx_arrays.POSITIONS if name in arrays] or [content.array]
+    return isinstance(found[0], np.ndarray) and found[0].ndim == 3 and found[0].shape[1] in smplx_arrays.NUM_POSITIONS
+
+
+def _read_smplx(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+    arrays = content.arrays or {smplx_arrays.POSITIONS[0]: content.array}
+    try:
+        found = smplx.to_motion(
+            smplx_arrays.to_arrays(arrays, options.source_fps), skeleton, template(), fps=options.fps
+        )
+    except UserError as error:
+        raise UserError(f"{shown(content.path)}: {error}") from error
+    array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
+    meta = {"read_from": {"kind": SMPLX, "fps": found.fps, "up": found.up}}
+    fps = options.fps or found.fps
+    return Motion.from_positions(skeleton, found.positions, fps, meta, lower=found.lower, face=found.face)
+
+
+def _read_named(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+    arrays = array_files.read_arrays(content.arrays, content.path)
+    return _from_named(arrays, content.path, skeleton, options)
+
+
+def _from_named(arrays: array_files.Arrays, path: pathlib.Path, skeleton: Skeleton, options: Options) -> Motion:
+    positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path)
+    meta: dict[str, Any] = {"read_from": {"kind": POSITIONS, "fps": arrays.fps}}
+    if len(arrays.borders):
+        meta["borders"] = arrays.borders.tolist()
+    motion = Motion.from_positions(skeleton, positions, arrays.fps, meta)
+    arm = [skeleton.joint(f"left_{part}") for part in ("shoulder", "elbow", "wrist")]
+    length = float(np.median(np.linalg.norm(np.diff(positions[:, arm], axis=1), axis=-1).sum(axis=-1)))
+    if not _ARM[0] <= length <= _ARM[1]:  # not in metres: the bones of the skeleton take the place of the file's
+        motion = Motion.from_directions(skeleton, motion.directions, arrays.fps, motion.meta)
+    return _at_rate(motion, options.fps)
+
+
+def _named_skeleton(content: Content, joint_map: str) -> str:
+    arrays = array_files.read_arrays(content.arrays, content.path)
+    return array_files.find_skeleton(arrays, joint_map, content.path)
+
+
+def _array_skeleton(content: Content, joint_map: str = joint_maps.AUTO) -> str:
+    name = array_files.directions_skeleton(content.array)
+    if name is None:
+        joints = [name for name in SKELETONS if content.array.shape[1:] == (load_skeleton(name).num_joints, 3)]
+        name = joints[0] if joints and content.array.size else None
+    if name is None:
+        raise UserError(
+            f"{shown(content.path)} holds an array of shape {content.array.shape}; expected directions (T, 126), "
+            "(T, 42, 3), (T, 27) or (T, 9, 3), positions (T, 43, 3) or (T, 10, 3), or joints of SMPL-X (T, 55, 3)"
+        )
+    return name
+
+
+def _read_array(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+    own = _array_skeleton(content)
+    if own != skeleton.name:
+        raise UserError(f"{shown(content.path)} has the skeleton {own}, not {skeleton.name} as the others")
+    fps = options.source_fps or array_files.FPS
+    if array_files.directions_skeleton(content.array) is None:
+        arrays = {"positions": content.array, "fps": np.array(fps), "joint_names": np.array(skeleton.joints)}
+        return _from_named(array_files.read_arrays(arrays, content.path), content.path, skeleton, options)
+    directions, is_residual = array_files.read_directions(content.array, skeleton, content.path)
+    facts = {"kind": DIRECTIONS, "fps": fps, "mean_was_subtracted": is_residual}
+    return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
+
+
+def _at_rate(motion: Motion, fps: float | None) -> Motion:
+    """Resample a motion on the sphere; its bones take the mean lengths of the motion."""
+    if fps is None or fps == motion.fps:
+        return motion
+    count = num_frames(motion.num_frames / motion.fps, fps)
+    meta = dict(motion.meta)
+    if "borders" in meta:
+        meta["borders"] = sorted({round(border * fps / motion.fps) for border in meta["borders"]})
+    directions = resample(motion.directions, motion.fps, fps, count)
+    return Motion.from_directions(motion.skeleton, directions, fps, meta)
+
+
+KINDS = (
+    Kind(
+        OWN,
+        lambda content: "directions" in content.arrays and "meta" in content.arrays,
+        lambda content, joint_map: Motion.from_arrays(content.arrays, content.path).meta["skeleton"],
+        _read_own,
+    ),
+    Kind(BVH, lambda content: content.container == ".bvh", _bvh_skeleton, _read_bvh),
+    Kind(SMPLX, _is_smplx, lambda content, joint_map: SKELETONS[0], _read_smplx),
+    Kind(DIRECTIONS, lambda content: content.container == ".npy", _array_skeleton, _read_array),
+    Kind(POSITIONS, lambda content: True, _named_skeleton, _read_named),
+)
+"""All kinds, in the order in which they are tried; the last one takes what is left, and says what it lacks."""
+
+
+def find_kind(content: Content) -> Kind:
+    """Return the kind of a file, by its content."""
+    return next(kind for kind in KINDS if kind.matches(content))

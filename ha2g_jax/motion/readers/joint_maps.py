@@ -19,8 +19,7 @@ from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, s
 from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import OPTIONAL
-from ha2g_jax.motion.readers.axes import UPS
-from ha2g_jax.motion.readers.face import FACE
+from ha2g_jax.motion.readers.body import FACE, UPS
 from ha2g_jax.skeleton import Skeleton
 
 # The most demanding first, because "auto" takes the first that fits.

@@ -1,5 +1,6 @@
 """Recordings of motion capture: finding motion files with their audio, words and speaker."""
 
+import os
 import pathlib
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reading, shown
-from ha2g_jax.importers.mocap.options import ImportOptions
+from ha2g_jax.motion.readers.smplx_arrays import EMBODY_BODY
 
 # In order of preference, if several files lie beside a motion file.
 AUDIO_SUFFIXES = (
@@ -18,6 +19,7 @@ AUDIO_SUFFIXES = (
     *(".mp4", ".mov", ".mkv", ".webm", ".avi"),
 )
 
+_EMBODY_AUDIO = "separated_audio"
 _MAX_DIFFERENCE = 0.5  # seconds between the ends of motion and audio without a warning
 _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a fraction of the longer one
 
@@ -42,7 +44,14 @@ class MotionRecording(NamedTuple):
     is_alone: bool
 
 
-def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> list[MotionRecording]:
+def find_recordings(
+    src: pathlib.Path,
+    suffix: str,
+    *,
+    speaker: str | None = None,
+    audio: str | os.PathLike | None = None,
+    words: str | os.PathLike | None = None,
+) -> list[MotionRecording]:
     """Find the motion files in a folder and its subfolders, in order of their paths, or the one file.
 
     A recording has the name of its file, or its path if two files in different folders have the same name. A speaker
@@ -51,7 +60,9 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
     Args:
         src: path of a file or of a folder.
         suffix: suffix of motion files, such as ".bvh", in any letter case.
-        options: options of the import, of which `audio`, `words` and `speaker` are used.
+        speaker: name of the speaker of all files.
+        audio: audio file of the only motion file.
+        words: transcript of the only motion file.
 
     Raises:
         UserError: there is no such file, or audio or words are given for several files.
@@ -66,7 +77,6 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
             paths, root = sorted(path for path in found if not path.name.startswith(".")), src
     if not paths:
         raise UserError(f"no {suffix} file in {shown(src)} or below it; give a {suffix} file or a folder of them")
-    audio, words = (None if given is None else pathlib.Path(given) for given in (options.audio, options.words))
     if len(paths) > 1 and (audio or words):
         raise UserError(f"{shown(src)} holds {len(paths)} {suffix} files; give --audio and --words for one file only")
     names = [shown(path.stem) for path in paths]
@@ -77,11 +87,35 @@ def find_recordings(src: pathlib.Path, suffix: str, options: ImportOptions) -> l
         raise UserError(f"{shown(src)} holds two recordings that would both be called {twice}; rename one")
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
-    speakers = [options.speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
+    speakers = [speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
+    given = [None if file is None else pathlib.Path(file) for file in (audio, words)]
     return [
-        MotionRecording(path, name, speaker, audio, words, folders.count(path.parent) == 1)
-        for path, name, speaker in zip(paths, names, speakers, strict=True)
+        MotionRecording(path, name, own, *given, folders.count(path.parent) == 1)
+        for path, name, own in zip(paths, names, speakers, strict=True)
     ]
+
+
+def find_embody(root: pathlib.Path, speaker: str | None = None) -> list[MotionRecording]:
+    """Find the people of the captures of Embody 3D in a folder, each of whom is a recording.
+
+    Args:
+        root: a folder of captures, such as `datasets/emotions`, one of a person in it, or a folder above them.
+        speaker: name of the speaker; by default the person.
+
+    Returns:
+        The recordings in order of their paths, none if the folder has another layout. A transcript lies beside the
+        audio.
+    """
+    found = []
+    for folder in sorted(root.rglob(EMBODY_BODY)):
+        person = folder.parent
+        for path in sorted(folder.glob("[!.]*.npy")):
+            audio = person / _EMBODY_AUDIO / f"{path.stem}.wav"
+            words = transcripts.find(audio, is_alone=False)
+            name = shown(f"{path.stem}--{person.name}")
+            given = audio if audio.is_file() else None
+            found.append(MotionRecording(path, name, speaker or shown(person.name), given, words, is_alone=False))
+    return found
 
 
 def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.ndarray, tuple[Word, ...] | None]:
@@ -105,7 +139,7 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
         raise UserError(
             f"{shown(recording.path)} has no audio; put {recording.path.stem}.wav beside it or give it (--audio)"
         )
-    transcript = recording.words or _find_words(recording)
+    transcript = recording.words or transcripts.find(recording.path, is_alone=recording.is_alone)
     if transcript is None and with_words:
         raise UserError(
             f"{name} has no transcript; put {stem}.TextGrid, .json, .srt, .vtt or .tsv beside it, or import without "
@@ -147,7 +181,3 @@ def _find_audio(path: pathlib.Path) -> pathlib.Path | None:
                 return found
         stem = stem.rpartition(".")[0]
     return None
-
-
-def _find_words(recording: MotionRecording) -> pathlib.Path | None:
-    return transcripts.find(recording.path, is_alone=recording.is_alone)

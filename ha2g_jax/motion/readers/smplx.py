@@ -13,13 +13,17 @@ from ha2g_jax.files.reading import check_regular, shown
 from ha2g_jax.limits import MAX_SOUND_SECONDS
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
-from ha2g_jax.motion.readers.axes import find_up, mean_heading, to_skeleton_axes
-from ha2g_jax.motion.readers.face import add_face
-from ha2g_jax.motion.readers.kinematics import check_size
-from ha2g_jax.motion.readers.legs import from_rest_pose, to_export_axes
-from ha2g_jax.motion.readers.published_layouts import is_embody, read_embody
-from ha2g_jax.motion.readers.smplx_arrays import NAMES, POSES, POSITIONS, SmplxArrays, to_arrays
-from ha2g_jax.motion.readers.smplx_template import FACE, HEAD, JOINTS, PARENTS, Body
+from ha2g_jax.motion.readers.body import (
+    add_face,
+    find_up,
+    from_rest_pose,
+    mean_heading,
+    to_export_axes,
+    to_skeleton_axes,
+)
+from ha2g_jax.motion.readers.bvh_motion import check_size
+from ha2g_jax.motion.readers.smplx_arrays import NAMES, POSES, POSITIONS, SmplxArrays, is_embody, read_embody, to_arrays
+from ha2g_jax.motion.readers.smplx_body import FACE, HEAD, JOINTS, PARENTS, Body
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"

@@ -13,15 +13,76 @@ Beside them: `trans` or `transl` (T, 3), `betas`, `mocap_frame_rate` or another 
 `expressions` (T, n) of FLAME and `arkit` (T, 52), and `is_good` (T,), 0 in frames that were not tracked.
 """
 
+import pathlib
+import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.npz import read_npz
 from ha2g_jax.limits import MAX_FACE_VALUES, MAX_MOTION_FPS, MAX_SMPLX_FRAMES, MIN_MOTION_FPS
-from ha2g_jax.motion.readers.published_layouts import IS_GOOD, SEAMLESS_PREFIX, from_seamless
-from ha2g_jax.motion.readers.smplx_template import JOINTS
+from ha2g_jax.motion.readers.smplx_body import JOINTS
+
+IS_GOOD = "is_good"
+"""Array (T,) or (T, 1) of frames that can be used; others are 0."""
+
+SEAMLESS_PREFIX = "smplh:"
+SEAMLESS_NAME = re.compile(r"V\d+_S\d+_I\d+_(P\w+)")
+"""Name of a recording of Seamless Interaction; the group is the speaker."""
+
+_FPS = 30
+_SEAMLESS = {"translation": "transl", "is_valid": IS_GOOD}
+_CENTIMETRE = 0.01
+
+_EMBODY_PREFIX = "smplx_mesh_"
+EMBODY_BODY = f"{_EMBODY_PREFIX}body_pose"
+_EMBODY_PARTS = (
+    *("body_pose", "global_orient", "left_hand_pose", "right_hand_pose", "jaw_pose", "leye_pose", "reye_pose"),
+    *("transl", "betas"),
+)
+_EMBODY_GOOD = "missing"
+
+
+def from_seamless(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Rename the arrays of Seamless Interaction, with the translation in metres and the frame rate.
+
+    Args:
+        arrays: arrays of a file by name; those of other data sets are returned as they are.
+    """
+    own = {name.removeprefix(SEAMLESS_PREFIX): it for name, it in arrays.items() if name.startswith(SEAMLESS_PREFIX)}
+    if not own:
+        return arrays
+    renamed = {_SEAMLESS.get(name, name): array for name, array in own.items()}
+    if "transl" in renamed and renamed["transl"].dtype.kind in "fiu":
+        renamed["transl"] = renamed["transl"] * _CENTIMETRE
+    return {"fps": np.array(_FPS)} | renamed
+
+
+def is_embody(path: pathlib.Path) -> bool:
+    """Return whether a file is one of the body poses that `find_embody` finds."""
+    return path.parent.name == EMBODY_BODY
+
+
+def read_embody(path: pathlib.Path, max_bytes: int) -> dict[str, np.ndarray]:
+    """Read the arrays of a person of Embody 3D.
+
+    Args:
+        path: path of the body poses.
+        max_bytes: maximum size of an array.
+
+    Raises:
+        UserError: a file is damaged or too large.
+    """
+    arrays = {"fps": np.array(_FPS)}
+    folders = {f"{_EMBODY_PREFIX}{part}": part for part in _EMBODY_PARTS} | {_EMBODY_GOOD: IS_GOOD}
+    for folder, name in folders.items():
+        part = path.parent.parent / folder / path.name
+        if part.is_file():
+            arrays[name] = next(iter(read_npz(part, max_bytes=max_bytes).values()))
+    return arrays
+
 
 POSES = "poses"
 POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")

@@ -1,13 +1,155 @@
 """Rotations of the joints of the `ha2g` armature that give each bone its direction."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.armature import LEFT, UP, Armature, carriers, generations, rest_directions
-from ha2g_jax.motion.solver.arms import Vectors, arm_frames
-from ha2g_jax.motion.solver.fitting import fit
-from ha2g_jax.motion.solver.twist import Twists, apply_twist, observe
+from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, UP, Armature, carriers, generations, rest_directions
+from ha2g_jax.motion.solver.twist import Twists, apply_twist, observe, swing
 from ha2g_jax.skeleton import Skeleton
+
+
+def fit(seen: Sequence[np.ndarray], rest: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Fit the rotation from directions at rest to observed directions by least squares (Wahba's problem).
+
+    The rotation follows from the singular value decomposition of sum seen rest^T (F. L. Markley, "Attitude
+    determination using vector observations and the singular value decomposition", 1988).
+
+    Args:
+        seen: observed directions, a (T, 3) array of unit vectors for each.
+        rest: the same directions at rest, a (3,) unit vector for each.
+
+    Returns:
+        (T, 4) rotations, and (T,) certainties from 0, where all directions lie on one line, to 1, where they lie to
+        each other as at rest.
+    """
+    products = np.einsum("kti,kj->tij", np.stack(seen), np.stack(rest))
+    u, sizes, vt = np.linalg.svd(products)
+    sign = np.where(np.linalg.det(u) * np.linalg.det(vt) < 0, -1.0, 1.0)
+    u[..., 2] *= sign[:, None]
+    at_rest = np.linalg.svd(np.einsum("ki,kj->ij", np.stack(rest), np.stack(rest)), compute_uv=False)
+    certainty = (sizes[:, 1] + sign * sizes[:, 2]) / (at_rest[1] + at_rest[2])
+    return rotations.from_matrix(u @ vt), np.clip(certainty, 0, 1)
+
+
+FORWARD = np.array([0.0, 0.0, 1.0])
+
+Vectors = dict[str, np.ndarray]
+
+# A joint bent at right angles has weight 1. The weight of a bend is the fourth power of its sine, because the plane of
+# a slight bend is uncertain.
+_HANGING = 2e-5
+_STRAIGHT = 3e-3
+
+# A bend below the first sine may be a straight elbow that noise bends backward; one above the second is a real bend.
+_SLIGHT = (0.34, 0.57)
+
+# The twist of a forearm is 0 at the elbow and that of the hand at the wrist. As one bone it takes half of it, as in
+# Unity (HumanDescription.lowerArmTwist is 0.5). The elbow has a little more weight than the hand, so that a hand
+# twisted by 180 degrees gives a twist of 0, and not of 90 degrees to either side.
+_ELBOW_WEIGHT = 1.1
+
+
+def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
+    """Compute rotations in the world of the joints of one arm whose twist can be estimated.
+
+    Args:
+        side: "left" or "right".
+        seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
+        rest: (3,) unit vectors of the same bones at rest.
+        trunk: (T, 4) rotations of the trunk.
+        twists: estimates of the twists over time.
+
+    Returns:
+        (T, 4) rotations by the name of the joint: shoulder, elbow and, where there are fingers, wrist and knuckles.
+    """
+    out = LEFT if side == "left" else -LEFT
+    upper, fore = seen[f"{side}_elbow"], seen[f"{side}_wrist"]
+    shoulder = _upper_arm(f"{side}_shoulder", trunk, out, upper, fore, twists)
+    neutral = _bend_elbow(shoulder, out, fore)
+    if f"{side}_index_1" not in rest:
+        return {f"{side}_shoulder": shoulder, f"{side}_elbow": neutral}
+    bones = [f"{side}_{finger}_1" for finger in FOUR_FINGERS]
+    palm, certainty = fit([seen[bone] for bone in bones], [rest[bone] for bone in bones])
+    hand = _hand(f"{side}_wrist", neutral, out, palm, certainty, twists)
+    elbow = _forearm(f"{side}_elbow", neutral, out, fore, hand, twists)
+    frames = {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": hand}
+    for finger in FOUR_FINGERS:
+        first, second = seen[f"{side}_{finger}_2"], seen[f"{side}_{finger}_3"]
+        knuckle = f"{side}_{finger}_1"
+        frames[knuckle] = _knuckle(knuckle, hand, out, first, second, twists)
+    return frames
+
+
+def _upper_arm(
+    joint: str, trunk: np.ndarray, out: np.ndarray, upper: np.ndarray, fore: np.ndarray, twists: Twists
+) -> np.ndarray:
+    """Rotate the upper arm so that the elbow bends forward; a straight arm as if raised from beside the trunk."""
+    frames = twists.transport(joint, trunk, out, upper)
+    hanging = rotations.multiply(trunk, rotations.between(out, -UP))
+    front = rotations.rotate(swing(hanging, out, upper), FORWARD)
+    bend, sine = _bend(upper, fore)
+    is_slight = 1 - _step(sine, *_SLIGHT)
+    is_backward = _step(-np.sum(bend * front, axis=-1), -0.3, 0.2)
+    seen = observe(frames, out, FORWARD, bend, sine**4 * (1 - is_slight * is_backward))
+    seen = seen + observe(frames, out, FORWARD, front, _HANGING)
+    return apply_twist(frames, out, twists.smooth(joint, seen))
+
+
+def _bend_elbow(shoulder: np.ndarray, out: np.ndarray, fore: np.ndarray) -> np.ndarray:
+    """Rotate the forearm without twist: bend it about the axis of the elbow, then swing it by the small remainder."""
+    local = rotations.rotate(rotations.conjugate(shoulder), fore)
+    angle = np.arctan2(local @ FORWARD, local @ out)
+    bent = rotations.multiply(shoulder, rotations.about(np.cross(out, FORWARD), angle))
+    return swing(bent, out, fore)
+
+
+def _hand(
+    joint: str, neutral: np.ndarray, out: np.ndarray, palm: np.ndarray, certainty: np.ndarray, twists: Twists
+) -> np.ndarray:
+    """Rotate the hand as the palm where its bones are spread, and hold its twist where they are not."""
+    frames = swing(neutral, out, rotations.rotate(palm, out))
+    seen = observe(frames, out, FORWARD, rotations.rotate(palm, FORWARD), certainty**2)
+    return apply_twist(frames, out, twists.smooth(joint, seen + _HANGING))
+
+
+def _forearm(
+    joint: str, neutral: np.ndarray, out: np.ndarray, fore: np.ndarray, hand: np.ndarray, twists: Twists
+) -> np.ndarray:
+    """Twist the forearm half-way from the elbow to the hand.
+
+    A hand bends up and down about its axis to the thumb, which stays at right angles to the forearm, and only little to
+    the sides. So this axis shows the twist, however far the hand is bent.
+    """
+    thumb = rotations.rotate(hand, FORWARD)
+    sine_squared = 1 - np.sum(thumb * fore, axis=-1) ** 2
+    seen = (observe(neutral, out, FORWARD, thumb, 1.0) + _ELBOW_WEIGHT) * sine_squared
+    return apply_twist(neutral, out, twists.smooth(joint, seen + _HANGING))
+
+
+def _knuckle(
+    joint: str, hand: np.ndarray, out: np.ndarray, first: np.ndarray, second: np.ndarray, twists: Twists
+) -> np.ndarray:
+    """Rotate the first bone of a finger so that the next joint, a hinge, bends towards the palm."""
+    frames = swing(hand, out, first)
+    bend, sine = _bend(first, second)
+    is_palmward = _step(np.sum(bend * rotations.rotate(frames, -UP), axis=-1), 0.0, 0.5)
+    seen = observe(frames, out, -UP, bend, sine**4 * is_palmward)
+    return apply_twist(frames, out, twists.smooth(joint, seen + _STRAIGHT))
+
+
+def _bend(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (T, 3) unit vectors across the first bone towards the second, and the (T,) sine of the bend."""
+    across = second - np.sum(second * first, axis=-1, keepdims=True) * first
+    return rotations.unit(across), np.linalg.norm(across, axis=-1)
+
+
+def _step(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return a smooth step that is 0 up to `low` and 1 from `high` on."""
+    fraction = np.clip((x - low) / (high - low), 0, 1)
+    return fraction * fraction * (3 - 2 * fraction)
+
 
 _FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")
 _AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has weight 1

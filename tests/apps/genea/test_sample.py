@@ -9,7 +9,7 @@ from ha2g_jax.apps.genea import sample
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
-from ha2g_jax.motion.readers.smplx_template import JOINTS, Body, template
+from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 
 LEGS = [JOINTS.index(f"{side}_{part}") for side in ("left", "right") for part in ("hip", "knee", "ankle")]
 

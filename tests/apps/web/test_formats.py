@@ -15,12 +15,12 @@ from fixtures.bundles import bundle
 import ha2g_jax
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.formats import export
+from ha2g_jax.motion.formats.gltf import write_figure
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers.bvh import read_bvh
-from ha2g_jax.motion.readers.kinematics import world_motion
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.readers.bvh_motion import world_motion
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.viewer.figure_file import write_figure
 
 ROOT = pathlib.Path(__file__).parents[3]
 SECONDS = 5

@@ -8,15 +8,15 @@ import shutil
 import numpy as np
 import pytest
 import soundfile
+from motion.readers import bvh_files
 from PIL import Image, ImageDraw
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.figure import DEFAULT_LOOK, draw_figure
-from ha2g_jax.importers.mocap.import_bvh import import_bvh
-from ha2g_jax.importers.mocap.importing import UNUSABLE, with_constant_lengths
-from ha2g_jax.importers.mocap.options import ImportOptions
-from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.importers.mocap import import_bvh
+from ha2g_jax.importers.mocap.importing import UNUSABLE, ImportOptions, with_constant_lengths
+from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")
@@ -35,7 +35,7 @@ def mixamo(joint: str) -> str:
 
 
 @pytest.fixture
-def recording(bvh_files):
+def recording():
     """Writes a recording: motion, noise as its sound, and a word each half second."""
 
     def write(folder: pathlib.Path, stem: str, *, seconds: float = SECONDS, sound: float | None = None, **how):

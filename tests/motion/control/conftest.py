@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.control.local_rotations import apply_rotations
-from ha2g_jax.motion.control.parts import FINGER, FOREARM, HAND, HEAD, TRUNK, UPPER_ARM, parts
+from ha2g_jax.motion.control.parts import FINGER, FOREARM, HAND, HEAD, TRUNK, UPPER_ARM, apply_rotations, parts
 from ha2g_jax.motion.rotations import from_vector
 from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, normalize
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.control.local_rotations import apply_rotations, power, rotations_from
-from ha2g_jax.motion.control.parts import HAND, arm_parts, parts, rest_pose
+from ha2g_jax.motion.control.parts import HAND, apply_rotations, arm_parts, parts, power, rest_pose, rotations_from
 from ha2g_jax.motion.control.scaling import limit_scale, scale_about
 from ha2g_jax.motion.rotations import about, rotate
 from ha2g_jax.skeleton import load_skeleton

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Animation, ha2g_armature
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 15.0

@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import bvh
-from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.motion.rigs import RIGS
 from ha2g_jax.skeleton import load_skeleton
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion.armature import world
-from ha2g_jax.motion.formats import glb
+from ha2g_jax.motion.formats import gltf
 from ha2g_jax.motion.rigs import RIGS
 
 MILLIMETRE = 1e-3
@@ -73,7 +73,7 @@ class Reader:
 @pytest.mark.parametrize("rig", RIGS)
 def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
     animation = animate(rig=rig)
-    glb.write(tmp_path / "m.glb", animation)
+    gltf.write_glb(tmp_path / "m.glb", animation)
     reader = Reader(tmp_path / "m.glb")
     _, positions = world(animation)
     names = [node.get("name") for node in reader.tree["nodes"]]
@@ -88,7 +88,7 @@ def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
 def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skeleton, rig):
-    glb.write(tmp_path / "m.glb", animate(skeleton, rig=rig), duration=0.8, audio_name="a.wav")
+    gltf.write_glb(tmp_path / "m.glb", animate(skeleton, rig=rig), duration=0.8, audio_name="a.wav")
     issues = validator(tmp_path / "m.glb")["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
 
@@ -96,7 +96,7 @@ def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skele
 @pytest.mark.parametrize(("skeleton", "rig"), [("ted_expressive", "ha2g"), ("ted_expressive", "unreal")])
 def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, skeleton, rig):
     animation = animate(skeleton, rig=rig)
-    glb.write(tmp_path / "m.glb", animation)
+    gltf.write_glb(tmp_path / "m.glb", animation)
     frames = list(range(10))
     found = blender(tmp_path / "m.glb", frames)
     _, positions = world(animation)
@@ -107,7 +107,7 @@ def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, ske
 def test_trimesh_loads_it(animate, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     animation = animate()
-    glb.write(tmp_path / "m.glb", animation)
+    gltf.write_glb(tmp_path / "m.glb", animation)
     scene = trimesh.load(tmp_path / "m.glb")
     assert set(animation.armature.joints) <= set(scene.graph.nodes)
     low, high = scene.bounds
@@ -120,7 +120,7 @@ def test_trimesh_loads_it(animate, tmp_path):
 def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
     """At rest the skin is the mesh itself; in motion fingers stay on their bones, and nothing is torn off."""
     animation = animate(rig=rig)
-    glb.write(tmp_path / "m.glb", animation)
+    gltf.write_glb(tmp_path / "m.glb", animation)
     reader = Reader(tmp_path / "m.glb")
     still = reader.skinned(None)
     for part in reader.tree["meshes"][0]["primitives"]:
@@ -141,7 +141,7 @@ def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
 
 def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
     """The eyes and lips are ahead of the hair, in the middle, and above the shirt."""
-    glb.write(tmp_path / "m.glb", animate())
+    gltf.write_glb(tmp_path / "m.glb", animate())
     skin = Reader(tmp_path / "m.glb").skinned(None)
     assert skin["iris"][:, 2].min() > skin["hair"][:, 2].mean() + 0.05
     assert skin["lips"][:, 1].min() > skin["shirt"][:, 1].max()
@@ -152,7 +152,7 @@ def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
 
 
 def test_extras_say_how_long_the_speech_is(animate, tmp_path):
-    glb.write(tmp_path / "m.glb", animate(), duration=0.83, audio_name="a.wav")
+    gltf.write_glb(tmp_path / "m.glb", animate(), duration=0.83, audio_name="a.wav")
     extras = Reader(tmp_path / "m.glb").tree["scenes"][0]["extras"]
     assert extras["audio_seconds"] == 0.83
     assert extras["audio"] == "a.wav"
@@ -161,10 +161,10 @@ def test_extras_say_how_long_the_speech_is(animate, tmp_path):
 
 def test_the_same_animation_gives_the_same_bytes(animate, tmp_path):
     for name in ("a.glb", "b.glb"):
-        glb.write(tmp_path / name, animate())
+        gltf.write_glb(tmp_path / name, animate())
     assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
 
 
 def test_one_frame_is_a_whole_file(animate, tmp_path, validator):
-    glb.write(tmp_path / "m.glb", animate(frames=1))
+    gltf.write_glb(tmp_path / "m.glb", animate(frames=1))
     assert validator(tmp_path / "m.glb")["issues"]["numErrors"] == 0

@@ -3,16 +3,16 @@
 import numpy as np
 
 from ha2g_jax.motion.armature import world
-from ha2g_jax.motion.formats import smplx
+from ha2g_jax.motion.formats import tables
 from ha2g_jax.motion.readers.smplx import read_smplx
-from ha2g_jax.motion.readers.smplx_template import template
+from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 
 def test_the_importer_of_smplx_finds_the_same_directions(animate, tmp_path):
     """The importer hangs the rotations on a body in SMPL-X's T-pose, by code of its own."""
     skeleton = load_skeleton("ted_expressive")
-    smplx.write(tmp_path / "m.npz", animate(rig="smplx"))
+    tables.write_smplx(tmp_path / "m.npz", animate(rig="smplx"))
     read = read_smplx(tmp_path / "m.npz", skeleton, template(), fps=15, up="y")
     ours = animate()
     _, positions = world(ours)
@@ -31,7 +31,7 @@ def test_the_importer_of_smplx_finds_the_same_directions(animate, tmp_path):
 
 def test_fields_and_what_stays_zero(animate, tmp_path):
     animation = animate(rig="smplx")
-    smplx.write(tmp_path / "m.npz", animation)
+    tables.write_smplx(tmp_path / "m.npz", animation)
     with np.load(tmp_path / "m.npz", allow_pickle=False) as arrays:
         fields = dict(arrays)
     assert fields["poses"].shape == (12, 165)

@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 
-from ha2g_jax.motion.formats import vrma
+from ha2g_jax.motion.formats import gltf
 
 
 def tree_of(path) -> dict:
@@ -15,7 +15,7 @@ def tree_of(path) -> dict:
 
 
 def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
-    vrma.write(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
     tree = tree_of(tmp_path / "m.vrma")
     extension = tree["extensions"]["VRMC_vrm_animation"]
     assert tree["extensionsUsed"] == ["VRMC_vrm_animation"]
@@ -27,7 +27,7 @@ def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
 
 
 def test_at_rest_no_node_is_turned_and_only_hips_may_travel(animate, tmp_path):
-    vrma.write(tmp_path / "m.vrma", animate(rig="vrm"))
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
     tree = tree_of(tmp_path / "m.vrma")
     for node in tree["nodes"]:
         np.testing.assert_allclose(node.get("rotation", [0, 0, 0, 1]), [0, 0, 0, 1], atol=1e-9)
@@ -36,6 +36,6 @@ def test_at_rest_no_node_is_turned_and_only_hips_may_travel(animate, tmp_path):
 
 
 def test_the_validator_has_no_complaint(animate, tmp_path, validator):
-    vrma.write(tmp_path / "m.vrma", animate(rig="vrm"))
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
     issues = validator(tmp_path / "m.vrma")["issues"]
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]

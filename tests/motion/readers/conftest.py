@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from ha2g_jax.motion.readers.smplx_template import JOINTS, PARENTS, template
+from ha2g_jax.motion.readers.smplx_body import JOINTS, PARENTS, template
 
 FPS, FRAMES = 30, 60
 MIXAMO = {

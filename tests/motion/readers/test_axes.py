@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.readers.axes import find_up, to_skeleton_axes
-from ha2g_jax.motion.readers.face import add_face, face_joints
+from ha2g_jax.motion.readers.body import add_face, face_joints, find_up, to_skeleton_axes
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 TO_UP = {

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion.readers import bvh_files
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.readers import bvh_values as module
-from ha2g_jax.motion.readers import kinematics
+from ha2g_jax.motion.readers import bvh as module
+from ha2g_jax.motion.readers import bvh_motion
 from ha2g_jax.motion.readers.bvh import read_bvh
 
 CHAIN = """HIERARCHY
@@ -56,7 +57,7 @@ def written(tmp_path):
 
 def world_motion(bvh, fps):
     """All joints of the file."""
-    return kinematics.world_motion(bvh, fps, range(len(bvh.joints)))
+    return bvh_motion.world_motion(bvh, fps, range(len(bvh.joints)))
 
 
 def test_positions_worked_out_by_hand(written):
@@ -78,7 +79,7 @@ def about(axis: str, degrees: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("order", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
-def test_every_order_of_rotations(order, written, bvh_files):
+def test_every_order_of_rotations(order, written):
     joint_angles = bvh_files.swing(0.5, 30)
     bvh = read_bvh(written(bvh_files.bvh(joint_angles, order=order)))
     positions, _ = world_motion(bvh, 30)
@@ -97,7 +98,7 @@ def test_every_order_of_rotations(order, written, bvh_files):
     np.testing.assert_allclose(positions[frame], expected, atol=1e-3)  # the file has six digits
 
 
-def test_between_frames_bones_keep_their_length(written, bvh_files):
+def test_between_frames_bones_keep_their_length(written):
     bvh = read_bvh(written(bvh_files.bvh(bvh_files.swing(2, 30))))
     positions, _ = world_motion(bvh, 17.3)
     children = np.arange(1, len(bvh.joints))

@@ -8,7 +8,7 @@ from motion.readers.conftest import BEAT, GENEA, MIXAMO, ZEROEGGS, bvh
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers import read_motion
-from ha2g_jax.motion.readers.smplx_template import JOINTS
+from ha2g_jax.motion.readers.smplx_body import JOINTS
 
 NAMES = {"mixamo": MIXAMO, "zeroeggs": ZEROEGGS, "beat": BEAT, "genea": GENEA, "ha2g": None}
 X, Y, Z = np.eye(3)

@@ -18,7 +18,7 @@ from ha2g_jax.motion import formats
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
-from ha2g_jax.motion.readers.smplx_template import JOINTS
+from ha2g_jax.motion.readers.smplx_body import JOINTS
 
 KINDS = (
     *("own", "BEAT2", "AMASS SMPL-X", "AMASS SMPL-H", "AMASS parts", "smplx package"),

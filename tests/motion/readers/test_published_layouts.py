@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.mocap.import_smplx import import_smplx
-from ha2g_jax.importers.mocap.options import ImportOptions
+from ha2g_jax.importers.mocap import import_smplx
+from ha2g_jax.importers.mocap.importing import ImportOptions
 from ha2g_jax.motion.readers.smplx import read_smplx
-from ha2g_jax.motion.readers.smplx_template import JOINTS, template
+from ha2g_jax.motion.readers.smplx_body import JOINTS, template
 from ha2g_jax.skeleton import load_skeleton
 
 SECONDS = 12

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers.smplx import read_smplx
-from ha2g_jax.motion.readers.smplx_template import FACE, JOINTS, PARENTS, template
+from ha2g_jax.motion.readers.smplx_body import FACE, JOINTS, PARENTS, template
 from ha2g_jax.skeleton import load_skeleton
 
 EXPRESSIVE, GESTURE = load_skeleton("ted_expressive"), load_skeleton("ted_gesture")

@@ -5,8 +5,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers.smplx import read_smplx
-from ha2g_jax.motion.readers.smplx_model import read_body_model
-from ha2g_jax.motion.readers.smplx_template import FACE, PARENTS, template
+from ha2g_jax.motion.readers.smplx_body import FACE, PARENTS, read_body_model, template
 from ha2g_jax.skeleton import load_skeleton
 
 NUM_VERTICES = 10475

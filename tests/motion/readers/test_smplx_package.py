@@ -14,9 +14,8 @@ from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import smplx as ours
 from ha2g_jax.motion.readers import smplx_arrays
-from ha2g_jax.motion.readers.smplx_model import read_body_model
-from ha2g_jax.motion.readers.smplx_template import JOINTS, PARENTS, template
-from ha2g_jax.motion.retargeting import retarget
+from ha2g_jax.motion.readers.smplx_body import JOINTS, PARENTS, read_body_model, template
+from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 pytestmark = pytest.mark.torch

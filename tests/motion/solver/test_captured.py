@@ -6,11 +6,10 @@ import pytest
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import Animation, export_axes, world
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers.axes import mean_heading
+from ha2g_jax.motion.readers.body import mean_heading
 from ha2g_jax.motion.readers.bvh import read_bvh
-from ha2g_jax.motion.readers.bvh_joints import read_motion
+from ha2g_jax.motion.readers.bvh_motion import read_motion, world_motion
 from ha2g_jax.motion.readers.joint_maps import choose_map
-from ha2g_jax.motion.readers.kinematics import world_motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 FPS = 15

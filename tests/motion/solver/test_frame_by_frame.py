@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.retargeting import Transfer, retarget
+from ha2g_jax.motion.rigs import Transfer, retarget
 from ha2g_jax.motion.solver.twist import continue_angle, smooth_angle
 from ha2g_jax.skeleton import load_skeleton
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rotations
-from ha2g_jax.motion.solver.fitting import fit
+from ha2g_jax.motion.solver.frames import fit
 from ha2g_jax.motion.solver.twist import smooth_angle, transport
 
 X = np.array([1.0, 0.0, 0.0])

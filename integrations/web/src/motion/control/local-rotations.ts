@@ -1,6 +1,6 @@
 /**
  * Conversion of a motion to the rotations of its parts from a reference pose, and back, as in
- * `ha2g_jax/motion/control/local_rotations.py`.
+ * `ha2g_jax/motion/control/parts.py`.
  *
  * The rotation of each part is relative to the part it is attached to, so that a pose with scaled rotations still has a
  * hand of the right shape on its arm.

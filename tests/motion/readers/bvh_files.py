@@ -1,11 +1,8 @@
 """Writes BVH files of a made-up person, in any naming, unit, way up and order of rotations."""
 
-import sys
-import types
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import pytest
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 _TO_UP = {  # rotations that take y up, facing +z, to the way up of the key
@@ -14,12 +11,6 @@ _TO_UP = {  # rotations that take y up, facing +z, to the way up of the key
     "z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
     "-z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
 }
-
-
-@pytest.fixture(scope="session")
-def bvh_files() -> types.ModuleType:
-    """The functions of this file."""
-    return sys.modules[__name__]
 
 
 def body(with_fingers: bool = True) -> dict[str, tuple[str, tuple[float, float, float]]]:

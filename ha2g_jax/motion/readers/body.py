@@ -1,0 +1,327 @@
+"""The body of captured motion, whatever its file: axes, left and right, face and legs."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
+from ha2g_jax.skeleton import Skeleton
+
+UPS = ("y", "-y", "z", "-z", "x", "-x")
+
+_UP_VECTORS = {
+    **{"y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0)},
+    **{"x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0)},
+}
+# Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
+_MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
+
+
+def to_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> np.ndarray:
+    """Rotate and translate a recording as one rigid body into the axes of a skeleton.
+
+    The rotation maps the up axis and the mean heading onto those of the skeleton (TED-Expressive: left +x, ahead -z;
+    TED-Gesture: left -x, ahead +z), so the vertical stays vertical. The translation maps the mean position of the
+    spine onto that of the mean pose.
+
+    Args:
+        positions: (T, joints, 3) metres, right-handed.
+        skeleton: skeleton of the joints and the axes.
+        up: axis of the file that points up, one of `UPS`.
+
+    Returns:
+        (T, joints, 3) metres in float64.
+
+    Raises:
+        UserError: the shoulders lie along the up axis, so that there is no heading.
+    """
+    heading = mean_heading(positions, skeleton, up=up)
+    rotated = np.asarray(positions, np.float64) @ heading
+    return rotated + (skeleton.mean_pose[0] - rotated[:, 0].mean(axis=0))
+
+
+def mean_heading(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> np.ndarray:
+    """Find the axes of the skeleton in the coordinates of the file, for the whole recording.
+
+    Args:
+        positions: (T, joints, 3) in any unit.
+        skeleton: skeleton of the joints and the axes.
+        up: axis of the file that points up, one of `UPS`.
+
+    Returns:
+        (3, 3) rotation matrix whose columns are x, y and z of the skeleton.
+
+    Raises:
+        UserError: the shoulders lie along the up axis.
+    """
+    left, level = _left(positions, skeleton, up)
+    if level.max(initial=0) < _MIN_LEVEL:
+        raise UserError(
+            f"the person's shoulders lie along the {up} axis, which was taken to point up; name another axis as up"
+        )
+    mean = left.mean(axis=0)
+    if np.linalg.norm(mean) < _MIN_MEAN_LEVEL:  # a person who faces all directions: the first heading counts
+        mean = left[np.argmax(level >= _MIN_LEVEL)]
+    return _frame(mean[None], skeleton, up)[0]
+
+
+def headings(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> tuple[np.ndarray, np.ndarray]:
+    """Find the axes of the skeleton in the coordinates of the file, frame by frame.
+
+    The axes follow the heading of the shoulders, and y is always vertical.
+
+    Args:
+        positions: (T, joints, 3) in any unit.
+        skeleton: skeleton of the joints and the axes.
+        up: axis of the file that points up, one of `UPS`.
+
+    Returns:
+        (T, 3, 3) rotation matrices whose columns are x, y and z of the skeleton, and (T,) reliability of each, from 0
+        (the shoulders are vertical) to 1 (they are level).
+    """
+    left, level = _left(positions, skeleton, up)
+    is_level = level >= _MIN_LEVEL
+    left[~is_level] = _any_level(up)
+    return _frame(left, skeleton, up), np.where(is_level, level, 0.0)
+
+
+def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
+    """Find the axis that points up: the one nearest to the mean direction from spine to neck.
+
+    Args:
+        positions: (T, joints, 3) in any unit.
+        skeleton: skeleton of the joints.
+
+    Returns:
+        One of `UPS`.
+    """
+    trunk = positions[:, skeleton.joint("neck")] - positions[:, skeleton.joint("spine")]
+    mean = trunk.mean(axis=0)
+    return max(UPS, key=lambda up: float(mean @ np.array(_UP_VECTORS[up])))
+
+
+def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the horizontal part of each frame's unit vector to the person's left, (T, 3), and its length (T,)."""
+    shoulders = positions[:, skeleton.joint("left_shoulder")] - positions[:, skeleton.joint("right_shoulder")]
+    shoulders = np.asarray(shoulders, np.float64)
+    vertical = np.array(_UP_VECTORS[up])
+    left = shoulders / np.maximum(np.linalg.norm(shoulders, axis=-1, keepdims=True), 1e-12)
+    left = left - (left @ vertical)[:, None] * vertical
+    return left, np.linalg.norm(left, axis=-1)
+
+
+def _frame(left: np.ndarray, skeleton: Skeleton, up: str) -> np.ndarray:
+    """Return (T, 3, 3) with the skeleton's axes as columns, from horizontal vectors (T, 3) to the person's left."""
+    left = left / np.linalg.norm(left, axis=-1, keepdims=True)
+    pose = skeleton.mean_pose
+    sign = np.sign(pose[skeleton.joint("left_shoulder"), 0] - pose[skeleton.joint("right_shoulder"), 0])
+    x = sign * left
+    y = np.broadcast_to(-np.array(_UP_VECTORS[up]), x.shape)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _any_level(up: str) -> np.ndarray:
+    return np.roll(np.array(_UP_VECTORS[up]), 1)
+
+
+_MIN_EVIDENCE = 0.15  # mean of what feet and hands say, each from -1 to 1, from which a verdict is given
+_FINGERS = ("index", "middle", "ring", "pinky")
+
+
+def is_mirrored(positions: np.ndarray, skeleton: Skeleton, feet: np.ndarray | None = None) -> bool:
+    """Return whether a motion is clearly the mirror image of a person's.
+
+    Args:
+        positions: (T, joints, 3) in any unit and any axes, with the names of the skeleton.
+        skeleton: skeleton of the joints.
+        feet: (T, 4, 3) left ankle, left ball of the foot, right ankle and right ball in the same axes, if known.
+    """
+    signs = [_bend(positions, skeleton, side) for side in ("left", "right") if "left_index_1" in skeleton.joints]
+    if feet is not None:
+        signs += [_toes(positions, skeleton, feet)] * 2  # feet are seen more clearly than hands
+    return bool(signs) and float(np.mean(signs)) < -_MIN_EVIDENCE
+
+
+def _toes(positions: np.ndarray, skeleton: Skeleton, feet: np.ndarray) -> float:
+    """Return the mean cosine between the feet and the front of the person, both level."""
+    spine, neck, left, right = (
+        positions[:, skeleton.joint(name)] for name in ("spine", "neck", "left_shoulder", "right_shoulder")
+    )
+    up = (neck - spine).mean(axis=0)
+    up = up / np.linalg.norm(up)
+    ahead = np.cross(left - right, up)
+    toes = (feet[:, 1] - feet[:, 0]) + (feet[:, 3] - feet[:, 2])
+    toes = toes - (toes @ up)[:, None] * up
+    lengths = np.linalg.norm(toes, axis=-1) * np.linalg.norm(ahead, axis=-1)
+    return float(np.mean(np.sum(toes * ahead, axis=-1) / np.maximum(lengths, 1e-12)))
+
+
+def _bend(positions: np.ndarray, skeleton: Skeleton, side: str) -> float:
+    """Return how far the fingers of a hand bend to the palm, from -1 (to its back) to 1; 0 for straight fingers."""
+
+    def at(name: str) -> np.ndarray:
+        return positions[:, skeleton.joint(f"{side}_{name}")]
+
+    along = at("middle_1") - at("wrist")
+    palm = np.cross(at("index_1") - at("pinky_1"), along) * (1 if side == "right" else -1)
+    palm = _unit(palm)
+    bends = []
+    for finger in _FINGERS:
+        first, second = at(f"{finger}_2") - at(f"{finger}_1"), at(f"{finger}_3") - at(f"{finger}_2")
+        # The second bone is bent against the first, which flat hands do not show.
+        bends.append(np.sum((_unit(second) - _unit(first)) * palm, axis=-1))
+    return float(np.clip(2 * np.median(bends), -1, 1))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
+
+
+def face_joints(skeleton: Skeleton) -> tuple[int, ...]:
+    """Return the indices of the skeleton's joints that lie on the head."""
+    return tuple(index for index, joint in enumerate(skeleton.joints) if joint in FACE)
+
+
+def add_face(
+    positions: np.ndarray, head_positions: np.ndarray, head_rotations: np.ndarray, skeleton: Skeleton, *, up: str = "y"
+) -> np.ndarray:
+    """Set the joints of the face of a motion.
+
+    Rest poses are not reliable, because many files store every bone along its own axis. Therefore the head is assumed
+    to look ahead on average. M, the mean over the frames of heading^-1 head, is the rotation of an upright head that
+    faces where the shoulders face, and head M^-1 is the rotation of the face in each frame. The points are placed so
+    that their mean offset from the middle of the shoulders is that of the mean pose, because formats put the neck, but
+    not the shoulders, at different heights.
+
+    Args:
+        positions: (T, joints, 3) metres, right-handed, with both shoulders; the joints of the face are ignored.
+        head_positions: (T, 3) metres, position of the joint that the head rotates about.
+        head_rotations: (T, 3, 3) rotation of the head in the same coordinates, from any rest pose.
+        skeleton: skeleton of the joints, whose mean pose gives the face.
+        up: axis of the coordinates that points up, one of `axes.UPS`.
+
+    Returns:
+        (T, joints, 3) metres, a copy.
+    """
+    heading, reliance = headings(positions, skeleton, up=up)
+    body, head = Rotation.from_matrix(heading), Rotation.from_matrix(head_rotations)
+    weights = reliance if reliance.any() else None
+    ahead = (body.inv() * head).mean(weights)
+    facing = head * ahead.inv()
+    shoulders = [skeleton.joint("left_shoulder"), skeleton.joint("right_shoulder")]
+    to_head = body.inv().apply(head_positions - positions[:, shoulders].mean(axis=1))
+    mean_to_head = np.average(to_head, axis=0, weights=weights)
+    places = skeleton.mean_pose - skeleton.mean_pose[shoulders].mean(axis=0) - mean_to_head
+    completed = np.array(positions, np.float64)
+    for joint in face_joints(skeleton):
+        completed[:, joint] = head_positions + facing.apply(places[joint])
+    return completed
+
+
+# Direction of the foot in the T-pose, from the ankle to its ball; a file without toes has feet of this length.
+_FOOT = np.array([0.0, -0.36, 0.93])
+_FOOT_LENGTH = 0.14
+_DOWN, _LEFT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+
+
+def to_export_axes(heading: np.ndarray, skeleton: Skeleton) -> np.ndarray:
+    """Return the (3, 3) rotation from the axes of a file to y up, facing +z: `positions @ rotation`.
+
+    Args:
+        heading: (3, 3) rotation to the axes of the skeleton, see `axes.mean_heading`.
+        skeleton: skeleton of these axes.
+    """
+    left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
+    return heading * (np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0]))
+
+
+def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarray) -> LowerBody:
+    """Find the rotations of pelvis and legs from the T-pose, and the bones of the T-pose.
+
+    Rest poses are not reliable, because many files store every bone along its own axis. A joint rotates as in the file,
+    and only the constant rotation from the T-pose is found: its bone is straight in the T-pose, and its left is on
+    average that of the pelvis, whose left is the line of the hips and which is upright on average.
+
+    Args:
+        positions: (T, 9, 3) metres of `lower_body.JOINTS`, y up, facing +z; NaN for feet that the file lacks.
+        rotations: (T, 9, 3, 3) rotations of the joints in these axes, from any rest pose.
+        spine: (T, 3) metres of the joint `spine` of the skeleton.
+    """
+    names = {name: index for index, name in enumerate(JOINTS)}
+    own = [Rotation.from_matrix(rotations[:, joint]) for joint in range(len(JOINTS))]
+    hips = positions[:, names["left_hip"]] - positions[:, names["right_hip"]]
+    found: dict[str, Rotation] = {}
+    up = np.tile(-_DOWN, (len(hips), 1))
+    found["pelvis"] = own[0] * _constant(own[0], hips, _LEFT, up, -_DOWN)
+    offsets = np.zeros((len(JOINTS) + 1, 3))
+    offsets[-1] = _mean_offset(found["pelvis"], spine - positions[:, 0])
+    for side in ("left", "right"):
+        hip, knee, ankle, foot = (names[f"{side}_{part}"] for part in ("hip", "knee", "ankle", "foot"))
+        offsets[hip] = _mean_offset(found["pelvis"], positions[:, hip] - positions[:, 0])
+        lateral = found["pelvis"].apply(_LEFT)
+        for joint, end in ((hip, knee), (knee, ankle)):
+            bone = positions[:, end] - positions[:, joint]
+            found[JOINTS[joint]] = own[joint] * _constant(own[joint], bone, _DOWN, lateral, _LEFT)
+            lateral = found[JOINTS[joint]].apply(_LEFT)
+            offsets[end] = _DOWN * np.linalg.norm(bone, axis=-1).mean()
+        shin, ankle_name, foot_name = found[f"{side}_knee"], JOINTS[ankle], JOINTS[foot]
+        if np.isfinite(positions[:, foot]).all():
+            bone = positions[:, foot] - positions[:, ankle]
+            length = np.linalg.norm(bone, axis=-1).mean()
+            found[ankle_name] = own[ankle] * _constant(own[ankle], bone, _FOOT, lateral, _LEFT)
+            found[foot_name] = _like(own[foot], found[ankle_name])
+        else:
+            length = _FOOT_LENGTH
+            found[ankle_name] = found[foot_name] = _like(own[ankle], shin)
+        offsets[foot] = length * _FOOT / np.linalg.norm(_FOOT)
+    quaternions = np.stack([found[name].as_quat() for name in JOINTS], axis=1)
+    return LowerBody(offsets.astype(np.float32), quaternions.astype(np.float32), positions[:, 0].astype(np.float32))
+
+
+def from_rest_pose(rest: np.ndarray, spine: np.ndarray, rotations: np.ndarray, pelvis: np.ndarray) -> LowerBody:
+    """Return the lower body of a file whose rest pose is the T-pose, as that of SMPL-X is.
+
+    Args:
+        rest: (9, 3) metres of `lower_body.JOINTS` in the T-pose.
+        spine: (3,) metres of the joint `spine` in the T-pose.
+        rotations: (T, 9, 3, 3) rotations of the joints in the world, none in the T-pose.
+        pelvis: (T, 3) metres of the pelvis.
+    """
+    offsets = np.array([*(rest[joint] - rest[max(parent, 0)] for joint, parent in enumerate(PARENTS)), spine - rest[0]])
+    quaternions = np.stack([Rotation.from_matrix(rotations[:, i]).as_quat() for i in range(len(JOINTS))], axis=1)
+    return LowerBody(offsets.astype(np.float32), quaternions.astype(np.float32), pelvis.astype(np.float32))
+
+
+def _constant(
+    own: Rotation, exact: np.ndarray, exact_rest: np.ndarray, about: np.ndarray, rest: np.ndarray
+) -> Rotation:
+    """Return the rotation from the T-pose to the axes of a joint.
+
+    Args:
+        own: T rotations of the joint.
+        exact, exact_rest: (T, 3) vectors that are constant in the axes of the joint, and (3,) the same in the T-pose.
+        about, rest: (T, 3) vectors that are so on average, and (3,) the same in the T-pose.
+    """
+    first = own.inv().apply(exact).mean(axis=0)
+    second = own.inv().apply(about).mean(axis=0)
+    return Rotation.from_matrix(_axes(first, second) @ _axes(exact_rest, rest).T)
+
+
+def _axes(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return (3, 3) axes as columns: along the first vector, across it towards the second, and across both."""
+    x = first / np.linalg.norm(first)
+    y = second - (second @ x) * x
+    y = y / max(float(np.linalg.norm(y)), 1e-12)
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _like(own: Rotation, other: Rotation) -> Rotation:
+    """Return rotations of a joint that are on average those of another joint."""
+    return own * (own.inv() * other).mean()
+
+
+def _mean_offset(rotation: Rotation, bone: np.ndarray) -> np.ndarray:
+    return rotation.inv().apply(bone).mean(axis=0)
