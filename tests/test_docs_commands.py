@@ -80,7 +80,9 @@ DEBUG = (
     (r":DATA\b", ":talk"),
     (r"\bCORPUS\b", "talk"),
     (r"^((train|doctor) --config \S*talk)\S*", r"\1:debug"),
-    (r"^doctor --gradients \S+", "doctor --gradients seq2seq:talk:debug"),  # its terms compile sooner
+    (r"^doctor --config \S+ --gradients", "doctor --config seq2seq:talk:debug --gradients"),  # its terms compile sooner
+    (r"^doctor --config \S+ --(describe|benchmark).*", r"doctor --config talk:debug --\1"),
+    (r"--benchmark", r"--benchmark --precision float32 --batch-size 2 --steps 1 --checkpoint runs/talk"),
     (r"^(train --config bvh:)medium( .*init_from=)", r"\1debug\2"),
     (r" (--config\.train\.init_from=)demo", r" \1runs/talk"),
     (r" --config\.train\.(steps|devices|batch_size)=\d+", ""),  # the debug size has its own
