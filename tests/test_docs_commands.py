@@ -79,6 +79,8 @@ DEBUG = (
     (r"^train \.\.\. ", "train --config talk --workdir runs/talk "),
     (r":DATA\b", ":talk"),
     (r"\bCORPUS\b", "talk"),
+    (r"\bSRC\b", "recordings"),
+    (r"(^train .*--config\.data\.path=)corpora/(?!talk30)\S+", r"\1talk"),
     (r"^((train|doctor) --config \S*talk)\S*", r"\1:debug"),
     (r"^doctor --config \S+ --gradients", "doctor --config seq2seq:talk:debug --gradients"),  # its terms compile sooner
     (r"^doctor --config \S+ --(describe|benchmark).*", r"doctor --config talk:debug --\1"),
@@ -184,13 +186,14 @@ PEOPLE = ("one", "two", "three")  # as many recordings as there are splits
 OF_RECIPES = tuple(f"{folder}/{name}" for folder in ("zeroeggs/clean", "twh") for name in PEOPLE)
 CAPTURED = (
     *("captured.bvh", "SPEAKER.bvh", "take.bvh"),
-    *(f"recordings/{name}.bvh" for name in NAMES),
+    *(f"recordings/{name}.bvh" for name in PEOPLE),
     *(f"{name}.bvh" for name in OF_RECIPES),
 )
 SOUNDS = {"my.wav": 12, "test_speech/2_scott_0_1_1.wav": 8} | dict.fromkeys(  # a recording is scored from 10 seconds on
     (
         *("examples/hello.wav", "speech.wav", "my_speech.wav", "take_mic.wav"),
-        *(f"{folder}/{name}.wav" for folder in ("recordings", "TRUE") for name in NAMES),
+        *(f"recordings/{name}.wav" for name in PEOPLE),
+        *(f"TRUE/{name}.wav" for name in NAMES),
         *(f"{name}.wav" for name in OF_RECIPES),
     ),
     SECONDS,
@@ -242,12 +245,12 @@ def write_speech(path, seconds):
 
 def functions_of(test):
     """Return the functions of a test of data, which write files in formats of others."""
-    return runpy.run_path(str(ROOT / "tests" / "data" / test))
+    return runpy.run_path(str(ROOT / "tests" / test))
 
 
 def write_smplx(folder):
     """Write poses as in BEAT2, poses with a body model, and positions as ExPose gives them."""
-    write, beat = functions_of("mocap/test_import_smplx.py"), folder / "beat2"
+    write, beat = functions_of("importers/mocap/test_import_smplx.py"), folder / "beat2"
     write["_motion"](beat / "smplxflame_30" / "2_scott_0_1_1.npz")
     write["_speech"](beat / "wave16k" / "2_scott_0_1_1.wav", beat / "textgrid" / "2_scott_0_1_1.TextGrid")
     write["_motion"](folder / "poses.npz")
@@ -257,7 +260,7 @@ def write_smplx(folder):
     for system in ("emage", "ours", "true"):
         write["_motion"](folder / "smplx" / system / "one.npz")
     write["_speech"](folder / "poses.wav", folder / "poses.TextGrid")
-    model = functions_of("mocap/test_smplx_model.py")["_model"]()
+    model = functions_of("motion/readers/test_smplx_model.py")["_model"]()
     np.savez(folder / "SMPLX_NEUTRAL.npz", allow_pickle=True, **model)
     joints = template().points[:55]
     waves = np.sin(np.arange(25 * SECONDS) / 5)[:, None, None] * np.random.default_rng(0).normal(0, 0.1, joints.shape)
@@ -266,7 +269,7 @@ def write_smplx(folder):
 
 def write_ted(folder):
     """Write a video in each split of TED-Expressive."""
-    write = functions_of("ted/conftest.py")
+    write = functions_of("importers/ted/conftest.py")
     for split in ("train", "val", "test"):
         (folder / split).mkdir()
         write["_write_database"](folder / split, [write["_make_video"](f"video of {split}", joints=43)])
@@ -274,18 +277,18 @@ def write_ted(folder):
 
 def write_recipes(folder):
     """Write files in the layouts of the collections that the recipes speak of, beside those of `CAPTURED`."""
-    beat, root = functions_of("mocap/test_import_smplx.py"), folder / "BEAT2" / "beat_english_v2.0.0"
+    beat, root = functions_of("importers/mocap/test_import_smplx.py"), folder / "BEAT2" / "beat_english_v2.0.0"
     for number, name in enumerate(PEOPLE, start=1):
         stem = f"{number}_{name}_0_1_1"
         beat["_motion"](root / "smplxflame_30" / f"{stem}.npz")
         beat["_speech"](root / "wave16k" / f"{stem}.wav", root / "textgrid" / f"{stem}.TextGrid")
-    layouts = functions_of("mocap/test_published_layouts.py")
+    layouts = functions_of("motion/readers/test_published_layouts.py")
     poses = layouts["swinging"]()
     for number, split in enumerate(("dev", "train")):
         name = f"V00_S0809_I00000582_P{number}"
         layouts["write_seamless"](folder / "seamless_interaction" / "improvised" / split / "0000", poses, name)
     layouts["write_embody"](folder / "datasets" / "emotions", poses, people=PEOPLE, silent=())
-    write = functions_of("ted/conftest.py")
+    write = functions_of("importers/ted/conftest.py")
     for name, joints, prefix in (("ted_expressive_dataset", 43, ""), ("ted_gesture_dataset", 10, "lmdb_")):
         for split in ("train", "val", "test"):
             place = folder / "data" / name / f"{prefix}{split}"
@@ -297,7 +300,7 @@ def write_corpora(folder, tiny_talk):
     """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
     for name in ("DST", "corpora/video", "corpora/own_all", "talk-v3"):
         (folder / name).symlink_to(tiny_talk)
-    write = functions_of("test_merge.py")
+    write = functions_of("data/test_merge.py")
     for name in ("ONE", "TWO"):
         write["write"](folder / name, {"train": [write["make_clip"](f"clip of {name}", "ada", "hello")]})
 
