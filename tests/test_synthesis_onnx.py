@@ -117,7 +117,7 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
 def test_a_missing_extra_is_named(folder, onnx_model, tmp_path, monkeypatch, package, capsys):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setitem(sys.modules, package, None)
-    message = rf"ONNX files need {package}: pip install 'ha2g-jax\[onnx\]'"
+    message = rf"an ONNX file needs {package}: pip install 'ha2g-jax\[onnx\]'"
     for source in (folder, folder.with_suffix(".onnx")):
         with pytest.raises(UserError, match=message):
             backends.load(source, "onnx")

@@ -51,9 +51,6 @@ def to_json(assets: Assets) -> dict[str, Any]:
 def from_json(values: Any) -> Assets:
     """Return the assets that `to_json` wrote.
 
-    Args:
-        values: plain values of `to_json`.
-
     Raises:
         KeyError, TypeError, ValueError, OverflowError: the values are not assets.
     """
@@ -90,13 +87,8 @@ def from_json(values: Any) -> Assets:
     )
 
 
-def check_fit(assets: Assets, num_seed_frames: int, style_dims: tuple[int, ...]) -> None:
+def check_fit(assets: Assets, num_seed_frames: int, style_dim: int) -> None:
     """Check that start poses and styles have the sizes of the networks.
-
-    Args:
-        assets: assets of a model folder or a workdir.
-        num_seed_frames: frames of a start pose, M.
-        style_dims: numbers of values that a style may have.
 
     Raises:
         ValueError: a size is another one.
@@ -104,24 +96,8 @@ def check_fit(assets: Assets, num_seed_frames: int, style_dims: tuple[int, ...])
     if assets.seed_poses.shape[1] != num_seed_frames:
         raise ValueError(f"start poses of {assets.seed_poses.shape[1]} frames instead of {num_seed_frames}")
     for name, f_id in assets.speakers.items():
-        if f_id.ndim != 1 or len(f_id) not in style_dims:
-            raise ValueError(f"the style of {name[:50]!r} has shape {f_id.shape} instead of ({style_dims[0]},)")
-
-
-def style(values: Any, style_dim: int) -> np.ndarray:
-    """Return the style of a speaker that a checkpoint stores as plain values.
-
-    Args:
-        values: list of numbers.
-        style_dim: values of a style.
-
-    Raises:
-        TypeError, ValueError, OverflowError: the values are not a style.
-    """
-    f_id = _array(values, "a style")
-    if f_id.shape != (style_dim,):
-        raise ValueError(f"a style has shape {f_id.shape} instead of ({style_dim},)")
-    return f_id
+        if f_id.shape != (style_dim,):
+            raise ValueError(f"the style of {name[:50]!r} has shape {f_id.shape} instead of ({style_dim},)")
 
 
 def _array(values: Any, name: str) -> np.ndarray:

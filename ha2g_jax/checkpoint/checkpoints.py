@@ -22,7 +22,7 @@ import orbax.checkpoint as ocp
 import tqdm
 from jax.experimental import multihost_utils
 
-from ha2g_jax.checkpoint import checkpoint, checksums, orbax_errors
+from ha2g_jax.checkpoint import orbax_format
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
@@ -32,13 +32,7 @@ _REMOVALS = 10  # attempts to remove temporary folders
 
 
 class Restored(NamedTuple):
-    """Content of a checkpoint.
-
-    Attributes:
-        step: number of steps taken.
-        state: training state.
-        record: plain values, such as the sums of the log.
-    """
+    """Content of a checkpoint: the number of steps taken, the state, and plain values such as the sums of the log."""
 
     step: int
     state: TrainState
@@ -62,7 +56,7 @@ class Checkpoints:
         self._manager: ocp.CheckpointManager | None = None
         self._writing: int | None = None  # step that is being written or was written last
         self._size = 0
-        orbax_errors.hide_echoes()
+        orbax_format.hide_echoes()
 
     def steps(self) -> list[int]:
         """Return the steps of the complete checkpoints, in ascending order."""
@@ -89,7 +83,7 @@ class Checkpoints:
         args = ocp.args.Composite(
             # Orbax writes from views of the arrays' memory, which the next step overwrites.
             state=ocp.args.StandardSave(_copy(state)),
-            arrays=ocp.args.JsonSave(checkpoint.arrays_of(state)),
+            arrays=ocp.args.JsonSave(orbax_format.arrays_of(state)),
             record=ocp.args.JsonSave(json.loads(json.dumps(record))),
         )
         self._size = sum(leaf.nbytes for leaf in jax.tree.leaves(state))
@@ -144,7 +138,7 @@ class Checkpoints:
         """
         self._check(step)
         path = self._path(step)
-        return checkpoint.read_state(path, like), checkpoint.read_record(path)
+        return orbax_format.read_state(path, like), orbax_format.read_record(path)
 
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
@@ -161,7 +155,7 @@ class Checkpoints:
         """
         self._check(step)
         path = self._path(step)
-        return checkpoint.read_variables(path, shapes), checkpoint.read_record(path)
+        return orbax_format.read_variables(path, shapes), orbax_format.read_record(path)
 
     def restore_newest(self, like: TrainState) -> Restored | None:
         """Read the newest undamaged checkpoint.
@@ -181,7 +175,7 @@ class Checkpoints:
         self.wait()
         step = self._agree(self._look)
         if step == _ALL_DAMAGED:
-            reasons = ", ".join(f"{step}: {checkpoint.damage(self._path(step))}" for step in self.steps())
+            reasons = ", ".join(f"{step}: {orbax_format.damage(self._path(step))}" for step in self.steps())
             raise UserError(
                 f"all checkpoints in {shown(self._folder)} are damaged ({reasons}); put back a good copy, or choose "
                 "another --workdir"
@@ -189,19 +183,16 @@ class Checkpoints:
         if step == _NONE:
             return None
         path = self._path(step)
-        return Restored(step, checkpoint.read_state(path, like), checkpoint.read_record(path))
+        return Restored(step, orbax_format.read_state(path, like), orbax_format.read_record(path))
 
     def record(self, step: int) -> dict[str, Any]:
         """Read the record of a step without its state.
-
-        Args:
-            step: one of `steps()`.
 
         Raises:
             UserError: the checkpoint is damaged.
         """
         self._check(step)
-        return checkpoint.read_record(self._path(step))
+        return orbax_format.read_record(self._path(step))
 
     def _path(self, step: int | None) -> pathlib.Path:
         return self._folder / str(step)
@@ -220,7 +211,7 @@ class Checkpoints:
 
     def _write_checksums(self) -> None:
         (folder,) = self._temporary()
-        checksums.write(folder)
+        orbax_format.write_checksums(folder)
 
     def _temporary(self) -> list[pathlib.Path]:
         """Return the folders of the current step that are not complete yet."""
@@ -250,7 +241,7 @@ class Checkpoints:
             free = shutil.disk_usage(self._folder).free if self._folder.is_dir() else 0
             raise UserError(
                 f"cannot write checkpoint {shown(self._path(self._writing))} "
-                f"({orbax_errors.reason(error)}; it needs {self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); "
+                f"({orbax_format.reason(error)}; it needs {self._size / 1e6:.1f} MB, {free / 1e6:.1f} MB are free); "
                 f"{left}: free some space, then the same command continues"
             ) from error
 
@@ -258,7 +249,7 @@ class Checkpoints:
         """Return the newest undamaged step, after renaming newer ones that are damaged."""
         damaged: dict[int, str] = {}
         for step in reversed(self.steps()):
-            if reason := checkpoint.damage(self._path(step)):
+            if reason := orbax_format.damage(self._path(step)):
                 damaged[step] = reason
                 continue
             for number, reason in damaged.items():
@@ -268,7 +259,7 @@ class Checkpoints:
 
     def _is_whole_or_set_aside(self, step: int) -> bool:
         def look() -> int:
-            if reason := checkpoint.damage(self._path(step)):
+            if reason := orbax_format.damage(self._path(step)):
                 self._set_aside(step, reason, "writing it again")
             return not reason
 
@@ -295,7 +286,7 @@ class Checkpoints:
 
     def _check(self, step: int) -> None:
         path = self._path(step)
-        if reason := checkpoint.damage(path):
+        if reason := orbax_format.damage(path):
             others = [path.with_name(str(other)) for other in self.steps() if other != step]
             advice = f"use {shown(others[-1])}" if others else "put back a good copy"
             raise UserError(f"checkpoint {shown(path)} is damaged ({reason}); {advice}")

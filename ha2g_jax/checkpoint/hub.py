@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.checkpoint import ASSETS, CONFIG, WEIGHTS
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES, MAX_WEIGHTS_BYTES
 
 PREFIX = "hf://"
-# The files of a model folder, and the most bytes of each; `checkpoint.model_folder` reads them.
-FILES = {"config.json": MAX_CONFIG_BYTES, "assets.json": MAX_ASSETS_BYTES, "model.safetensors": MAX_WEIGHTS_BYTES}
+# The files of a model folder, and the most bytes of each.
+FILES = {CONFIG: MAX_CONFIG_BYTES, ASSETS: MAX_ASSETS_BYTES, WEIGHTS: MAX_WEIGHTS_BYTES}
 
 _PART = r"[A-Za-z0-9][A-Za-z0-9._-]{0,95}"
 _NAME = re.compile(rf"({_PART}/{_PART})(?:@([A-Za-z0-9][A-Za-z0-9._/-]{{0,199}}))?")
@@ -30,15 +31,10 @@ _COMMIT = re.compile(r"[0-9a-f]{40}")
 
 
 class HubName(NamedTuple):
-    """A model on the Hub.
+    """A model on the Hub."""
 
-    Attributes:
-        repository: OWNER/NAME.
-        revision: commit, tag or branch; None for the main branch.
-    """
-
-    repository: str
-    revision: str | None
+    repository: str  # OWNER/NAME
+    revision: str | None  # commit, tag or branch; None for the main branch
 
 
 def is_hub_name(name: Any) -> bool:
@@ -47,10 +43,7 @@ def is_hub_name(name: Any) -> bool:
 
 
 def parse_name(name: str) -> HubName:
-    """Parse the name of a model on the Hub.
-
-    Args:
-        name: OWNER/NAME or OWNER/NAME@REVISION, with or without hf:// before it.
+    """Parse the name of a model on the Hub, with or without hf:// before it.
 
     Raises:
         UserError: the name has another form.
@@ -65,9 +58,6 @@ def fetch(name: str) -> pathlib.Path:
     """Return the model folder of a model on the Hub in the local cache, which is fetched if it is not there.
 
     Where the revision is not a commit, a line on stderr says which commit it stands for, so that it can be pinned.
-
-    Args:
-        name: hf://OWNER/NAME or hf://OWNER/NAME@REVISION.
 
     Returns:
         A folder with the files of a model folder. What they contain has not been checked.
@@ -130,15 +120,10 @@ class _Bar(tqdm):
 
 
 def _library() -> Any:
-    try:
-        import huggingface_hub
-    except ImportError as error:
-        raise UserError("models of the Hub need huggingface_hub: pip install 'ha2g-jax[hub]'") from error
-    return huggingface_hub
+    return require("huggingface_hub", "hub", by="a model of the Hub")
 
 
 def _endpoint() -> str | None:
-    """Return the address of the Hub, or of a mirror of it."""
     return os.environ.get("HF_ENDPOINT") or None
 
 

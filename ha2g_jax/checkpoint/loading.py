@@ -9,9 +9,10 @@ import importlib.resources
 import os
 import pathlib
 
+import numpy as np
+
 from ha2g_jax.checkpoint import BEST, CONFIG, FAILED, LATEST, RUN, WEIGHTS, hub, model_folder, weights
-from ha2g_jax.checkpoint.assets import style as read_style
-from ha2g_jax.checkpoint.model_folder import LoadedModel, blaming
+from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, shown
 
@@ -65,29 +66,12 @@ def _is_workdir(folder: pathlib.Path) -> bool:
     return (folder / CONFIG).is_file() and any((folder / name).exists() for name in (BEST, LATEST, FAILED, RUN))
 
 
-def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Write the model of a workdir as a model folder.
-
-    Args:
-        workdir: workdir of a run, a checkpoint in it, a model folder, or "demo".
-        out: folder to write, which does not exist or is empty.
-
-    Returns:
-        The model folder.
-
-    Raises:
-        UserError: as `load` and `model_folder.save`.
-    """
-    model = load(workdir)
-    return model_folder.save(out, model.config, model.assets, model.variables)
-
-
 def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
     """Load the checkpoint that `path`, a workdir or a folder in it, stands for."""
     from ha2g_jax.checkpoint.checkpoints import Checkpoints  # Orbax takes seconds to import; the demo does without
 
     config, assets = model_folder.read_description(workdir)
-    spec = model_folder.build_networks(workdir, config, assets, has_styles=False)
+    spec = model_folder.build_networks(workdir, config, assets)
     kind, number = (*path.relative_to(workdir).parts, "", "")[:2]
     for name in (kind,) if kind else (BEST, LATEST):
         checkpoints = Checkpoints(workdir / name) if (workdir / name).is_dir() else None
@@ -98,7 +82,6 @@ def _load_checkpoint(workdir: pathlib.Path, path: pathlib.Path) -> LoadedModel:
         raise UserError(f"no checkpoint in {shown(path)} yet; train longer, or use another run")
     variables, record = checkpoints.restore_model(int(number or steps[-1]), model_folder.shapes_of(workdir, spec))
     checkpoints.close()
-    with blaming(workdir / name):
-        speakers = {speaker: read_style(record["speakers"][speaker], spec.style_dim) for speaker in assets.speakers}
+    speakers = {speaker: np.array(record["speakers"][speaker], np.float32) for speaker in assets.speakers}
     assets = dataclasses.replace(assets, speakers=speakers, hash=weights.hash_of(variables))
     return LoadedModel(spec, variables, assets, config)

@@ -27,19 +27,12 @@ from ha2g_jax.methods.method import Spec
 
 
 class LoadedModel(NamedTuple):
-    """A trained generator.
-
-    Attributes:
-        spec: networks and sizes.
-        variables: {"params", "batch_stats"} of the generator as numpy arrays.
-        assets: skeleton, vocabulary, styles and seed poses.
-        config: settings that the networks are built from.
-    """
+    """A trained generator."""
 
     spec: Spec
-    variables: dict[str, Any]
+    variables: dict[str, Any]  # {"params", "batch_stats"} as numpy arrays
     assets: Assets
-    config: Config
+    config: Config  # settings that the networks are built from
 
 
 def save(
@@ -61,9 +54,6 @@ def save(
         variables: {"params", "batch_stats"} of the generator.
         is_exact: whether weights are float32 whatever their size.
 
-    Returns:
-        The folder.
-
     Raises:
         UserError: `folder` exists and is not empty, or cannot be written, for example because the disk is full.
     """
@@ -78,15 +68,14 @@ def save(
 def read(folder: pathlib.Path) -> LoadedModel:
     """Read a model folder; only when all sizes are known to fit, tensors are read.
 
-    Args:
-        folder: model folder.
-
     Raises:
         UserError: a file is missing or damaged, or the files do not fit together.
     """
     config, assets = read_description(folder)
     shapes = weights.read_shapes(folder / WEIGHTS)
-    spec = build_networks(folder, config, assets, has_styles=True)
+    spec = build_networks(folder, config, assets)
+    with blaming(folder / ASSETS):
+        assets_module.check_fit(assets, spec.num_seed_frames, spec.style_dim)
     with blaming(folder / WEIGHTS):
         found = weights.hash_of_file(folder / WEIGHTS)
     if found != assets.hash:
@@ -95,18 +84,14 @@ def read(folder: pathlib.Path) -> LoadedModel:
             "the files belong to two models; export or download the model again"
         )
     with blaming(folder / WEIGHTS):
-        if difference := weights.compare(shapes, _expected_shapes(folder, spec)):
+        expected = {name: leaf.shape for name, leaf in weights.flatten(shapes_of(folder, spec)).items()}
+        if difference := weights.compare(shapes, expected):
             raise ValueError(difference)
     return LoadedModel(spec, weights.read(folder / WEIGHTS), assets, config)
 
 
 def write_description(folder: pathlib.Path, config: Config, assets: Assets) -> None:
     """Write the config and the assets of a model as config.json and assets.json.
-
-    Args:
-        folder: model folder or workdir, which exists.
-        config: settings of the model.
-        assets: assets of the model.
 
     Raises:
         UserError: a file cannot be written; what was there before stays.
@@ -124,9 +109,6 @@ def config_to_json(config: Config) -> dict[str, Any]:
 def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
     """Read the config and the assets of a model folder or a workdir.
 
-    Args:
-        folder: model folder or workdir.
-
     Raises:
         UserError: one of the files is missing or damaged.
     """
@@ -138,9 +120,6 @@ def read_description(folder: pathlib.Path) -> tuple[Config, Assets]:
 def read_config(folder: pathlib.Path) -> Config:
     """Read the config of a model folder or a workdir.
 
-    Args:
-        folder: model folder or workdir.
-
     Raises:
         UserError: config.json is missing or damaged.
     """
@@ -148,49 +127,20 @@ def read_config(folder: pathlib.Path) -> Config:
         return configs.from_json(_read_json(folder / CONFIG, MAX_CONFIG_BYTES))
 
 
-def check_assets(folder: pathlib.Path, assets: Assets, spec: Spec, *, has_styles: bool) -> None:
-    """Check that start poses and styles have the sizes of the networks.
-
-    Args:
-        folder: model folder or workdir, for messages.
-        assets: assets of the folder.
-        spec: networks and sizes.
-        has_styles: whether the assets have the styles of the speakers; those of a workdir may be in its checkpoints.
+def build_networks(folder: pathlib.Path, config: Config, assets: Assets) -> Spec:
+    """Build the networks of a model folder or a workdir.
 
     Raises:
-        UserError: a size is another one.
-    """
-    with blaming(folder / ASSETS):
-        style_dims = (spec.style_dim,) if has_styles else (spec.style_dim, 0)
-        assets_module.check_fit(assets, spec.num_seed_frames, style_dims)
-
-
-def build_networks(folder: pathlib.Path, config: Config, assets: Assets, *, has_styles: bool) -> Spec:
-    """Build the networks of a model folder or a workdir, and check that its assets fit.
-
-    Args:
-        folder: model folder or workdir, for messages.
-        config: config of the folder.
-        assets: assets of the folder.
-        has_styles: see `check_assets`.
-
-    Raises:
-        UserError: the networks cannot be built, or the assets do not fit.
+        UserError: the networks cannot be built.
     """
     try:
-        spec = build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
+        return build(config, assets.skeleton, len(assets.vocabulary), len(assets.speakers))
     except UserError as error:
         raise UserError(f"{shown(folder / CONFIG)} cannot be used: {error}") from error
-    check_assets(folder, assets, spec, has_styles=has_styles)
-    return spec
 
 
 def shapes_of(folder: pathlib.Path, spec: Spec) -> Any:
     """Return the variables of a model as shapes.
-
-    Args:
-        folder: model folder or workdir, for messages.
-        spec: networks and sizes.
 
     Raises:
         UserError: sizes pass all checks but do not fit together.
@@ -201,11 +151,7 @@ def shapes_of(folder: pathlib.Path, spec: Spec) -> Any:
 
 @contextlib.contextmanager
 def blaming(path: pathlib.Path) -> Iterator[None]:
-    """Turn an error during the reading of a file into a `UserError` that names the file.
-
-    Args:
-        path: path of the file.
-    """
+    """Turn an error during the reading of a file into a `UserError` that names the file."""
     try:
         yield
     except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, OSError, FlaxError) as error:
@@ -229,7 +175,3 @@ def _settings_of_model(config: Config) -> Config:
         if part in config:
             del config[part]
     return config
-
-
-def _expected_shapes(folder: pathlib.Path, spec: Spec) -> weights.Shapes:
-    return {name: leaf.shape for name, leaf in weights.flatten(shapes_of(folder, spec)).items()}

@@ -1,4 +1,4 @@
-"""The weights of a model in model.safetensors, and their hash."""
+"""The weights of a model: model.safetensors and its hash, shapes by name, and tables of words."""
 
 import hashlib
 import pathlib
@@ -11,18 +11,20 @@ import safetensors.numpy
 from flax import traverse_util
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.text import PADDING, UNKNOWN, Vocabulary
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor, shapes_of
 from ha2g_jax.limits import MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
 
 Shapes = dict[str, tuple[int, ...]]
+TABLE = "/embedding/embedding"  # end of the name of a table of words or of speakers
 
 _HALF_PRECISION_ABOVE = 20_000_000  # bytes of float32 weights; a package should not be larger
 _MAX_HALF = 65504  # greatest number of float16
 
 
 def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = False) -> str:
-    """Write variables as a file: float32, or float16 if float32 would take more than 20 MB.
+    """Write variables as a file and return its hash: float32, or float16 if float32 would take more than 20 MB.
 
     Float32 arrays are written from where they are, without a copy in memory.
 
@@ -30,9 +32,6 @@ def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = Fal
         path: path of the file.
         variables: {"params", "batch_stats"} of the generator.
         is_exact: whether to store float32 whatever the size.
-
-    Returns:
-        The hash of the file.
 
     Raises:
         UserError: there are more weights than a model folder may have.
@@ -77,9 +76,6 @@ def flatten(variables: Any) -> dict[str, Any]:
 def hash_of_file(path: pathlib.Path) -> str:
     """Return the hash of a file of weights, without reading it into memory at once.
 
-    Args:
-        path: path of the file.
-
     Raises:
         UserError: the file is larger than that of any model.
     """
@@ -92,9 +88,6 @@ def hash_of_file(path: pathlib.Path) -> str:
 def read_shapes(path: pathlib.Path) -> Shapes:
     """Return the shape of each tensor by name, from the header of the file.
 
-    Args:
-        path: path of the file.
-
     Raises:
         UserError: the file is damaged.
     """
@@ -104,9 +97,6 @@ def read_shapes(path: pathlib.Path) -> Shapes:
 
 def read(path: pathlib.Path) -> dict[str, Any]:
     """Return the variables in a file whose shapes were compared with those of the model.
-
-    Args:
-        path: path of the file.
 
     Returns:
         {"params", "batch_stats"} as float32 arrays.
@@ -121,12 +111,7 @@ def read(path: pathlib.Path) -> dict[str, Any]:
 
 
 def compare(found: Shapes, expected: Shapes) -> str:
-    """Describe in a few words how the tensors of a file differ from those of a model; return "" if they do not.
-
-    Args:
-        found: shapes in the file, by name.
-        expected: shapes of the model, by name.
-    """
+    """Describe in a few words how the tensors of a file differ from those of a model; return "" if they do not."""
     if odd := sorted(found.keys() ^ expected.keys()):
         verb = "is missing" if odd[0] in expected else "does not belong"
         return f"{odd[0]} {verb}" + (f" and {len(odd) - 1} more do not fit" if odd[1:] else "")
@@ -134,3 +119,23 @@ def compare(found: Shapes, expected: Shapes) -> str:
         if found[name] != shape:
             return f"{name} has shape {found[name]} instead of {shape}"
     return ""
+
+
+def is_word_table(name: str) -> bool:
+    """Return whether a variable is a table of words; each level of a released model has one of its own."""
+    return name.endswith(f"/text{TABLE}")
+
+
+def in_vocabulary(table: np.ndarray, before: Vocabulary, after: Vocabulary) -> np.ndarray:
+    """Return the rows of a table of words in the order of another vocabulary.
+
+    Args:
+        table: (len(before) + n, D) vectors of the words of `before`, and of n marks at the end.
+        before: vocabulary of the table.
+        after: vocabulary of the result.
+
+    Returns:
+        (len(after) + n, D) vectors; a word that `before` lacks has the vector of unknown words.
+    """
+    rows = [PADDING, UNKNOWN, *map(before.encode, after.words), *range(len(before), len(table))]
+    return table[rows]

@@ -66,15 +66,16 @@ def add_weights(command: argparse.ArgumentParser) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint import loading
+    from ha2g_jax.checkpoint.publishing import export
 
-    print(loading.export(arguments.checkpoint, arguments.out))
+    print(export(arguments.checkpoint, arguments.out))
 
 
 def _onnx(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.onnx import reading
+    from ha2g_jax.checkpoint.onnx.reading import BY
+    from ha2g_jax.errors import require
 
-    reading.check_extra("onnx")
+    require("onnx", "onnx", by=BY)
     from ha2g_jax.checkpoint.onnx import export
 
     print(export.export(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))
@@ -97,6 +98,6 @@ def _import(arguments: argparse.Namespace) -> None:
 
 
 def _average(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.averaging import average_models
+    from ha2g_jax.checkpoint.publishing import average_models
 
     print(average_models(arguments.models, arguments.out))

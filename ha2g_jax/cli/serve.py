@@ -126,9 +126,10 @@ def _serve(arguments: argparse.Namespace) -> None:
 
 
 def _web(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.checkpoint.onnx import reading
+    from ha2g_jax.checkpoint.onnx.reading import BY
+    from ha2g_jax.errors import require
 
-    reading.check_extra("onnx")
+    require("onnx", "onnx", by=BY)
     from ha2g_jax.apps.web import write_site
 
     print(write_site(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

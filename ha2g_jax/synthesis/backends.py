@@ -7,8 +7,8 @@ import pathlib
 from typing import Any
 
 from ha2g_jax.checkpoint import hub
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX, check_extra
-from ha2g_jax.errors import UserError
+from ha2g_jax.checkpoint.onnx.reading import BY, SUFFIX
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import read_json, shown
 from ha2g_jax.limits import MAX_ASSETS_BYTES
@@ -69,7 +69,8 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     if not path.is_file():
         with one_maker(path):
             if not path.is_file():
-                check_extra("onnx", "onnxruntime")
+                for package in ("onnx", "onnxruntime"):
+                    require(package, "onnx", by=BY)
                 from ha2g_jax.checkpoint.onnx.export import export
 
                 export(checkpoint if checkpoint == "demo" else folder, path)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.onnx.description import Description
+from ha2g_jax.checkpoint.onnx.reading import Description
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.limits import MAX_FPS, MIN_FPS

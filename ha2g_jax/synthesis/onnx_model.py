@@ -12,10 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.onnx.description import Description
-from ha2g_jax.checkpoint.onnx.reading import FEATURES, OUTPUT, check_extra, read
+from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, Description, read
 from ha2g_jax.data.speech import prepare, window
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reason, shown
@@ -110,7 +109,7 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
     Raises:
         UserError: there is no such file, it is damaged or of another kind, or the extra onnx is not installed.
     """
-    check_extra("onnxruntime")
+    require("onnxruntime", "onnx", by=BY)
     import onnxruntime
 
     description, parts = read(path)

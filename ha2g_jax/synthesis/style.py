@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.onnx.description import Description
+from ha2g_jax.checkpoint.onnx.reading import Description
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_SEED

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
-from ha2g_jax.checkpoint.onnx.reading import read
+from ha2g_jax.checkpoint.onnx.reading import Description, read, to_metadata
 from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 NUM_SEEDS = 100

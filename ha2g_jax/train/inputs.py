@@ -8,7 +8,7 @@ import numpy as np
 from flax import traverse_util
 
 from ha2g_jax.checkpoint import loading, weights
-from ha2g_jax.checkpoint.word_tables import TABLE, in_vocabulary, is_word_table
+from ha2g_jax.checkpoint.weights import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches

@@ -215,7 +215,6 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
     if (workdir / ASSETS).exists():
         assets = model_folder.read_description(workdir)[1]
         checks.check_corpus(workdir, assets, corpus)
-        model_folder.check_assets(workdir, assets, spec, has_styles=False)
         return assets
     starts = inputs.calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
     named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from jax.sharding import Mesh, NamedSharding, PartitionSpec, SingleDeviceSharding
 
-from ha2g_jax.checkpoint.checkpoint import on_one_device
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
-from ha2g_jax.checkpoint.checksums import CHECKSUMS
+from ha2g_jax.checkpoint.orbax_format import CHECKSUMS, on_one_device
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
 

@@ -10,13 +10,14 @@ import textwrap
 
 import jax.numpy as jnp
 import pytest
-from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
+from fuzz.mutation import FUZZ, damaged_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax import launch
-from ha2g_jax.checkpoint import checksums, loading, model_folder
+from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
+from ha2g_jax.checkpoint.orbax_format import CHECKSUMS
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.config import checks
 from ha2g_jax.errors import UserError
@@ -60,38 +61,10 @@ def files_of(workdir: pathlib.Path) -> list[str]:
     return sorted(path.relative_to(workdir).as_posix() for path in workdir.rglob("*") if path.is_file())
 
 
-@FEW
-@given(data=st.data())
-def test_damaged_files_of_a_checkpoint(answered, run, tmp_path, data):
-    """With new checksums or without: the second is damage, the first is somebody's work."""
-    workdir = tmp_path / "run"
-    shutil.rmtree(workdir, ignore_errors=True)
-    shutil.copytree(run, workdir)
-    name = data.draw(st.sampled_from([name for name in files_of(run) if name.startswith("best")]))
-    content = data.draw(damaged_bytes((run / name).read_bytes()))
-    if data.draw(st.booleans()) and not name.endswith(checksums.CHECKSUMS):
-        (workdir / name).write_bytes(content)
-        checksums.write(workdir / "best" / "7")
-    answered(lambda _: loading.load(workdir), content, f"run/{name}")
-
-
-@FEW
-@given(data=st.data())
-@pytest.mark.parametrize("item", ["record", "arrays"])
-def test_records_of_a_checkpoint_with_new_checksums(answered, run, tmp_path, item, data):
-    workdir = tmp_path / "run"
-    shutil.rmtree(workdir, ignore_errors=True)
-    shutil.copytree(run, workdir)
-    path = workdir / "best" / "7" / item / "metadata"
-    path.write_text(json.dumps(data.draw(damaged_tree(json.loads(path.read_text())))))
-    checksums.write(workdir / "best" / "7")
-    answered(lambda _: loading.load(workdir), b"", "unused")
-
-
 @pytest.mark.parametrize("damage", ["removed", "cut", "emptied"])
 def test_every_file_of_a_checkpoint_is_checked(run, tmp_path, damage):
     for name in files_of(run / "best" / "7"):
-        if "/" not in name and name != checksums.CHECKSUMS:
+        if "/" not in name and name != CHECKSUMS:
             continue  # Orbax's notes for itself
         workdir = shutil.copytree(run, tmp_path / name.replace("/", "_"))
         path = workdir / "best" / "7" / name

@@ -9,7 +9,7 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
-from ha2g_jax.checkpoint.word_tables import is_word_table
+from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import Corpus

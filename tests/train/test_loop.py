@@ -14,6 +14,7 @@ from fixtures.corpora import edit
 
 from ha2g_jax import launch
 from ha2g_jax.checkpoint import loading
+from ha2g_jax.checkpoint.publishing import export
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import seq2seq
 from ha2g_jax.train import loop
@@ -102,7 +103,7 @@ def _without_times(line):
 
 def test_any_checkpoint_can_be_exported(run, tmp_path):
     for number, source in enumerate((run, run / "latest" / "4")):
-        folder = loading.export(source, tmp_path / str(number))
+        folder = export(source, tmp_path / str(number))
         exported, original = loading.load(folder), loading.load(source)
         jax.tree.map(np.testing.assert_array_equal, exported.variables, original.variables)
         assert exported.assets.hash == original.assets.hash

@@ -7,11 +7,8 @@ import onnx
 
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
-from ha2g_jax.checkpoint.onnx.audio import add_encoder
-from ha2g_jax.checkpoint.onnx.description import Description, to_metadata
-from ha2g_jax.checkpoint.onnx.graph import Graph
-from ha2g_jax.checkpoint.onnx.inferer import add_inferer
-from ha2g_jax.checkpoint.onnx.reading import SUFFIX
+from ha2g_jax.checkpoint.onnx.networks import Graph, add_encoder, add_inferer
+from ha2g_jax.checkpoint.onnx.reading import SUFFIX, Description, to_metadata
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.features.text import Vocabulary
@@ -30,7 +27,7 @@ def export(
     Args:
         source: model, see `loading.load`.
         out: file to write, whose suffix is .onnx.
-        weights: form of large weights in the file, one of `graph.WEIGHTS`; the computation is float32.
+        weights: form of large weights in the file, one of `networks.WEIGHTS`; the computation is float32.
         license: licence of the model, which is stored in the file; that of the demo is known.
 
     Returns:
@@ -62,7 +59,7 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
 
     Args:
         loaded: model.
-        weights: form of large weights, one of `graph.WEIGHTS`.
+        weights: form of large weights, one of `networks.WEIGHTS`.
         license: licence of the model, "" if it is not known.
 
     Raises:

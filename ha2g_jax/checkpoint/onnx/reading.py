@@ -1,14 +1,20 @@
-"""Reader of ONNX files of unknown origin: only graphs of the kind that `export` writes reach a runtime."""
+"""ONNX files: what they say of their model beside the graph, and reading of those of unknown origin.
 
-import importlib
+Only graphs of the kind that `export` writes reach a runtime. Nothing here imports JAX.
+"""
+
+import json
 import pathlib
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ha2g_jax.checkpoint.onnx.description import Description, from_metadata
-from ha2g_jax.errors import UserError
-from ha2g_jax.features.spectrum import NUM_MELS, window_columns
-from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason
-from ha2g_jax.limits import MAX_ONNX_BYTES
+from ha2g_jax.checkpoint import assets as assets_module
+from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.errors import require
+from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.features.spectrum import FFT_SIZE, FLOOR_DB, HOP_LENGTH, NUM_MELS, window_columns
+from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason
+from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CHANNELS, MAX_ONNX_BYTES, MAX_WINDOW_FRAMES
 
 if TYPE_CHECKING:
     import onnx
@@ -17,7 +23,9 @@ SUFFIX = ".onnx"
 INPUTS, OUTPUT = ("mel", "style", "seed_pose"), "poses"
 FEATURES = ("f_low", "f_mid", "f_high")
 
-_EXPECTED = "an ONNX file of ha2g export-onnx"
+BY = "an ONNX file"  # what needs the packages of the extra onnx
+
+_EXPECTED = "an ONNX file of ha2g model onnx"
 # None has a graph of its own, so that a graph ends, and none reads a file.
 _OPERATORS = (
     *("Add", "BatchNormalization", "Cast", "Concat", "Conv", "DepthToSpace", "DequantizeLinear", "Div", "Flatten"),
@@ -26,6 +34,105 @@ _OPERATORS = (
 )
 _DOMAINS = ("", "ai.onnx")
 _ATTRIBUTES = (1, 2, 3, 7)  # a number, a text or integers: FLOAT, INT, STRING, INTS of `onnx.AttributeProto`
+
+FORMAT = "ha2g-jax 1"
+MIN_FRAMES, MIN_FPS, MAX_FPS = 17, 15, 30  # those of `methods.build` and `config`, whose imports take long
+_MAX_TEXT = 200
+_NUMBERS = ("num_frames", "num_seed_frames", "fps", "style_dim")
+_TEXTS = ("name", "method", "weights", "license")
+
+
+class Description(NamedTuple):
+    """A model without its networks.
+
+    Attributes:
+        name: name of the config.
+        method: method of the model, "ha2g".
+        num_frames: frames of a window, N.
+        num_seed_frames: frames of the seed pose, M.
+        fps: frames per second.
+        style_dim: values of a style.
+        has_hidden_ends: whether the model was trained with hidden ends, `config.data.lookahead` > 0.
+        weights: form of the weights in the file, see `graph.WEIGHTS`.
+        license: licence of the model, "" if it is not known.
+        assets: skeleton, speakers and seed poses; without a vocabulary.
+    """
+
+    name: str
+    method: str
+    num_frames: int
+    num_seed_frames: int
+    fps: int
+    style_dim: int
+    has_hidden_ends: bool
+    weights: str
+    license: str
+    assets: Assets
+
+
+def to_metadata(description: Description) -> dict[str, str]:
+    """Return a description as texts by name, for `metadata_props`; all but plain texts are JSON."""
+    assets, skeleton = assets_module.to_json(description.assets), description.assets.skeleton
+    audio = {
+        "sample_rate": SAMPLE_RATE,
+        "fft_size": FFT_SIZE,
+        "hop_length": HOP_LENGTH,
+        "num_mels": NUM_MELS,
+        "columns": window_columns(description.num_frames, description.fps),
+        "floor_db": FLOOR_DB,
+    }
+    values = {
+        **{name: getattr(description, name) for name in _NUMBERS},
+        "has_hidden_ends": description.has_hidden_ends,
+        "audio": audio,
+        "skeleton": assets["skeleton"] | {"joints": skeleton.joints, "bones": skeleton.bones},
+        "speakers": assets["speakers"],
+        "seed_poses": assets["seed_poses"],
+    }
+    texts = {"format": FORMAT, "hash": description.assets.hash}
+    texts |= {name: getattr(description, name) for name in _TEXTS}
+    return texts | {name: json.dumps(value) for name, value in values.items()}
+
+
+def from_metadata(metadata: Mapping[str, str]) -> Description:
+    """Return the description that `to_metadata` wrote.
+
+    Args:
+        metadata: texts by name, of any origin.
+
+    Raises:
+        KeyError, TypeError, ValueError, OverflowError: the texts are not a description.
+    """
+    if metadata.get("format") != FORMAT:
+        raise ValueError("not written by ha2g model onnx, or of another version")
+    if sum(map(len, metadata.values())) > MAX_ASSETS_BYTES:
+        raise ValueError(f"more than {MAX_ASSETS_BYTES} characters of metadata")
+    texts = {name: metadata[name] for name in _TEXTS}
+    if any(len(text) > _MAX_TEXT or not text.isprintable() for text in texts.values()):
+        raise ValueError("a text of the metadata is too long or cannot be printed")
+    values: dict[str, Any] = {
+        name: parse_json(metadata[name])
+        for name in (*_NUMBERS, "has_hidden_ends", "skeleton", "speakers", "seed_poses")
+    }
+    numbers = {name: values[name] for name in _NUMBERS}
+    if any(type(number) is not int for number in numbers.values()):
+        raise TypeError("a size is not a whole number")
+    ranges = {
+        "num_frames": (MIN_FRAMES, MAX_WINDOW_FRAMES),
+        "num_seed_frames": (1, numbers["num_frames"] // 2),
+        "fps": (MIN_FPS, MAX_FPS),
+        "style_dim": (0, MAX_CHANNELS),
+    }
+    for name, (least, most) in ranges.items():
+        if not least <= numbers[name] <= most:
+            raise ValueError(f"{name} is {numbers[name]} instead of {least} to {most}")
+    assets = assets_module.from_json(
+        {name: values[name] for name in ("skeleton", "speakers", "seed_poses")}
+        | {"schema_version": assets_module.SCHEMA_VERSION, "vocabulary": [], "hash": metadata["hash"]}
+    )
+    assets_module.check_fit(assets, numbers["num_seed_frames"], numbers["style_dim"])
+    hidden = values["has_hidden_ends"]
+    return Description(**texts, **numbers, has_hidden_ends=hidden is True, assets=assets)
 
 
 class Parts(NamedTuple):
@@ -40,23 +147,6 @@ class Parts(NamedTuple):
     sampler: bytes
 
 
-def check_extra(*packages: str) -> None:
-    """Check that packages of the extra onnx are installed.
-
-    Args:
-        packages: "onnx" or "onnxruntime".
-
-    Raises:
-        UserError: one of them is missing, or a library that it needs.
-    """
-    for package in packages:
-        try:
-            importlib.import_module(package)
-        except ImportError as error:
-            why = "" if isinstance(error, ModuleNotFoundError) else f", which cannot be loaded ({reason(error)})"
-            raise UserError(f"ONNX files need {package}{why}: pip install 'ha2g-jax[onnx]'") from error
-
-
 def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     """Read a model.
 
@@ -66,15 +156,14 @@ def read(path: str | pathlib.Path) -> tuple[Description, Parts]:
     Raises:
         UserError: the file is missing, damaged or not of the kind that `export` writes, or the package onnx is missing.
     """
-    check_extra("onnx")
-    import onnx
+    library = require("onnx", "onnx", by=BY)
     from google.protobuf.message import DecodeError
     from onnx.utils import Extractor
 
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
     with reading(path, _EXPECTED, DecodeError):
-        model = onnx.load_model_from_string(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
+        model = library.load_model_from_string(read_bytes(path, _EXPECTED, MAX_ONNX_BYTES))
         try:
             description = from_metadata({it.key: it.value for it in model.metadata_props})
         except KeyError as error:

@@ -1,9 +1,11 @@
 """Import a released file as a model folder: HA2G, Trimodal, and the pose auto-encoders of the Frechet distance."""
 
 import dataclasses
+import math
 import os
 import pathlib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -12,10 +14,8 @@ from flax import traverse_util
 
 from ha2g_jax.checkpoint import model_folder, weights
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.released import names, table
-from ha2g_jax.checkpoint.released.conversions import FIRST_SPEAKER, FIRST_WORD, SPEAKERS, WORDS
-from ha2g_jax.checkpoint.released.mapping import DoesNotFitError, check_names, convert, left_out
-from ha2g_jax.checkpoint.released.table import DISCRIMINATOR, Row
+from ha2g_jax.checkpoint.released import table
+from ha2g_jax.checkpoint.released.table import DISCRIMINATOR, FIRST_SPEAKER, FIRST_WORD, SPEAKERS, WORDS, Row
 from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
@@ -29,6 +29,20 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 _DATA = {27: "ted_gesture", 126: "ted_expressive"}  # by the width of a pose
 _OBJECTS = ("args", "lang_model", "speaker_model")  # the parts that may hold objects
 _KNOWN = ("epoch", "pose_dim", "latent_dim", *_OBJECTS)
+
+
+# Entries without a place: counters of batches, the linear map of a variance that is never used, and second names of the
+# convolutions of a text encoder.
+_COUNTERS = re.compile(r"(.*\.)?num_batches_tracked")
+_UNUSED = re.compile(r"pose_encoder\.fc_logvar\.(weight|bias)")
+_SECOND_NAME = re.compile(r"(.*tcn\.network\.\d+\.)net\.([04])(\..*)")
+_FIRST_NAMES = {"0": "conv1", "4": "conv2"}
+
+Parts = Mapping[str, Mapping[str, Any]]
+
+
+class DoesNotFitError(ValueError):
+    """Error for a file whose entries are not those of the table."""
 
 
 class Released(NamedTuple):
@@ -97,7 +111,7 @@ def read_released(content: Any, size: str = "") -> Released:
     check_names({part: entries for part, entries in parts.items() if part in used}, rows)
     skeleton = load_skeleton(config.skeleton)
     notes = []
-    if (mean := names.mean_directions(content.get("args"), skeleton.num_bones)) is not None:
+    if (mean := _mean_directions(content.get("args"), skeleton.num_bones)) is not None:
         skeleton = dataclasses.replace(skeleton, mean_directions=mean)
     else:
         notes.append(f"the settings have no mean directions: those of {skeleton.name} are used")
@@ -174,13 +188,13 @@ def _names(
             continue
         if len(tables[0]) != 2 or (count := tables[0][0] - first) < 1:
             raise DoesNotFitError(f"the table of {key} has shape {tables[0]}, expected more than {first} rows")
-        made = names.names_of(content.get(key), first, count)
+        made = _names_of(content.get(key), first, count)
         if made is None or len(set(made)) < count:
             notes.append(f"{key} does not name all {count} rows of its table: they are named by their numbers")
             made = [f"<{first + index}>" for index in range(count)]
         found.append(made)
     words, speakers = found
-    return Vocabulary(names.lower_case(words)), speakers
+    return Vocabulary(_lower_case(words)), speakers
 
 
 def _shapes(module: str, tree: Any) -> dict[str, tuple[int, ...]]:
@@ -229,3 +243,135 @@ def _start_poses(spec: Spec, skeleton: Skeleton) -> np.ndarray:
     """Return the mean pose as the only start pose, (1, M, bones, 3): released files have no poses."""
     mean = np.asarray(normalize(skeleton.mean_directions), np.float32)
     return np.tile(mean, (1, spec.num_seed_frames, 1, 1))
+
+
+def check_names(parts: Parts, rows: Sequence[Row]) -> None:
+    """Check that a file has the tensors of the table and no others.
+
+    Args:
+        parts: values by name, for each key of the file that rows name.
+        rows: the table.
+
+    Raises:
+        DoesNotFitError: an entry is missing, no tensor, or unknown.
+    """
+    missing = [row for row in rows if not isinstance(parts.get(row.part, {}).get(row.name), np.ndarray)]
+    if missing:
+        more = f" and {len(missing) - 1} more" if missing[1:] else ""
+        raise DoesNotFitError(f"no tensor {_shown(missing[0].part, missing[0].name)}{more}")
+    odd = [(part, name) for part, name in left_out(parts, rows) if not _may_be_left_out(parts[part], str(name))]
+    if odd:
+        more = f" and {len(odd) - 1} more" if odd[1:] else ""
+        raise DoesNotFitError(f"{_shown(*odd[0])}{more} is in no row of the table (docs/released_weights.md)")
+
+
+def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    """Convert the tensors of a file whose names were checked.
+
+    Args:
+        parts: arrays by name, for each key of the file that rows name.
+        rows: the table.
+        shapes: shape of each of our variables, by name.
+
+    Returns:
+        Float32 arrays by the names of `shapes`.
+
+    Raises:
+        DoesNotFitError: an entry is of another shape or type, or has values that are not finite.
+    """
+    targets = [row.target for row in rows]
+    if len(set(targets)) != len(targets) or set(targets) != set(shapes):
+        raise ValueError(f"the table and the networks differ in {sorted(set(targets) ^ set(shapes))[:3]}")
+    converted = {}
+    for row in rows:
+        array, expected = parts[row.part][row.name], row.conversion.stored(shapes[row.target])
+        if array.shape != expected:
+            raise DoesNotFitError(f"{_shown(row.part, row.name)} has shape {array.shape}, expected {expected}")
+        if array.dtype.kind != "f":
+            raise DoesNotFitError(f"{_shown(row.part, row.name)} has numbers of type {array.dtype}, expected floats")
+        # A view of the file stays one where nothing changes; writers other than PyTorch do not align the numbers.
+        values = np.require(row.conversion.convert(array), np.float32, ("C_CONTIGUOUS", "ALIGNED"))
+        if not np.isfinite(values).all():
+            raise DoesNotFitError(f"{_shown(row.part, row.name)} has values that are not finite")
+        converted[row.target] = values
+    return converted
+
+
+def left_out(parts: Parts, rows: Iterable[Row]) -> list[tuple[str, str]]:
+    """Return (part, name) of the entries that have no row."""
+    wanted = {(row.part, row.name) for row in rows}
+    return [(part, name) for part, entries in parts.items() for name in entries if (part, name) not in wanted]
+
+
+def _may_be_left_out(entries: Mapping[str, Any], name: str) -> bool:
+    if _COUNTERS.fullmatch(name) or _UNUSED.fullmatch(name):
+        return True
+    if not (match := _SECOND_NAME.fullmatch(name)):
+        return False
+    first, second = entries.get(f"{match[1]}{_FIRST_NAMES[match[2]]}{match[3]}"), entries[name]
+    return isinstance(first, np.ndarray) and isinstance(second, np.ndarray) and np.array_equal(first, second)
+
+
+def _shown(part: str, name: Any) -> str:
+    return repr(f"{part}: {str(name)[:100]}")
+
+
+def _names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:
+    """Return the names of the rows of a table.
+
+    Args:
+        vocabulary: object with a mapping of indices to names, or of names to indices.
+        first: index of the first name.
+        count: number of names.
+
+    Returns:
+        The names by index, None if there is no mapping that has them all.
+    """
+    wanted = range(first, first + count)
+    for mapping in _attributes(vocabulary).values():
+        if not isinstance(mapping, dict):
+            continue
+        for names in (mapping, {value: key for key, value in mapping.items() if type(value) is int}):
+            found = [names.get(index) for index in wanted]
+            if all(isinstance(name, str) for name in found):
+                return [str(name) for name in found]
+    return None
+
+
+def _lower_case(words: list[str]) -> tuple[str, ...]:
+    """Return words in lower case, as a `Vocabulary` looks for them; of two words that differ in case alone only one.
+
+    Args:
+        words: words by row; one that has to stay as it is, is never found, but keeps its row.
+    """
+    taken = set(words)
+    made = []
+    for word in words:
+        lower = word.lower()
+        made.append(word if lower in taken else lower)
+        taken.add(made[-1])
+    return tuple(made)
+
+
+def _mean_directions(settings: Any, num_bones: int) -> np.ndarray | None:
+    """Return the mean direction vectors (bones, 3) in the settings of a released run.
+
+    Args:
+        settings: object with a list of 3 bones numbers, each of which may be a list of one.
+        num_bones: bones of the skeleton.
+
+    Returns:
+        The vectors, None if there are none.
+    """
+    for values in _attributes(settings).values():
+        if not isinstance(values, list) or len(values) != 3 * num_bones:
+            continue
+        flat = [value[0] if isinstance(value, list) and len(value) == 1 else value for value in values]
+        if all(isinstance(value, float) and math.isfinite(value) for value in flat):
+            return np.array(flat, np.float32).reshape(num_bones, 3)
+    return None
+
+
+def _attributes(value: Any) -> dict[Any, Any]:
+    state = value.state if isinstance(value, Inert) else value
+    return state if isinstance(state, dict) else {}

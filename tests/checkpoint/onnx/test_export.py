@@ -11,9 +11,9 @@ import pytest
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.model_folder import LoadedModel
-from ha2g_jax.checkpoint.onnx import description
-from ha2g_jax.checkpoint.onnx.description import from_metadata, to_metadata
+from ha2g_jax.checkpoint.onnx import reading
 from ha2g_jax.checkpoint.onnx.export import build, export
+from ha2g_jax.checkpoint.onnx.reading import from_metadata, to_metadata
 from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
@@ -166,7 +166,7 @@ def test_the_metadata_restores_the_description(debug):
 
 
 def test_the_sizes_that_a_reader_accepts_are_those_of_a_config():
-    limits = (description.MIN_FRAMES, description.MIN_FPS, description.MAX_FPS)
+    limits = (reading.MIN_FRAMES, reading.MIN_FPS, reading.MAX_FPS)
     assert limits == (MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
 
 

@@ -71,7 +71,7 @@ DAMAGES = {
     without_features: "not found in value_infos",
     lambda model: model.graph.node.append(model.graph.node[0]): "two values of one name",
     lambda model: model.metadata_props.pop(): "missing in the metadata",
-    lambda model: set_metadata(model, "format", "other"): "not written by ha2g export-onnx",
+    lambda model: set_metadata(model, "format", "other"): "not written by ha2g model onnx",
     lambda model: set_metadata(model, "num_frames", "1000000"): "num_frames is 1000000",
     lambda model: set_metadata(model, "fps", '"15"'): "not a whole number",
     lambda model: set_metadata(model, "speakers", '{"ada": [1]}'): "the style of 'ada'",
@@ -84,7 +84,7 @@ DAMAGES = {
 def test_a_graph_of_another_kind_is_refused(model, tmp_path, damage):
     damage(model)
     (tmp_path / "model.onnx").write_bytes(model.SerializeToString())
-    with pytest.raises(UserError, match=f"model.onnx is not an ONNX file of ha2g export-onnx.*{DAMAGES[damage]}"):
+    with pytest.raises(UserError, match=f"model.onnx is not an ONNX file of ha2g model onnx.*{DAMAGES[damage]}"):
         reading.read(tmp_path / "model.onnx")
 
 

@@ -10,8 +10,7 @@ import ha2g_jax
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.checkpoint.onnx import export
 from ha2g_jax.checkpoint.released import table
-from ha2g_jax.checkpoint.released.importing import read_released
-from ha2g_jax.checkpoint.released.mapping import DoesNotFitError
+from ha2g_jax.checkpoint.released.importing import DoesNotFitError, read_released
 from ha2g_jax.cli import main
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError

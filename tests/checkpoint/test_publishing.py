@@ -8,8 +8,8 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
-from ha2g_jax.checkpoint.averaging import average_models
-from ha2g_jax.checkpoint.word_tables import is_word_table
+from ha2g_jax.checkpoint.publishing import average_models
+from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 
