@@ -42,9 +42,9 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
         and a bound that has no end is "inf" or "-inf".
 
     Raises:
-        UserError: there is no key or no answer file, or the package of the extra user-study is missing.
+        UserError: there is no key or no answer file, or the package of the extra report is missing.
     """
-    require("choix", "user-study", by="the analysis of a study")
+    require("choix", "report", by="the analysis of a study")
     key = read_study(study)
     return results_of(read_answers(paths, key), key)
 
