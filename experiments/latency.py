@@ -9,23 +9,27 @@ too. Finished runs are not trained again, and the same command continues an inte
 """
 
 import argparse
+import functools
 import pathlib
 import shlex
 import sys
+import time
 from collections.abc import Sequence
 
-from tables.jobs import Perform, Stopped
-from tables.latency_study import study_latency
-from tables.request import Request, parse_seeds
+import tqdm
+from tables.latency_report import Results, all_numbers, as_markdown, figure
+from tables.look_aheads import LOOK_AHEADS, TABLE, plan_settings, read_scores
+from tables.plan import Request, check_report, parse_data, parse_seeds
+from tables.report import describe_work
+from tables.runs import Perform, add_options, perform_in_process, run_all, run_script
+from tables.workdirs import is_finished, record_of
 
-from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import stop_signals
+from ha2g_jax.files.child_process import Stop
+from ha2g_jax.files.writing import whole_file
 
-WORKDIR = pathlib.Path("runs/reproduce")
 
-
-def main(argv: Sequence[str] | None = None, perform: Perform | None = None) -> int:
+def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
     """Run the script.
 
     Args:
@@ -37,30 +41,91 @@ def main(argv: Sequence[str] | None = None, perform: Perform | None = None) -> i
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(argv)
-    try:
+
+    def work(stop: Stop) -> bool:
         request = _request(arguments)
         out = arguments.out or request.workdir / f"{request.data}-{request.size}" / "latency.md"
-        command = shlex.join(["python", "experiments/latency.py", *argv])
-        with stop_signals() as stop:
-            is_whole = study_latency(request, arguments.split, out, command, stop, perform)
-    except UserError as error:
-        print(f"latency: {error}", file=sys.stderr)
-        return 2
-    except Stopped as stopped:
-        print("stopped; the same command continues", file=sys.stderr)
-        return 128 + stopped.number
-    print(out)
-    return 0 if is_whole else 1
+        is_whole = study_latency(request, out, shlex.join(["python", "experiments/latency.py", *argv]), stop, perform)
+        print(out)
+        return is_whole
+
+    return run_script("latency", work)
+
+
+def study_latency(
+    request: Request, out: pathlib.Path, command: str, stop: Stop, perform: Perform = perform_in_process
+) -> bool:
+    """Train and score the missing runs and write the page, with an SVG and all numbers beside it.
+
+    Args:
+        request: request of the user.
+        out: Markdown file of the page.
+        command: command of the user, for the page.
+        stop: signal that ends the work; the same request then continues it.
+        perform: function that trains and scores one run.
+
+    Returns:
+        Whether every run has all scores.
+
+    Raises:
+        UserError: the request does not fit the data, or the page cannot be written.
+        Stopped: a signal came.
+    """
+    check_report(out)
+    start = time.monotonic()
+    plan = plan_settings(request)
+    if not plan.corpus.has_clips(request.split):
+        splits = ", ".join(plan.corpus.splits)
+        raise UserError(f"{plan.corpus.path} has no clips in the split {request.split}; give --split one of {splits}")
+    missing = [run for run in plan.runs if read_scores(run, plan, request.split) is None]
+    failures = {} if request.has_training else {run.name: "not trained" for run in missing if not is_finished(run)}
+    missing = [run for run in missing if run.name not in failures]
+    there = len(plan.runs) - len(missing) - len(failures)
+    tqdm.tqdm.write(f"runs to train or score: {len(missing)}; there already: {there}", file=sys.stderr)
+    failures |= run_all(missing, functools.partial(perform, request), stop, "look-ahead", request.jobs)
+    scores = {
+        name: {run.seed: read_scores(run, plan, request.split) for run in runs} for name, runs in plan.rows.items()
+    }
+    records = {name: {run.seed: record_of(run, None) for run in runs} for name, runs in plan.rows.items()}
+    results = Results(
+        request,
+        plan.corpus.fps,
+        {
+            name: {at: {seed: one[at] for seed, one in mine.items() if one is not None} for at in LOOK_AHEADS}
+            for name, mine in scores.items()
+        },
+        {
+            name: {
+                run.seed: failures.get(run.name, "it ended without scores")
+                for run in runs
+                if not scores[name][run.seed]
+            }
+            for name, runs in plan.rows.items()
+        },
+        records,
+        describe_work(
+            request,
+            plan,
+            [record for mine in records.values() for record in mine.values()],
+            command,
+            time.monotonic() - start,
+        ),
+    )
+    files = {out: as_markdown(results, out.stem)}
+    if results.has_scores:
+        files |= {out.with_suffix(".svg"): figure(results), out.with_suffix(".csv"): all_numbers(results)}
+    for path, text in files.items():
+        with whole_file(path) as temporary:
+            temporary.write_text(text)
+    return not any(results.failures.values())
 
 
 def _request(arguments: argparse.Namespace) -> Request:
-    data, _, path = arguments.data.partition(":")
+    data, path = parse_data(arguments.data)
     if data != "talk":
         raise UserError(f"the causes of gestures are known on talk only, not on {data!r}; give --data talk[:DIR]")
-    if arguments.jobs < 1:
-        raise UserError(f"--jobs is {arguments.jobs}; give 1 or more")
     return Request(
-        table="latency",
+        table=TABLE,
         data=data,
         size=arguments.size,
         path=path,
@@ -68,6 +133,7 @@ def _request(arguments: argparse.Namespace) -> Request:
         workdir=arguments.workdir,
         jobs=arguments.jobs,
         has_training=not arguments.no_train,
+        split=arguments.split,
     )
 
 
@@ -76,15 +142,8 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     parser.add_argument("--data", default="talk", metavar="talk[:DIR]", help="the Talk corpus, made on first use")
-    parser.add_argument("--size", default="small", choices=configs.SIZES, help="size of the models (default: small)")
-    parser.add_argument("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
     parser.add_argument("--split", default="test", help="split to score (default: test)")
-    parser.add_argument("--out", type=pathlib.Path, help="file of the page (default: WORKDIR/talk-SIZE/latency.md)")
-    parser.add_argument(
-        "--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})"
-    )
-    parser.add_argument("--jobs", type=int, default=1, help="number of runs at once, each on a part of the cores")
-    parser.add_argument("--no-train", action="store_true", help="score finished runs only")
+    add_options(parser, "WORKDIR/talk-SIZE/latency.md")
     return parser
 
 

@@ -10,23 +10,48 @@ table5 and table10 are statistics of the data, for which nothing is trained.
 """
 
 import argparse
+import functools
+import os
 import pathlib
 import shlex
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from tables.corpus_tables import CORPUS_TABLES
-from tables.jobs import Perform, Stopped, perform_in_process
+import tqdm
+from tables.kept_runs import keep_run
 from tables.paper_tables import TABLES
-from tables.reproduce import reproduce
-from tables.request import Request, parse_changes, parse_seeds
+from tables.plan import (
+    Plan,
+    Request,
+    check_report,
+    corpus_path,
+    parse_changes,
+    parse_data,
+    parse_seeds,
+    plan_table,
+    read_record,
+    scores_kind,
+)
+from tables.report import Results, all_numbers, as_markdown, describe_work, figure
+from tables.runs import Perform, add_options, perform_in_process, run_all, run_script
+from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
-from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import stop_signals
+from ha2g_jax.evaluation.corpus.statistics import joint_rows, summarise
+from ha2g_jax.evaluation.page import markdown
+from ha2g_jax.files.child_process import Stop
+from ha2g_jax.files.writing import whole_file
 
-WORKDIR = pathlib.Path("runs/reproduce")
+CORPUS_TABLES = ("table5", "table10")
+
+# Videos, hours and segments of all splits, and ratio of the length of a video that shots of interest have.
+_TABLE_5 = {
+    "TED Gesture, paper": ("1,766", "106.1", "252,109", "25 %"),
+    "TED-Expressive, paper": ("1,764", "100.8", "240,447", "21 %"),
+}
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
@@ -41,35 +66,176 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(argv)
-    try:
+
+    def work(stop: Stop) -> bool:
         request = _request(arguments)
         out = arguments.out or request.workdir / f"{request.data}-{request.size}" / f"{request.table}.md"
         command = shlex.join(["python", "experiments/reproduce.py", *argv])
-        with stop_signals() as stop:
-            is_whole = reproduce(request, out, command, stop, perform, arguments.keep)
-    except UserError as error:
-        print(f"reproduce: {error}", file=sys.stderr)
-        return 2
-    except Stopped as stopped:
-        print("stopped; the same command continues", file=sys.stderr)
-        return 128 + stopped.number
-    print(out)
-    return 0 if is_whole else 1
+        is_whole = reproduce(request, out, command, stop, perform, arguments.keep)
+        print(out)
+        return is_whole
+
+    return run_script("reproduce", work)
+
+
+def reproduce(
+    request: Request,
+    out: pathlib.Path,
+    command: str,
+    stop: Stop,
+    perform: Perform = perform_in_process,
+    keep: pathlib.Path | None = None,
+) -> bool:
+    """Train and score the missing runs of a table and write its page, with all numbers beside it.
+
+    Args:
+        request: request of the user.
+        out: Markdown file of the page.
+        command: command of the user, for the page.
+        stop: signal that ends the work; the same request then continues it.
+        perform: function that trains and scores one run.
+        keep: folder of a table to which each finished run is added, see `kept_runs`; None for none.
+
+    Returns:
+        Whether every run has scores. A row that lacks an input of the user, such as HA2G-ASR without the weights of
+        Whisper, has no run.
+
+    Raises:
+        UserError: the request does not fit the data, the auto-encoder failed, the page cannot be written, or `keep`
+            has other trainings.
+        Stopped: a signal came.
+    """
+    check_report(out)
+    start = time.monotonic()
+    if request.table in CORPUS_TABLES:
+        if keep is not None or request.changes:
+            option = "--changes" if keep is None else "--keep"
+            raise UserError(f"nothing is trained for {request.table}; leave out {option}")
+        _write(out, corpus_page(request.table, corpus_path(request), command))
+        return True
+    plan = plan_table(request)
+    runs = [plan.autoencoder, *plan.runs]
+    if keep is not None:
+        for run in runs:
+            _keep(run, plan, request, keep)
+    failures = _fill(request, plan, functools.partial(_perform_and_keep, plan, keep, perform, request), stop)
+    records = {row: {run.seed: read_record(run, plan, request) for run in mine} for row, mine in plan.rows.items()}
+    reasons = {
+        row: {
+            run.seed: failures.get(run.name, "it ended without scores").replace(f"{run.workdir.parent}{os.sep}", "")
+            for run in mine
+            if records[row][run.seed].scores is None
+        }
+        for row, mine in plan.rows.items()
+    }
+    every = [record for mine in records.values() for record in mine.values()]
+    facts = describe_work(request, plan, every, command, time.monotonic() - start)
+    facts["pose auto-encoder"] = _describe_autoencoder(read_record(plan.autoencoder, plan, request), every)
+    results = Results(request, plan, records, {row: found for row, found in reasons.items() if found}, facts)
+    if results.scores:
+        _write(out.with_suffix(".csv"), all_numbers(results))
+    chart = out.with_suffix(".svg") if request.table == "figure3" and results.scores else None
+    if chart:
+        _write(chart, figure(results))
+    _write(out, as_markdown(results, out.with_suffix(".csv").name, chart and chart.name))
+    return not results.failures
+
+
+def _fill(request: Request, plan: Plan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
+    """Train and score the missing runs; return the names of the runs without scores with the reason."""
+    autoencoder = read_record(plan.autoencoder, plan, request)
+    if request.has_training and autoencoder.last_step < plan.autoencoder.config.train.steps:
+        if failed := run_all([plan.autoencoder], perform, stop, "pose auto-encoder"):
+            raise UserError(f"the pose auto-encoder was not trained: {failed[plan.autoencoder.name]}")
+    elif autoencoder.scored_step is None:
+        raise UserError(f"no pose auto-encoder in {plan.autoencoder.workdir}; leave out --no-train to train one")
+    missing = {run.name: run for run in plan.runs if read_record(run, plan, request).scores is None}
+    there, failures = len(plan.runs) - len(missing), {}
+    if not request.has_training:
+        untrained = [name for name, run in missing.items() if read_record(run, plan, request).scored_step is None]
+        failures = dict.fromkeys(untrained, "not trained")
+    for row, reason in plan.left_out.items():
+        tqdm.tqdm.write(f"{row} is left out: {reason}", file=sys.stderr)
+    runs = [run for name, run in missing.items() if name not in failures]
+    tqdm.tqdm.write(f"runs to train or score: {len(runs)}; there already: {there}", file=sys.stderr)
+    return failures | run_all(runs, perform, stop, request.table, request.jobs)
+
+
+def _perform_and_keep(
+    plan: Plan, keep: pathlib.Path | None, perform: Perform, request: Request, run: Run, worker: int, stop: Stop
+) -> None:
+    perform(request, run, worker, stop)
+    if keep is not None:
+        _keep(run, plan, request, keep)
+
+
+def _keep(run: Run, plan: Plan, request: Request, folder: pathlib.Path) -> None:
+    scores = read_record(run, plan, request).scores
+    if scores is not None or run == plan.autoencoder:
+        metadata = {key: plan.corpus.metadata[key] for key in ("name", "source", "skeleton", "fps")}
+        splits = {name: {"clips": split["clips"]} for name, split in plan.corpus.metadata["splits"].items()}
+        data = {"sha256": plan.digest, "metadata": metadata | {"splits": splits}}
+        keep_run(run, scores, folder, data, scores_kind(plan, request))
+
+
+def _describe_autoencoder(record: Record, runs: Sequence[Record]) -> str:
+    ids = {run.scores["autoencoder"] for run in runs if run.scores}
+    steps = record.config["train"]["steps"]
+    known = ", ".join(sorted(each[:16] for each in ids)) or "unknown"
+    texts = [f"`{record.name}`, id {known}", f"step {record.scored_step or 0:,} of {steps:,}"]
+    error = record.validated("loss/reconstruction")
+    if error is not None:
+        texts.append(f"reconstruction error {error:.4g} (mean L1 of direction vectors on the validation split)")
+    return "; ".join(texts)
+
+
+def _write(path: pathlib.Path, text: str) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_text(text)
+
+
+def corpus_page(name: str, path: str | os.PathLike, command: str) -> str:
+    """Write the page of Table 5 or 10 for a corpus: its statistics beside those that the paper gives.
+
+    Raises:
+        UserError: there is no corpus, a record cannot be used, or Table 10 is asked for without a training split.
+    """
+    found = summarise(path)
+    if name == "table10" and not found["training"]:
+        raise UserError(f"{path} has no training split, which the angles of Table 10 are of")
+    title, lines, note = _table_5(found) if name == "table5" else _table_10(found)
+    return "\n".join([f"# {title}", "", f"Made by `{command}`.", "", markdown(lines), "", note, ""])
+
+
+def _table_5(found: dict[str, Any]) -> tuple[str, list[Sequence[str]], str]:
+    lines: list[Sequence[str]] = [("data", "videos", "hours", "segments", "ratio of interest")]
+    lines += [(name, *numbers) for name, numbers in _TABLE_5.items()]
+    for name, counts in [*found["splits"].items(), ("all splits", found["total"])]:
+        numbers = (f"{counts['recordings']:,}", f"{counts['hours']:,.3f}", f"{counts['windows']:,}", "-")
+        lines.append((f"this corpus, {name}", *numbers))
+    note = (
+        "A video is a recording here, and a segment a window of 34 frames that starts every 10 frames. A corpus does "
+        "not store how long the recordings were before clips were cut from them, so that it has no ratio."
+    )
+    return "Table 5: size of the data", lines, note
+
+
+def _table_10(found: dict[str, Any]) -> tuple[str, list[Sequence[str]], str]:
+    note = (
+        "Angles inside the joint, in degrees, over the frames of the training split that lie in windows. *Published* "
+        "are the statistics that were published with TED-Expressive and TED-Gesture, which differ from the paper's "
+        'Table 10; its "var" agrees neither with their variances nor, at the elbows, with their standard deviations.'
+    )
+    return "Table 10: angles of the shoulders and elbows", [*joint_rows(found["training"])], note
 
 
 def _request(arguments: argparse.Namespace) -> Request:
-    data, _, path = arguments.data.partition(":")
-    if path and arguments.path:
-        raise UserError(f"--data names the folder {path} and --path {arguments.path}; give one of them")
-    if data not in presets.DATA:
-        raise UserError(f"no data {data!r}; expected one of {', '.join(presets.DATA)}")
-    if arguments.jobs < 1:
-        raise UserError(f"--jobs is {arguments.jobs}; give 1 or more")
+    data, path = parse_data(arguments.data, arguments.path)
     return Request(
         table=arguments.table,
         data=data,
         size=arguments.size,
-        path=path or arguments.path,
+        path=path,
         seeds=parse_seeds(arguments.seeds),
         workdir=arguments.workdir,
         changes=parse_changes(arguments.changes),
@@ -83,32 +249,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    names = (*TABLES, *CORPUS_TABLES)
-    parser.add_argument("table", choices=names, metavar="TABLE", help=", ".join(names))
-    parser.add_argument("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
-    parser.add_argument("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
-    parser.add_argument("--size", default="small", choices=configs.SIZES, help="size of the models (default: small)")
-    parser.add_argument("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
-    parser.add_argument("--out", type=pathlib.Path, help="file of the report (default: WORKDIR/DATA-SIZE/TABLE.md)")
-    parser.add_argument(
-        "--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})"
-    )
-    parser.add_argument(
-        "--keep",
-        type=pathlib.Path,
-        metavar="DIR",
-        help="copy each finished run to DIR without its weights, to publish or continue the study",
-    )
-    parser.add_argument("--jobs", type=int, default=1, help="number of runs at once, each on a part of the cores")
-    parser.add_argument("--no-train", action="store_true", help="evaluate existing runs only")
-    parser.add_argument("--legacy", action="store_true", help="add the scores by the rules of the public release")
-    parser.add_argument(
-        "--changes",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change of a setting for all rows, such as train.steps=3000; may be given again",
-    )
+    add, names = parser.add_argument, (*TABLES, *CORPUS_TABLES)
+    add("table", choices=names, metavar="TABLE", help=", ".join(names))
+    add_options(parser, "WORKDIR/DATA-SIZE/TABLE.md")
+    add("--data", required=True, metavar="NAME[:DIR]", help=f"one of {', '.join(presets.DATA)}")
+    add("--path", default="", metavar="DIR", help="folder of the corpus; Talk is made on first use")
+    add("--keep", type=pathlib.Path, metavar="DIR", help="add each finished run to the table DIR/scores.jsonl")
+    add("--legacy", action="store_true", help="add the scores by the rules of the public release")
+    help_text = "change of a setting for all rows, such as train.steps=3000; may be given again"
+    add("--changes", action="append", default=[], metavar="KEY=VALUE", help=help_text)
     return parser
 
 

@@ -11,44 +11,26 @@ with the same command; each task trains one run, and the command without Slurm t
 """
 
 import argparse
-import itertools
 import json
 import os
 import pathlib
-import re
 import statistics
 import sys
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from ha2g_jax.config.settings import Config
+from tables.plan import plan_grid
+from tables.runs import Stopped, run_all
+from tables.workdirs import VALIDATION, Run, is_finished
+
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import run_logged, stop_signals
-from ha2g_jax.files.writing import whole_file
-from ha2g_jax.launch import load_config
+from ha2g_jax.files.child_process import Stop, run_logged, stop_signals
+from ha2g_jax.files.writing import whole_file, writing
 from ha2g_jax.train.workdir import METRICS, read_metrics
 
 TRAIN = (sys.executable, "-m", "ha2g_jax.cli", "train")
 SEED = "seed"
 Scores = dict[str, float]
-
-
-class Run(NamedTuple):
-    """One point of the grid.
-
-    Attributes:
-        name: name of the run and of its folder.
-        settings: dotted name of a setting -> value as text.
-        arguments: command-line arguments of the training.
-        config: config of the training.
-        workdir: folder of the training.
-    """
-
-    name: str
-    settings: dict[str, str]
-    arguments: list[str]
-    config: Config
-    workdir: pathlib.Path
 
 
 def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int:
@@ -63,62 +45,20 @@ def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int
     """
     try:
         arguments, overrides = _parser().parse_known_args(argv)
-        runs = plan(arguments.config, arguments.workdir, arguments.grid, overrides)
+        runs = plan_grid(arguments.config, arguments.workdir, arguments.grid, overrides)
         if arguments.list:
             print("\n".join(f"{index}\t{run.name}" for index, run in enumerate(runs)))
             return 0
-        try:
+        with writing(arguments.workdir, "choose another --workdir"):
             arguments.workdir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(
-                f"cannot make the folder {arguments.workdir} ({error.strerror}); choose another --workdir"
-            ) from error
+        commands = {run.name: [*train, *_arguments(run, arguments.config, overrides)] for run in runs}
         if task := os.environ.get("SLURM_ARRAY_TASK_ID"):
             # Replaces this process, so that a signal of Slurm reaches the run once.
-            os.execv(train[0], [*train, *_chosen(runs, task).arguments])
-        return _train_all(runs, train, arguments.workdir)
+            os.execv(train[0], commands[_chosen(runs, task).name])
+        return _train_all(runs, commands, arguments.workdir)
     except UserError as error:
         print(f"sweep: {error}", file=sys.stderr)
         return 2
-
-
-def plan(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequence[str] = ()) -> list[Run]:
-    """Plan the runs of the product of several grids.
-
-    Args:
-        spec: FILE[:SIZE] of the config.
-        workdir: folder of the workdirs of all runs.
-        grids: texts of the form KEY=VALUE,VALUE...; the last one changes fastest.
-        overrides: further arguments of every run, --config.KEY=VALUE.
-
-    Returns:
-        All runs.
-
-    Raises:
-        UserError: a grid or a setting of any run is not valid.
-    """
-    values = {}
-    for grid in grids:
-        key, _, text = grid.partition("=")
-        if not key or not text or key in values:
-            raise UserError(
-                f"--grid {grid} is not KEY=VALUE,VALUE..., or another grid has its key; give each a key of its own, "
-                "such as --grid seed=0,1,2"
-            )
-        values[key] = _split(text)
-    short = {key: key.rpartition(".")[2] for key in values}
-    labels = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
-    runs = []
-    for point in itertools.product(*values.values()):
-        settings = dict(zip(values, point, strict=True))
-        name = ",".join(f"{labels[key]}={value}" for key, value in settings.items())
-        name = re.sub(r"[^\w.,=+-]+", "_", re.sub(r"[][(){}\s]", "", name))
-        changes = [*overrides, *(f"--config.{key}={value}" for key, value in settings.items())]
-        arguments = ["--config", spec, "--workdir", str(workdir / name), *changes]
-        runs.append(Run(name, settings, arguments, load_config(spec, changes), workdir / name))
-    if len({run.name for run in runs}) < len(runs):
-        raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
-    return runs
 
 
 def gather(runs: Sequence[Run]) -> dict[str, Any]:
@@ -131,7 +71,7 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
         {"runs", "groups"} as JSON values.
     """
     rows = [
-        {"name": run.name, "settings": run.settings, "finished": is_finished(run)} | _progress(run.workdir)
+        {"name": run.name, "settings": dict(run.changed), "finished": is_finished(run)} | _progress(run.workdir)
         for run in runs
     ]
     groups: dict[str, dict[str, Any]] = {}
@@ -141,16 +81,6 @@ def gather(runs: Sequence[Run]) -> dict[str, Any]:
         if row["finished"] and row["validation"]:
             group["scores"].append(row["validation"])
     return {"runs": rows, "groups": [_summary(**group) for group in groups.values()]}
-
-
-def is_finished(run: Run) -> bool:
-    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
-    if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
-        return False
-    try:
-        return json.loads((run.workdir / "config.json").read_text()) == json.loads(run.config.to_json())
-    except (OSError, ValueError):
-        return False  # the training itself reports what is wrong
 
 
 def as_table(gathered: dict[str, Any]) -> str:
@@ -170,34 +100,38 @@ def as_table(gathered: dict[str, Any]) -> str:
     return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
 
 
-def _train_all(runs: Sequence[Run], train: Sequence[str], workdir: pathlib.Path) -> int:
-    is_good = True
+def _arguments(run: Run, spec: str, overrides: Sequence[str]) -> list[str]:
+    changes = [f"--config.{key}={value}" for key, value in run.changed.items()]
+    return ["--config", spec, "--workdir", str(run.workdir), *overrides, *changes]
+
+
+def _train_all(runs: Sequence[Run], commands: dict[str, list[str]], workdir: pathlib.Path) -> int:
+    def perform(run: Run, _: int, stop: Stop) -> None:
+        log = run.workdir.with_name(f"{run.name}.log")
+        error = run_logged(commands[run.name], log, stop)
+        if error is None and not is_finished(run):
+            error = f"it ended before step {run.config.train.steps}; see {log}"
+        if error and stop.number is None:
+            raise UserError(error)
+
+    code = 0
     with stop_signals() as stop:
-        for index, run in enumerate(runs):
-            if stop.number is not None:
-                break
-            print(f"[{index + 1}/{len(runs)}] {run.name}: ", end="", flush=True)
-            log = run.workdir.with_name(f"{run.name}.log")
-            error = None if is_finished(run) else run_logged([*train, *run.arguments], log, stop)
-            if error is None and stop.number is None and not is_finished(run):
-                error = f"it ended before step {run.config.train.steps}; see {log}"
-            is_good &= error is None
-            print(f"failed: {error}" if error else "finished" if stop.number is None else "stopped", flush=True)
+        try:
+            code = 1 if run_all([run for run in runs if not is_finished(run)], perform, stop, "sweep") else 0
+        except Stopped as stopped:
+            code = 128 + stopped.number
     gathered = gather(runs)
     with whole_file(workdir / "sweep.json") as temporary:
         temporary.write_text(json.dumps(gathered, indent=1) + "\n")
     print(as_table(gathered))
-    if stop.number is not None:
-        return 128 + stop.number
-    return 0 if is_good else 1
+    return code
 
 
 def _progress(workdir: pathlib.Path) -> dict[str, Any]:
     """Return the last step of a run and its last validation scores."""
     path = workdir / METRICS
     lines = read_metrics(path) if path.is_file() else []
-    prefix = "validation/"
-    scores = [{k.removeprefix(prefix): v for k, v in line.items() if k.startswith(prefix)} for line in lines]
+    scores = [{k.removeprefix(VALIDATION): v for k, v in line.items() if k.startswith(VALIDATION)} for line in lines]
     last = next((line for line in reversed(scores) if line), {})
     return {"step": lines[-1]["step"] if lines else 0, "validation": last}
 
@@ -213,20 +147,6 @@ def _summary(settings: dict[str, str], scores: list[Scores]) -> dict[str, Any]:
             term: statistics.stdev(column) if len(column) > 1 else 0.0 for term, column in columns.items()
         },
     }
-
-
-def _split(text: str) -> list[str]:
-    """Split text at commas outside of brackets: "(0.5,0.9),(0.9,0.99)" has two values."""
-    values, depth = [""], 0
-    for character in text:
-        depth += (character in "([{") - (character in ")]}")
-        if character == "," and not depth:
-            values.append("")
-        else:
-            values[-1] += character
-    if depth or not all(values):
-        raise UserError(f"{text!r} is not a list of values between commas; close the brackets and leave none empty")
-    return values
 
 
 def _chosen(runs: Sequence[Run], task: str) -> Run:

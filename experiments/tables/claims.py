@@ -13,14 +13,7 @@ LEVEL = 0.95  # confidence level of every interval, and of all differences of a 
 
 
 class Spread(NamedTuple):
-    """A mean over seeds and its interval.
-
-    Attributes:
-        mean: mean over the seeds.
-        low: lower bound of the interval, None for one seed.
-        high: upper bound of the interval, None for one seed.
-        num: number of seeds.
-    """
+    """A mean over `num` seeds and the bounds of its interval, None for one seed."""
 
     mean: float
     low: float | None
@@ -42,14 +35,7 @@ class Measured(NamedTuple):
 
 
 class Mean(NamedTuple):
-    """A mean over seeds with its standard error.
-
-    Attributes:
-        value: mean over the seeds.
-        error: standard error of the mean, None where it cannot be estimated.
-        freedom: degrees of freedom of the error.
-        num: number of seeds.
-    """
+    """A mean over `num` seeds with its standard error, None where it cannot be estimated, of degrees of freedom."""
 
     value: float
     error: float | None
@@ -87,11 +73,7 @@ class Verdict(NamedTuple):
 
 
 def over_seeds(values: Sequence[float]) -> Spread:
-    """Compute the mean over seeds with the t interval of `LEVEL` for n - 1 degrees of freedom.
-
-    Args:
-        values: one value for each of n seeds.
-    """
+    """Compute the mean of n seeds with the t interval of `LEVEL` for n - 1 degrees of freedom."""
     return interval(combine([Measured(value) for value in values]))
 
 
@@ -102,11 +84,7 @@ def combine(runs: Sequence[Measured]) -> Mean:
     over the groups; the degrees of freedom are those of Welch and Satterthwaite. Because s contains a part of v, the
     error is rather too large than too small.
 
-    Args:
-        runs: score of each seed, of the same groups; at least one.
-
-    Returns:
-        The mean; without an error for one seed, for one group, or where a score without one of the groups is unknown.
+    There is no error for one seed, for one group, or where a score without one of the groups is unknown.
     """
     values = np.array([run.value for run in runs])
     without = np.mean([run.without for run in runs], axis=0)
@@ -123,15 +101,7 @@ def combine(runs: Sequence[Measured]) -> Mean:
 
 
 def interval(mean: Mean, tail: float = 1 - LEVEL) -> Spread:
-    """Compute the t interval of a mean.
-
-    Args:
-        mean: mean with its error.
-        tail: probability that the interval misses.
-
-    Returns:
-        The interval, without bounds where there is no error.
-    """
+    """Compute the t interval of a mean, which misses with a probability of `tail`; no bounds without an error."""
     if mean.error is None:
         return Spread(mean.value, None, None, mean.num)
     half = float(stats.t.ppf(1 - tail / 2, mean.freedom)) * mean.error
@@ -142,10 +112,6 @@ def paired(reference: Mapping[int, Measured], row: Mapping[int, Measured]) -> Me
     """Compute the mean difference of two rows over the seeds that both have.
 
     Seeds are paired: runs with the same seed have the same order of windows, so that a part of the noise cancels.
-
-    Args:
-        reference: seed -> score of the reference.
-        row: seed -> score of the row, on the same clips.
 
     Returns:
         Reference minus row, or None without a common seed.
@@ -167,12 +133,6 @@ def judge(claims: Sequence[Claim]) -> list[Verdict]:
 
     With a corrected p-value above 0.05, or without an error, a claim is undecided. A claim that two rows are comparable
     is not held with one below; that no difference was found does not show that there is none.
-
-    Args:
-        claims: all claims that are tested together.
-
-    Returns:
-        The verdicts in the order of the claims.
     """
     differences = [_with_freedom_of_seeds(claim.difference) for claim in claims]
     tested = [difference for difference in differences if difference and difference.error is not None]

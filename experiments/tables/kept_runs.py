@@ -1,90 +1,170 @@
-"""Copies of finished runs without weights: what the report of a table needs, and small enough to be published."""
+"""Keep all finished runs of a study in one table, `scores.jsonl`: what its reports need, small enough to publish.
+
+The first line has what all runs have alike, the corpus and the auto-encoder; each further line has what a run has of
+its own. The auto-encoder alone keeps its weights, as a model folder beside the table, because the scores of further
+runs need them.
+"""
 
 import json
 import pathlib
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.files.writing import whole_file, whole_folder, writing
-from ha2g_jax.train.workdir import METRICS, read_metrics
-from tables.plan import Plan, Run, checkpoint_folder, is_finished, read_stored, scores_path
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import whole_file
+from tables.workdirs import Record, Run, is_finished, record_of, without_path
 
-_HASHES = "SHA256SUMS"
-_START = ("time", "step", "python", "versions", "commit", "hardware")  # what a copy says of each start of the training
+FILE = "scores.jsonl"
+
+_START = ("time", "step", "python", "versions", "commit", "hardware")  # what the table says of each start
+_WRITING = threading.Lock()
+_DIFFERENT = object()
 
 
-def keep_run(run: Run, plan: Plan, has_legacy: bool, folder: pathlib.Path) -> None:
-    """Copy a run if it is finished and has scores, or add scores that an earlier copy lacks.
+class Kept(NamedTuple):
+    """The content of a table of kept runs.
 
-    A copy has the settings (with the name of the corpus for its path), the record of the training, the metrics of the
-    validation split, the scores, and the hashes of the checkpoints, but no weights. With `folder` as the workdir,
-    `reproduce` takes a copy for the run itself: it is not trained again, and its scores are reported. Only the
-    auto-encoder is copied with its weights, because the scores of further runs need them.
+    Attributes:
+        data: {"sha256", "metadata"} of the `dataset.json` of the corpus, None without a table.
+        kind: what the scores depend on beside the models, values of JSON.
+        autoencoder: record of the auto-encoder, None without.
+        records: records of all other runs, with scores.
+    """
+
+    data: Mapping[str, Any] | None = None
+    kind: Sequence[Any] = ()
+    autoencoder: Record | None = None
+    records: tuple[Record, ...] = ()
+
+    def find(self, run: Run) -> Record | None:
+        """Return the record of a run, whatever its name, or None.
+
+        A kept run is that of a config if both agree in the settings that both have: settings come and go. It has to
+        have those that the row or the user has changed.
+        """
+        every = self.records if self.autoencoder is None else (*self.records, self.autoencoder)
+        found = [
+            record
+            for record in every
+            if record.seed == run.seed
+            and all(_has(record.config, name) for name in run.changed)
+            and _agree(without_path(record.config), without_path(json.loads(run.config.to_json())))
+        ]
+        return found[0] if len(found) == 1 else None
+
+
+def read_kept(folder: pathlib.Path) -> Kept:
+    """Read the table of kept runs in a folder; one without runs where there is none."""
+    if not (folder / FILE).is_file():
+        return Kept()
+    head, *lines = map(json.loads, (folder / FILE).read_text().splitlines())
+    records = [Record(**_merged(line, head["alike"])) for line in lines]
+    autoencoder = head["autoencoder"] and Record(**head["autoencoder"])
+    return Kept(head["data"], head["kind"], autoencoder, tuple(records))
+
+
+def keep_run(
+    run: Run, scores: Mapping[str, Any] | None, folder: pathlib.Path, data: Mapping[str, Any], kind: Sequence[Any]
+) -> None:
+    """Add a finished run to the table in a folder.
 
     Args:
-        run: run or auto-encoder of the plan.
-        plan: plan of the table.
-        has_legacy: whether the scores include those of the public release.
-        folder: folder of the copies, which is made.
+        run: finished run, of a model with scores, or of the auto-encoder.
+        scores: scores of the model, None for the auto-encoder, which comes first.
+        folder: folder of the table, which is made.
+        data: {"sha256", "metadata"} of the `dataset.json` of the corpus.
+        kind: what the scores depend on beside the models, values of JSON.
 
     Raises:
-        UserError: a file cannot be read or written, or there is a copy of another training of this run.
+        UserError: the table cannot be written, or is of another corpus, auto-encoder, kind of scores or training.
     """
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    if not is_finished(run):
-        return
-    scores = None if run.name == plan.autoencoder.name else scores_path(run, plan, has_legacy)
-    copy = _copy_of(run, folder)
-    if copy.is_dir():
-        if _hashes(copy) != _hashes(run.workdir):
-            raise UserError(f"{shown(copy)} is a copy of another training of this run; use another folder")
-        if scores is not None and read_stored(scores) is not None and read_stored(copy / scores.name) is None:
-            with whole_file(copy / scores.name) as temporary:
-                temporary.write_bytes(scores.read_bytes())
-    elif run.name == plan.autoencoder.name:
-        _write(_content(run) | _weights(run), copy)
-    elif scores is not None and read_stored(scores) is not None:
-        _write(_content(run) | {scores.name: scores.read_bytes()}, copy)
+    with _WRITING:
+        kept = read_kept(folder)
+        if kept.data is not None and (kept.data["sha256"], list(kept.kind)) != (data["sha256"], list(kind)):
+            raise UserError(f"{shown(folder / FILE)} has scores of another corpus or kind; use another folder")
+        if not is_finished(run):  # a run that is scored as it is, or one that is in the table of the workdir
+            return
+        record = _for_all(record_of(run, scores), data["metadata"]["name"])
+        before = kept.find(run)
+        if before is not None and _trained(before) != _trained(record):
+            raise UserError(f"{shown(folder / FILE)} has another training of {run.name}; use another folder")
+        if scores is None:
+            _keep_weights(run, folder)
+            kept = kept._replace(autoencoder=record)
+        elif kept.autoencoder is None:
+            raise UserError(f"{shown(folder)} has no auto-encoder; copy that of the runs and their {FILE} there")
+        else:
+            others = [each for each in kept.records if each != before]
+            kept = kept._replace(records=(*others, record))
+        _write(kept._replace(data=data, kind=kind), folder / FILE)
 
 
-def _copy_of(run: Run, folder: pathlib.Path) -> pathlib.Path:
-    """Return the folder of a copy, which another table may have made under the name that it has for these settings."""
-    *_, settings, seed = run.name.split("-")
-    return next(iter(sorted(folder.glob(f"*-{settings}-{seed}"))), folder / run.name)
+def _for_all(record: Record, corpus: str) -> Record:
+    """Return a record as it is published, without what is of one machine."""
+    config = {**record.config, "data": {**record.config["data"], "path": corpus}}
+    starts = [{key: start[key] for key in _START if key in start} for start in record.starts]
+    return record._replace(config=config, starts=starts)
 
 
-def _hashes(workdir: pathlib.Path) -> dict[str, bytes]:
-    """Return the hashes of the checkpoints of a run by their path in its workdir."""
-    found = [path for name in ("best", "latest") for path in workdir.glob(f"{name}/*/{_HASHES}")]
-    return {path.relative_to(workdir).as_posix(): path.read_bytes() for path in found}
+def _trained(record: Record) -> list[Any]:
+    """Return what two trainings of the same run do not have alike."""
+    return [record.starts, record.validation, (record.scores or {}).get("model")]
 
 
-def _content(run: Run) -> dict[str, bytes]:
-    """Return the files of a copy by their path, without scores."""
-    texts = {METRICS: "".join(json.dumps(line) + "\n" for line in read_metrics(run.workdir / METRICS, '"validation/'))}
-    try:
-        config = json.loads((run.workdir / "config.json").read_text())
-        starts = json.loads((run.workdir / "run.json").read_text())["starts"]
-        hashes = _hashes(run.workdir)
-    except (OSError, ValueError, KeyError) as error:
-        raise UserError(f"the files of {shown(run.workdir)} cannot be read ({reason(error).lower()})") from error
-    config["data"]["path"] = pathlib.Path(config["data"]["path"]).name
-    record = {"starts": [{key: start[key] for key in _START if key in start} for start in starts]}
-    documents = {"config.json": config, "run.json": record}
-    texts |= {name: json.dumps(values, indent=1) + "\n" for name, values in documents.items()}
-    return {name: text.encode() for name, text in texts.items()} | hashes
+def _keep_weights(run: Run, folder: pathlib.Path) -> None:
+    from ha2g_jax.checkpoint.loading import export  # JAX takes a while to import
+
+    if not (folder / run.name).exists():
+        export(run.workdir, folder / run.name)
 
 
-def _weights(run: Run) -> dict[str, bytes]:
-    checkpoint = checkpoint_folder(run)
-    assert checkpoint is not None
-    files = [run.workdir / "assets.json", *(path for path in checkpoint.rglob("*") if path.is_file())]
-    return {path.relative_to(run.workdir).as_posix(): path.read_bytes() for path in files}
+def _write(kept: Kept, path: pathlib.Path) -> None:
+    records = [record._asdict() for record in sorted(kept.records, key=lambda record: record.name)]
+    alike = _alike(records) if records else {}
+    autoencoder = kept.autoencoder and kept.autoencoder._asdict()
+    head = {"data": kept.data, "kind": kept.kind, "autoencoder": autoencoder, "alike": alike}
+    lines = [head, *(_own(record, alike) for record in records)]
+    with whole_file(path) as temporary:
+        temporary.write_text("".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
 
 
-def _write(content: dict[str, bytes], copy: pathlib.Path) -> None:
-    with whole_folder(copy) as folder:
-        for name, data in content.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
+def _alike(trees: Sequence[Any]) -> Any:
+    """Return what all trees have alike, a value or the entries of a dict, or `_DIFFERENT`."""
+    first, *others = trees
+    if not all(isinstance(tree, dict) for tree in trees):
+        return first if all(tree == first for tree in others) else _DIFFERENT
+    common = [name for name in first if all(name in tree for tree in others)]
+    found = {name: _alike([tree[name] for tree in trees]) for name in common}
+    return {name: tree for name, tree in found.items() if tree is not _DIFFERENT}
+
+
+def _own(tree: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a tree has beside what all have alike."""
+    found = {}
+    for name, value in tree.items():
+        if name not in alike:
+            found[name] = value
+        elif isinstance(value, dict) and (rest := _own(value, alike[name])):
+            found[name] = rest
+    return found
+
+
+def _merged(own: Mapping[str, Any], alike: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the whole tree, with the entries in the order that all have alike."""
+    found = dict(alike)
+    for name, value in own.items():
+        found[name] = _merged(value, alike[name]) if isinstance(value, dict) and name in alike else value
+    return found
+
+
+def _agree(one: Any, other: Any) -> bool:
+    if isinstance(one, dict) and isinstance(other, dict):
+        return all(_agree(one[name], other[name]) for name in one.keys() & other.keys())
+    return one == other
+
+
+def _has(config: Mapping[str, Any], dotted: str) -> bool:
+    part, _, rest = dotted.partition(".")
+    return part in config and (not rest or _has(config[part], rest))

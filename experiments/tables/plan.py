@@ -1,6 +1,7 @@
-"""Plan of a table of the paper: the runs that it needs, their folders, and the scores that exist already."""
+"""Plan the runs of a table of the paper, of the study of look-aheads or of a grid of settings: rows times seeds."""
 
-import hashlib
+import ast
+import itertools
 import json
 import pathlib
 import re
@@ -8,235 +9,333 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ha2g_jax.config import presets
-from ha2g_jax.config.settings import Config
+from ha2g_jax.data.corpus import FILE, Corpus
+from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.writing import check_file
+from ha2g_jax.launch import load_config
 from tables import paper_tables
+from tables.kept_runs import Kept, read_kept
 from tables.paper_tables import Table
-from tables.request import Request
+from tables.workdirs import (
+    Record,
+    Run,
+    digest,
+    file_digest,
+    is_finished,
+    read_stored,
+    record_of,
+    scores_file,
+    weights_digest,
+    without_path,
+)
 
-EVALUATION_VERSION = 5  # of what `run_scores` measures; a higher number makes all scores anew
-DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
-SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
+WORKDIR = pathlib.Path("runs/reproduce")
 
-_HASH_DIGITS = 10
-_NO_WHISPER = "it needs the weights of Whisper: --changes model.audio.weights=FOLDER"
+EVALUATION_VERSION = 5  # of what `scores` measures; a higher number makes all scores anew
+
+_DRAWS = {"debug": 100}  # of the bootstrap over clips; other sizes have 1000
+_SPLITS = {"talk": ("test", "test_unseen_speakers")}  # others have "test"
+_DEBUG_SPEAKERS, _DEBUG_MINUTES = 6, 10  # of the Talk corpus of the debug size
+_OPTIONS = {"seed": "--seeds", "data.path": "--data NAME:DIR"}  # settings that are options of their own
+_WHISPER = "model.audio.weights"
+_NO_WHISPER = f"it needs the weights of Whisper: --changes {_WHISPER}=FOLDER"
 
 
-class Run(NamedTuple):
-    """One training, of a row with one seed or of the auto-encoder.
+class Request(NamedTuple):
+    """Request of the user for a table or for the study of look-aheads.
 
     Attributes:
-        name: name of the run and of its folder.
-        seed: seed of the training.
-        config: config of the training.
-        workdir: folder of the training.
+        table: one of `paper_tables.TABLES`, or "latency".
+        data: one of `presets.DATA`.
+        size: one of `config.SIZES`.
+        path: folder of the corpus; "" for the Talk corpus, which is made on first use.
+        seeds: seeds of the runs of each row.
+        workdir: folder of the workdirs of all runs.
+        changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
+        jobs: number of runs at once.
+        has_training: whether to train missing runs; False only evaluates existing ones.
+        has_legacy: whether to add the scores of the public release.
+        split: split that the study of look-aheads scores.
     """
 
-    name: str
-    seed: int
-    config: Config
+    table: str
+    data: str
+    size: str
+    path: str
+    seeds: tuple[int, ...]
     workdir: pathlib.Path
+    changes: Mapping[str, Any] = {}
+    jobs: int = 1
+    has_training: bool = True
+    has_legacy: bool = False
+    split: str = "test"
 
 
 class Plan(NamedTuple):
-    """All runs of a table.
+    """All runs of a request.
 
     Attributes:
-        table: table of the paper.
-        corpus: folder of the corpus.
-        splits: splits to score.
-        autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
+        corpus: corpus of the runs.
+        digest: SHA-256 of the description of the corpus.
+        kept: runs that are kept in the workdir without their weights.
         rows: name of a row -> its runs in the order of the seeds.
+        table: table of the paper without the rows that are left out, None for the study of look-aheads.
+        autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
+        splits: splits to score.
         left_out: name of a row that lacks an input -> reason.
         draws: number of draws of the bootstrap over clips.
     """
 
-    table: Table
-    corpus: pathlib.Path
-    splits: tuple[str, ...]
-    autoencoder: Run
+    corpus: Corpus
+    digest: str
+    kept: Kept
     rows: dict[str, tuple[Run, ...]]
-    left_out: dict[str, str]
-    draws: int
+    table: Table | None = None
+    autoencoder: Run | None = None
+    splits: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = {}
+    draws: int = 0
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Runs of all rows, seed by seed, so that there is an early result of every row."""
-        return tuple(run for same_seed in zip(*self.rows.values(), strict=True) for run in same_seed)
+        """Runs of all rows, seed by seed, so that there is an early result of every row; none twice."""
+        return tuple({run.name: run for same_seed in zip(*self.rows.values()) for run in same_seed}.values())
 
 
-def make_plan(request: Request, corpus: pathlib.Path) -> Plan:
-    """Plan the runs that a request needs; nothing is written.
-
-    Args:
-        request: request of the user.
-        corpus: folder of the corpus.
-
-    Returns:
-        The plan.
+def plan_table(request: Request) -> Plan:
+    """Plan the runs of a table of the paper.
 
     Raises:
-        UserError: there is no such table, data, size, setting or corpus, or the table does not fit the data.
+        UserError: there is no such table, setting or corpus, or the table does not fit the data.
     """
     table = paper_tables.table(request.table, request.data)
-    rows = {row.name: plan_row(request, corpus, row.method, row.changes, row.name) for row in table.rows}
-    left_out = {name: _NO_WHISPER for name, runs in rows.items() if _lacks_whisper(runs[0].config)}
-    rows = {name: runs for name, runs in rows.items() if name not in left_out}
+    plan = plan_rows(request, {row.name: (row.method, row.changes) for row in table.rows})
+    left_out = {name: _NO_WHISPER for name, (run, *_) in plan.rows.items() if _lacks_whisper(run)}
     rate = {name: value for name, value in request.changes.items() if name == "data.fps"}  # that of the corpus
-    autoencoder = _run(request._replace(changes=rate), corpus, "autoencoder", {}, "", 0)
-    splits, draws = SPLITS.get(request.data, ("test",)), DRAWS.get(request.size, 1000)
-    return Plan(table, corpus, splits, autoencoder, rows, left_out, draws)
+    autoencoder = _run(request._replace(changes=rate), plan, "autoencoder", {}, "", 0)
+    splits = _SPLITS.get(request.data, ("test",))
+    for split in splits:
+        if not plan.corpus.has_clips(split):
+            raise UserError(
+                f"{plan.corpus.path} has no clips in the split {split}, which is scored; `ha2g data split` makes one"
+            )
+    return plan._replace(
+        table=table._replace(rows=tuple(row for row in table.rows if row.name not in left_out)),
+        autoencoder=autoencoder,
+        splits=splits,
+        rows={name: runs for name, runs in plan.rows.items() if name not in left_out},
+        left_out=left_out,
+        draws=_DRAWS.get(request.size, 1000),
+    )
 
 
-def plan_row(
-    request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str
-) -> tuple[Run, ...]:
-    """Plan the runs of one row, one for each seed; nothing is written.
+def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Plan:
+    """Plan the runs of rows, one for each seed; the workdir is made, nothing else is written.
 
     Args:
         request: request of the user.
-        corpus: folder of the corpus.
-        method: one of `presets.METHODS`.
-        changes: dotted name of a setting -> value, where the row differs from the method.
-        row: name of the row, for the names of runs with changes.
+        rows: name of a row -> its method, and the settings in which it differs from the method.
 
     Raises:
         UserError: there is no such setting or corpus.
     """
-    if not (corpus / "dataset.json").is_file():
-        raise UserError(f"no corpus in {corpus}: dataset.json is missing; see docs/data.md for how to bring in data")
-    return tuple(_run(request, corpus, method, changes, row, seed) for seed in request.seeds)
+    path, kept = corpus_path(request), read_kept(request.workdir)
+    if kept.data is not None and not request.has_training and not (path / FILE).is_file():
+        plan = Plan(Corpus(path, dict(kept.data["metadata"])), kept.data["sha256"], kept, {})
+    else:
+        plan = Plan(Corpus.open(path), file_digest(path / FILE), kept, {})
+        if kept.data is not None and kept.data["sha256"] != plan.digest:
+            plan = plan._replace(kept=Kept())
+    for name, (method, changes) in rows.items():
+        plan.rows[name] = tuple(_run(request, plan, method, changes, name, seed) for seed in request.seeds)
+    with reading(request.workdir, "a folder of runs, which --workdir names"):
+        request.workdir.mkdir(parents=True, exist_ok=True)
+    return plan
 
 
-def _lacks_whisper(config: Config) -> bool:
-    return config.model.audio.kind == "whisper" and not config.model.audio.weights
-
-
-def is_finished(run: Run) -> bool:
-    """Return whether the workdir has the checkpoint of the last step of exactly this config."""
-    if not (run.workdir / "latest" / str(run.config.train.steps)).is_dir():
-        return False
-    try:
-        stored = json.loads((run.workdir / "config.json").read_text())
-        return _causes(stored) == _causes(json.loads(run.config.to_json()))
-    except (OSError, ValueError, KeyError, TypeError):
-        return False  # training itself says what is wrong
-
-
-def checkpoint_folder(run: Run) -> pathlib.Path | None:
-    """Return the folder of the checkpoint to score, the best on the validation split or else the latest, or None."""
-    for folder in (run.workdir / "best", run.workdir / "latest"):
-        steps = [path for path in folder.glob("*") if path.name.isdecimal() and (path / "SHA256SUMS").is_file()]
-        if steps:
-            return max(steps, key=lambda path: int(path.name))
-    return None
-
-
-def is_copy(run: Run) -> bool:
-    """Return whether the checkpoint to score has no weights, only their hashes, as `kept_runs` leaves it."""
-    folder = checkpoint_folder(run)
-    return folder is not None and [path.name for path in folder.iterdir()] == ["SHA256SUMS"]
-
-
-def checkpoint_step(run: Run) -> int | None:
-    """Return the step of the checkpoint to score, or None without one."""
-    folder = checkpoint_folder(run)
-    return int(folder.name) if folder else None
-
-
-def scores_path(run: Run, plan: Plan, has_legacy: bool) -> pathlib.Path | None:
-    """Return the path of the scores of a run, whose name has a hash of all that they depend on.
-
-    Checkpoints and corpora store the hashes of their contents, so that no weights are read.
+def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides: Sequence[str] = ()) -> list[Run]:
+    """Plan the runs of the product of several grids.
 
     Args:
-        run: run that is scored.
-        plan: plan of the table.
-        has_legacy: whether the scores of the public release are added.
+        spec: FILE[:SIZE] of the config.
+        workdir: folder of the workdirs of all runs.
+        grids: texts of the form KEY=VALUE,VALUE...; the last one changes fastest.
+        overrides: further arguments of every run, --config.KEY=VALUE.
 
-    Returns:
-        The path, or None without a checkpoint.
+    Raises:
+        UserError: a grid or a setting of any run is not valid.
     """
-    autoencoder = checkpoint_folder(plan.autoencoder)
-    if autoencoder is None:
-        return None
-    causes = [EVALUATION_VERSION, list(plan.splits), has_legacy, plan.draws]
-    return hashed_path(run, "scores", causes, (autoencoder / "SHA256SUMS", plan.corpus / "dataset.json"))
+    values = {}
+    for grid in grids:
+        key, _, text = grid.partition("=")
+        if not key or not text or key in values:
+            raise UserError(
+                f"--grid {grid} is not KEY=VALUE,VALUE..., or another grid has its key; give each a key of its own, "
+                "such as --grid seed=0,1,2"
+            )
+        values[key] = _split(text)
+    short = {key: key.rpartition(".")[2] for key in values}
+    labels = {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
+    runs = []
+    for point in itertools.product(*values.values()):
+        settings = dict(zip(values, point, strict=True))
+        name = ",".join(f"{labels[key]}={value}" for key, value in settings.items())
+        name = re.sub(r"[^\w.,=+-]+", "_", re.sub(r"[][(){}\s]", "", name))
+        config = load_config(spec, [*overrides, *(f"--config.{key}={value}" for key, value in settings.items())])
+        runs.append(Run(name, config.seed, config, workdir / name, settings))
+    if len({run.name for run in runs}) < len(runs):
+        raise UserError(f"two runs of the grid {' '.join(grids)} are the same; give every value once")
+    return runs
 
 
-def hashed_path(run: Run, kind: str, causes: Sequence[Any], files: Sequence[pathlib.Path]) -> pathlib.Path | None:
-    """Return the path of scores of the checkpoint of a run, whose name has a hash of all that they depend on.
+def scores_kind(plan: Plan, request: Request) -> list[Any]:
+    """Return what the scores of a table depend on beside the models and the corpus."""
+    return [EVALUATION_VERSION, list(plan.splits), request.has_legacy, plan.draws]
 
-    Args:
-        run: run that is scored.
-        kind: beginning of the name of the file.
-        causes: values of JSON that the scores depend on.
-        files: files whose contents the scores depend on, beside the checkpoint.
 
-    Returns:
-        The path, or None without a checkpoint.
+def scores_path(run: Run, plan: Plan, request: Request) -> pathlib.Path | None:
+    """Return the path of the scores of a run for a table, or None without the weights of it or the auto-encoder."""
+    assert plan.autoencoder is not None
+    weights = weights_digest(plan.autoencoder)
+    return None if weights is None else scores_file(run, "scores", [*scores_kind(plan, request), weights, plan.digest])
+
+
+def read_record(run: Run, plan: Plan, request: Request) -> Record:
+    """Read the record of a run with its scores, from the table of kept runs or from its workdir.
+
+    The scores are None where they, or with training a part of the training, are missing.
     """
-    checkpoint = checkpoint_folder(run)
-    if checkpoint is None:
-        return None
-    hashes = map(_file_hash, (checkpoint / "SHA256SUMS", *files))
-    return run.workdir / f"{kind}-{_digest([*causes, *hashes])}.json"
+    kept = plan.kept.find(run)
+    if kept is not None and (run == plan.autoencoder or list(plan.kept.kind) == scores_kind(plan, request)):
+        return kept
+    is_scored = run != plan.autoencoder and (is_finished(run) or not request.has_training)
+    return record_of(run, read_stored(scores_path(run, plan, request)) if is_scored else None)
 
 
-def retrieval_path(plan: Plan) -> pathlib.Path:
+def retrieval_path(plan: Plan, request: Request) -> pathlib.Path:
     """Return the path of the training windows that sound most like the clips of the splits, the same for all runs."""
-    causes = [EVALUATION_VERSION, list(plan.splits), _file_hash(plan.corpus / "dataset.json")]
-    return plan.autoencoder.workdir.with_name(f"retrieval-{_digest(causes)}.json")
+    causes = [EVALUATION_VERSION, list(plan.splits), plan.digest]
+    return request.workdir / f"retrieval-{digest(causes)}.json"
 
 
-def read_stored(path: pathlib.Path | None) -> dict[str, Any] | None:
-    """Read scores, or the windows of retrieval, that an earlier run of the command has stored.
+def check_report(out: pathlib.Path) -> None:
+    """Check the path of a report before hours of work.
 
-    Args:
-        path: file to read, or None.
-
-    Returns:
-        The content, or None where the file is missing or damaged.
+    Raises:
+        UserError: the path is that of a folder, or of a file that is written beside the report.
     """
-    if path is None:
-        return None
-    try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError):
-        return None
+    check_file(out)
+    if out.suffix.lower() in (".svg", ".csv"):
+        raise UserError(f"{shown(out)} would be a file beside the report; give the name of the report, such as out.md")
 
 
-def _run(request: Request, corpus: pathlib.Path, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Parse a number of seeds, such as "3" for 0, 1 and 2, or a list such as "0,5,7".
+
+    Raises:
+        UserError: the text has another form, or gives no seed or one twice.
+    """
+    parts = text.split(",")
+    if not all(part.strip().isdecimal() for part in parts if part.strip()) or not text.strip(", "):
+        raise UserError(f"--seeds {text} is neither a number of seeds nor a list such as 0,5,7")
+    numbers = tuple(int(part) for part in parts if part.strip())
+    seeds = numbers if "," in text else tuple(range(numbers[0]))
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise UserError(f"--seeds {text} gives {'a seed twice' if seeds else 'no seed'}; give one or more, each once")
+    return seeds
+
+
+def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
+    """Parse changes of settings, KEY=VALUE each; a value that is not a Python literal is text.
+
+    Raises:
+        UserError: a text has no key or no value, or the setting is an option of its own.
+    """
+    changes: dict[str, Any] = {}
+    for text in texts:
+        key, _, value = text.partition("=")
+        if not key or not value:
+            raise UserError(f"--changes {text} is not KEY=VALUE, such as train.steps=3000")
+        if key in _OPTIONS:
+            raise UserError(f"--changes cannot set {key}; give {_OPTIONS[key]}")
+        try:
+            changes[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            changes[key] = value
+    return changes
+
+
+def parse_data(text: str, path: str = "") -> tuple[str, str]:
+    """Parse NAME or NAME:DIR of a data set; return its name and the folder, "" without one.
+
+    Raises:
+        UserError: there is no such data set, or two folders are given.
+    """
+    data, _, folder = text.partition(":")
+    if folder and path:
+        raise UserError(f"--data names the folder {folder} and --path {path}; give one of them")
+    if data not in presets.DATA:
+        raise UserError(f"no data {data!r}; expected one of {', '.join(presets.DATA)}")
+    return data, folder or path
+
+
+def corpus_path(request: Request) -> pathlib.Path:
+    """Return the folder of the corpus; make the Talk corpus if it is missing, a small one for the debug size.
+
+    Raises:
+        UserError: the data set needs a path, or the Talk corpus cannot be made.
+    """
+    if request.path:
+        return pathlib.Path(request.path).resolve()
+    if request.data != "talk":
+        raise UserError(f"--data {request.data} needs the folder of a corpus: add --path DIR (docs/data.md)")
+    if request.size != "debug":
+        return build.talk_path("talk").resolve()
+    path = request.workdir.resolve() / "talk-debug-corpus"
+    if not path.exists():
+        build.make_talk(path, speakers=_DEBUG_SPEAKERS, minutes=_DEBUG_MINUTES, seed=0)
+    return path
+
+
+def _run(request: Request, plan: Plan, method: str, changes: Mapping[str, Any], row: str, seed: int) -> Run:
     """Return a run whose name has that of the row, or only that of the method for the method's own settings."""
-    more = {"data.path": str(corpus), "seed": seed}
+    more = {"data.path": str(plan.corpus.path), "seed": seed}
     asked = dict(request.changes)
     if changes.get("model.audio.kind") != "whisper":
-        asked.pop("model.audio.weights", None)  # a setting of one row; the runs of the others do not change
+        asked.pop(_WHISPER, None)  # a setting of one row; the runs of the others do not change
     try:
         config = presets.make(request.data, request.size, method, {**asked, **changes, **more}).lock()
         plain = presets.make(request.data, request.size, method, {**asked, **more})
     except (KeyError, TypeError, ValueError) as error:  # ml_collections' for a key or a type that is not there
-        raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g_jax/config.py") from error
+        raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g_jax/config") from error
     values = json.loads(config.to_json())
     is_plain = values == json.loads(plain.to_json())
     label = method if is_plain else f"{method}-{re.sub('[^a-z0-9]+', '-', row.lower()).strip('-')}"
-    causes = [_causes(values | {"seed": None}), _file_hash(corpus / "dataset.json")]
-    end = f"-{_digest(causes)}-seed{seed}"
+    end = f"-{digest([without_path(values | {'seed': None}), plan.digest])}-seed{seed}"
     folder = request.workdir.resolve()
+    run = Run(f"{request.data}-{request.size}-{label}{end}", seed, config, folder, {**asked, **changes})
     # Two tables may have different names for the same settings: an existing run is used, whatever its name.
     there = sorted(path.name for path in folder.glob(f"*{end}") if path.is_dir())
-    name = there[0] if there else f"{request.data}-{request.size}-{label}{end}"
-    return Run(name, seed, config, folder / name)
+    kept = plan.kept.find(run)
+    name = there[0] if there else run.name if kept is None else kept.name
+    return run._replace(name=name, workdir=folder / name)
 
 
-def _causes(values: dict[str, Any]) -> dict[str, Any]:
-    """Return a config without the path of the corpus, which may change; the content has a hash of its own."""
-    return values | {"data": values["data"] | {"path": ""}}
+def _lacks_whisper(run: Run) -> bool:
+    return run.config.model.audio.kind == "whisper" and not run.config.model.audio.weights
 
 
-def _file_hash(path: pathlib.Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _digest(values: Any) -> str:
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:_HASH_DIGITS]
+def _split(text: str) -> list[str]:
+    """Split text at commas outside of brackets: "(0.5,0.9),(0.9,0.99)" has two values."""
+    values, depth = [""], 0
+    for character in text:
+        depth += (character in "([{") - (character in ")]}")
+        if character == "," and not depth:
+            values.append("")
+        else:
+            values[-1] += character
+    if depth or not all(values):
+        raise UserError(f"{text!r} is not a list of values between commas; close the brackets and leave none empty")
+    return values

@@ -1,157 +1,178 @@
-"""Markdown tables of a reproduction: the paper's numbers beside ours, the scores of Talk, claims, and draws."""
+"""Tables of a reproduction from the stored scores of its runs: those of its page and the file of all numbers."""
 
-import math
+import csv
+import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.evaluation import retrieval
-from tables.claims import (
-    HELD,
-    NOT_HELD,
-    Claim,
-    Measured,
-    Spread,
-    Verdict,
-    judge,
-    paired,
-)
-from tables.paper_tables import GROUND_TRUTH, TABLE_12, Published, Row, Table
-from tables.run_estimates import MODEL, TRUTH, Cell, Scores, by_seed, cell
+from ha2g_jax.evaluation.page import markdown, number
+from tables.claims import HELD, NOT_HELD, Claim, Measured, Spread, Verdict, judge, over_seeds, paired
+from tables.paper_tables import GROUND_TRUTH, TABLE_12, Row, Table
 
+MODEL, TRUTH = "model", "ground truth"
+
+Scores = Mapping[str, Any]  # of one run, as `scores.score_run` stores them
 RowScores = Mapping[str, Mapping[int, Scores]]  # name of a row -> seed -> scores
+Claimed = Mapping[str, tuple[str, bool]]
 
 # Metric -> its title, and whether a higher value is better in the paper's claim.
-CLAIMED = {"fgd": ("FGD", False), "beat_gain": ("beat gain", True)}
-CLAIMED_ON_TALK = {
-    "talk.beat_f1_gain": ("beat F1 gain (known beats)", True),
+CLAIMED: Claimed = {"fgd": ("FGD", False), "beat_gain": ("beat gain", True)}
+CLAIMED_ON_TALK: Claimed = {
+    "talk.beat_f1_gain": ("beat F1 gain", True),
     "talk.finger_correlation": ("fingers r", True),
 }
-_TALK_COLUMNS = {
-    "talk.beat_f1": "beat F1",
+SHOWN = {
+    "fgd": "FGD",
+    "beat_consistency": "BC",
+    "beat_gain": "beat gain",
+    "beats_per_second": "beats/s",
+    "jerk_ratio": "jerk / truth",
+    "diversity_l1": "diversity",
+}
+SHOWN_ON_TALK = {
     "talk.beat_f1_gain": "beat F1 gain",
-    "talk.strokes_per_second": "strokes/s",
     "talk.finger_correlation": "fingers r",
-    "talk.semantic_recall": "semantic recall",
-    "talk.floor": "its floor",
-    "talk.above_floor": "above the floor",
-    "talk.style_amplitude": "amplitude r",
+    "talk.above_floor": "words above floor",
     "talk.style_handedness": "handedness r",
 }
-SHOWN = ("fgd", "fgd_seeded", "beat_consistency", "beat_gain", "beat_f", "beats_per_second", "jerk_ratio")
-SHOWN += ("diversity_l1",)
-_HEAD = ("row", "FGD, paper", "FGD", "BC, paper", "BC", "beat gain", "beat F", "beats/s", "jerk / truth")
-_HEAD += ("Diversity, paper", "Diversity (L1)", "seeds")
-_TALK_FLOORS = {"teacher": "teacher (ceiling)", "mean pose": "mean pose"}
-_TALK_FLOORS |= {retrieval.NAME: retrieval.NAME, "mismatched speech": "mismatched speech"}
-_LEGACY = {"legacy_fgd": "FGD", "legacy_bc_paper": "BC paper", "legacy_bc_fixed": "BC fixed"}
-_LEGACY |= {"legacy_diversity": "Diversity"}
+_MISMATCHED, _TEACHER = "mismatched speech", "teacher"
+_HEAD = ("kind", "split", "row", "metric", "value", "low", "high", "clips_low", "clips_high", "p", "verdict", "seeds")
 
 
-def main_table(table: Table, scores: RowScores, split: str, failures: Mapping[str, Mapping[int, str]]) -> str:
-    """Write the table of the paper's three measures beside ours, with the sanity rows.
+class Cell(NamedTuple):
+    """A value of a row.
+
+    Attributes:
+        seeds: mean and interval over seeds.
+        low, high: means over seeds of the bounds of the intervals over clips, or None.
+        values: seed -> value.
+    """
+
+    seeds: Spread
+    low: float | None
+    high: float | None
+    values: Mapping[int, float]
+
+
+def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> dict[str, float | None] | None:
+    """Look up {"value", "low", "high"} of one metric of one run, None where it is undefined.
+
+    Args:
+        scores: of one run.
+        split: of the corpus.
+        metric: name of a metric of `evaluation`, "legacy_..." included; or "talk.NAME" with one of the known
+            causes; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
+            the row is above it.
+        row: `MODEL`, or one that stands beside every model.
+    """
+    result, name = scores["splits"][split], metric.removeprefix("talk.")
+    if name == metric:
+        part = result["evaluation"]
+        part = part.get("legacy_v1", {"rows": {}}) if metric.startswith("legacy_") else part
+        return _defined(part["rows"].get(row, {}).get(metric))
+    rows = result.get("talk", {"rows": {}})["rows"]
+    if name not in ("floor", "above_floor"):
+        return _defined(rows.get(row, {}).get(name))
+    floors = [_defined(rows.get(floor, {}).get("semantic_recall")) for floor in ("majority", "shuffled")]
+    values = [floor["value"] for floor in floors if floor]
+    shown = _defined(rows.get(row, {}).get("semantic_recall"))
+    if not values or shown is None:
+        return None
+    return {"value": max(values) if name == "floor" else shown["value"] - max(values)}
+
+
+def _defined(score: dict[str, Any] | None) -> dict[str, Any] | None:
+    return None if score is None or score["value"] is None else score
+
+
+def by_seed(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, Measured]:
+    """Return a metric of the model by seed, without seeds for which it is undefined; see `estimate`.
+
+    Known causes, where they have been measured so, come with the values without each speaker.
+    """
+    found = {}
+    for seed, one in scores.items():
+        if (score := estimate(one, split, metric)) is not None:
+            speakers = one["splits"][split].get("talk", {}).get("without_speakers", {})
+            values = speakers.get(metric.removeprefix("talk."), {})
+            without = np.array([values[speaker] for speaker in sorted(values)], float)  # NaN for None
+            found[seed] = Measured(score["value"], without)
+    return found
+
+
+def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL) -> Cell | None:
+    """Return the value of a row over its seeds, or None where no seed has one; see `estimate`."""
+    found = {seed: estimate(one, split, metric, row) for seed, one in scores.items()}
+    there = {seed: each for seed, each in found.items() if each is not None}
+    if not there:
+        return None
+    values = {seed: each["value"] for seed, each in there.items()}
+    low, high = (_mean([each.get(bound) for each in there.values()]) for bound in ("low", "high"))
+    return Cell(over_seeds(list(values.values())), low, high, values)
+
+
+def _mean(bounds: Sequence[float | None]) -> float | None:
+    there = [bound for bound in bounds if bound is not None]
+    return float(np.mean(there)) if len(there) == len(bounds) else None
+
+
+def main_table(table: Table, scores: RowScores, split: str, columns: Mapping[str, str]) -> str:
+    """Write the table of the paper's numbers beside ours, with the rows that stand beside every model.
 
     Args:
         table: table of the paper.
         scores: name of a row -> seed -> scores.
         split: name of the split.
-        failures: name of a row -> seed -> reason.
+        columns: metric -> title.
     """
-    lines: list[tuple[str, ...]] = [_HEAD]
+    head = ("row", "paper: FGD, BC, diversity", *columns.values(), "seeds")
     truth = Row(GROUND_TRUTH, "", {}, table.truth)
-    lines.append(_main_line(truth, _any_row(scores), split, TRUTH, ""))
-    for row in table.rows:
-        mine, failed = scores.get(row.name, {}), failures.get(row.name, {})
-        seeds = f"{len(mine)}, {len(failed)} failed" if failed else f"{len(mine)}"
-        lines.append(_main_line(row, mine, split, MODEL, seeds))
-    for name in _sanity_names(scores, split):
-        sanity = Row(f"*{name}*", "", {}, Published())
-        lines.append(_main_line(sanity, _any_row(scores), split, name, ""))
+    lines = [head, _main_line(truth, any_row(scores), split, columns, TRUTH)]
+    lines += [_main_line(row, scores.get(row.name, {}), split, columns, MODEL) for row in table.rows]
+    for title, key, mine in other_rows(table, scores, split):
+        found = {metric: cell(mine, split, metric, key) for metric in _measured(title, columns)}
+        cells = (number(each.seeds.mean) if (each := found.get(metric)) else "-" for metric in columns)
+        lines.append((f"*{title}*", "", *cells, ""))
     return markdown(lines)
 
 
-def _main_line(row: Row, scores: Mapping[int, Scores], split: str, key: str, seeds: str) -> tuple[str, ...]:
-    def ours(metric: str) -> str:
-        return _text(cell(scores, split, metric, key))
-
-    published = row.published
-    return (
-        row.name,
-        number(published.fgd),
-        ours("fgd"),
-        number(published.beat_consistency),
-        ours("beat_consistency"),
-        ours("beat_gain"),
-        ours("beat_f"),
-        ours("beats_per_second"),
-        ours("jerk_ratio"),
-        number(published.diversity),
-        ours("diversity_l1"),
-        seeds,
-    )
+def _main_line(row: Row, scores: Mapping[int, Scores], split: str, columns: Iterable[str], key: str) -> tuple[str, ...]:
+    published = ", ".join(number(value) for value in row.published if value is not None)
+    cells = (_text(cell(scores, split, metric, key)) for metric in columns)
+    return row.name, published, *cells, "" if key == TRUTH else str(len(scores))
 
 
-def legacy_table(table: Table, scores: RowScores, split: str) -> str:
-    """Write the table of the same rows with the scores of the public release; see `main_table`."""
-    any_row = _any_row(scores)
-    rows = [(GROUND_TRUTH, any_row, TRUTH), *((row.name, scores.get(row.name, {}), MODEL) for row in table.rows)]
-    rows += [(f"*{name}*", any_row, name) for name in _sanity_names(scores, split)]
-    lines = [("row, legacy rules", *_LEGACY.values())]
-    for name, mine, key in rows:
-        lines.append((name, *(_text(cell(mine, split, metric, key)) for metric in _LEGACY)))
-    return markdown(lines)
+def _text(found: Cell | None) -> str:
+    """Format a value as its mean and half its interval over seeds."""
+    if found is None:
+        return "-"
+    mean, low, high, _ = found.seeds
+    return number(mean) if low is None or high is None else f"{number(mean)} ±{number((high - low) / 2)}"
 
 
-def talk_table(table: Table, scores: RowScores, split: str) -> str:
-    """Write the table of scores against the known causes of Talk, with the ceiling and floors; see `main_table`."""
-    lines = [("row", *_TALK_COLUMNS.values())]
-    for row in table.rows:
-        mine = scores.get(row.name, {})
-        lines.append((row.name, *(_text(cell(mine, split, metric)) for metric in _TALK_COLUMNS)))
-    performed = scores.get(table.reference) or _any_row(scores)
-    for key, name in _TALK_FLOORS.items():
-        mine = performed if key == "mismatched speech" else _any_row(scores)
-        cells = ("" if "floor" in metric else _text(cell(mine, split, metric, key)) for metric in _TALK_COLUMNS)
-        lines.append((f"*{name}*", *cells))
-    return markdown(lines)
+def claim_table(table: Table, scores: RowScores, split: str, metrics: Claimed) -> str:
+    """Write the differences that test the claims, a line for each row and a column for each metric."""
+    lines = {row.name: [row.name] for row in table.rows if row.name != table.reference}
+    for row, _, verdict in verdicts(table, scores, split, metrics):
+        said = f"**{verdict.verdict}** {spread_text(verdict.difference)}"
+        lines[row.name].append(said if verdict.p_value is None else f"{said}, {_p(verdict.p_value)}")
+    return markdown([(f"{table.reference} less", *(title for title, _ in metrics.values())), *lines.values()])
 
 
-def claim_table(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
-    """Write the table of claims, one line for each metric and each row except the reference, tested together.
-
-    Args:
-        table: table of the paper.
-        scores: name of a row -> seed -> scores.
-        split: name of the split.
-        metrics: metric -> title, and whether a higher value is better.
-    """
-    lines = [("claim", "measure", "difference, paper", "difference, ours [all 95 %]", "p (Holm)", "seeds", "verdict")]
-    for row, metric, verdict in _verdicts(table, scores, split, metrics):
-        claim = f"{table.reference} {'about as good as' if row.is_comparable else 'ahead of'} {row.name}"
-        published, ours = _published_difference(_reference(table), row, metric), verdict.difference
-        count = str(ours.num) if ours else "0"
-        p_value = "-" if verdict.p_value is None else "<0.001" if verdict.p_value < 1e-3 else f"{verdict.p_value:.3f}"
-        lines.append(
-            (claim, metrics[metric][0], published, spread_text(ours), p_value, count, f"**{verdict.verdict}**")
-        )
-    return markdown(lines)
-
-
-def tally(table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]) -> str:
+def tally(table: Table, scores: RowScores, split: str, metrics: Claimed) -> str:
     """Count the verdicts on the claims for each metric, as text; see `claim_table`."""
     texts = []
     for metric, (title, _) in metrics.items():
-        found = Counter(
-            verdict.verdict for _, own, verdict in _verdicts(table, scores, split, metrics) if own == metric
-        )
+        found = Counter(verdict.verdict for _, own, verdict in verdicts(table, scores, split, metrics) if own == metric)
         texts.append(f"{title} " + ", ".join(f"{count} {verdict}" for verdict, count in found.items()))
     return "; ".join(texts)
 
 
-def _verdicts(
-    table: Table, scores: RowScores, split: str, metrics: Mapping[str, tuple[str, bool]]
-) -> Iterator[tuple[Row, str, Verdict]]:
+def verdicts(table: Table, scores: RowScores, split: str, metrics: Claimed) -> Iterator[tuple[Row, str, Verdict]]:
+    """Yield row, metric and verdict of all claims of a split, which are tested together."""
     compared = [(row, metric) for row in table.rows if row.name != table.reference for metric in metrics]
     claims = []
     for row, metric in compared:
@@ -161,32 +182,74 @@ def _verdicts(
         yield row, metric, verdict
 
 
-def _reference(table: Table) -> Row:
-    return next(row for row in table.rows if row.name == table.reference)
-
-
-def floor_lines(table: Table, scores: RowScores, split: str) -> list[str]:
-    """Write for each row whether it shows the hand shapes of words more often than the floors do; see `main_table`."""
+def floor_line(table: Table, scores: RowScores, split: str) -> str:
+    """Say which rows show the hand shapes of words more often than the floors do."""
     above = [by_seed(scores.get(row.name, {}), split, "talk.above_floor") for row in table.rows]
-    claims = [Claim(paired(one, dict.fromkeys(one, Measured(0.0))), is_higher_better=True) for one in above]
-    lines = []
-    for row, one, verdict in zip(table.rows, above, judge(claims), strict=True):
-        said = {HELD: "above the floors", NOT_HELD: "below the floors"}.get(verdict.verdict, "undecided")
-        lines.append(f"- {row.name}: {said} ({spread_text(verdict.difference)}, {len(one)} seeds)")
-    return lines
+    found = judge([Claim(paired(one, dict.fromkeys(one, Measured(0.0))), is_higher_better=True) for one in above])
+    rows = {
+        said: ", ".join(row.name for row, each in zip(table.rows, found, strict=True) if each.verdict == verdict)
+        for said, verdict in (("above the floors", HELD), ("below", NOT_HELD))
+    }
+    return "Hand shapes of words: " + "; ".join(f"{said}: {names or 'none'}" for said, names in rows.items()) + "."
 
 
-def _published_difference(reference: Row, row: Row, metric: str) -> str:
-    """Return the difference of reference and row in the paper; its BC, another measure, is beside our beat gain."""
-    name = {"fgd": "fgd", "beat_gain": "beat_consistency"}.get(metric)
-    if name is None:
-        return ""
-    pair = (getattr(reference.published, name), getattr(row.published, name))
-    return "" if None in pair else f"{pair[0] - pair[1]:+.3f}" + (" (BC)" if metric == "beat_gain" else "")
+def every_number(
+    table: Table, scores: RowScores, splits: Sequence[str], metrics: Claimed, more: Iterable[Sequence[str]]
+) -> str:
+    """Write all scores with their intervals and the value of each seed, and all differences, as CSV.
+
+    Args:
+        table: table of the paper.
+        scores: name of a row -> seed -> scores.
+        splits: names of the splits.
+        metrics: metrics of the claims.
+        more: further lines, kind and text.
+    """
+    out = io.StringIO()
+    write = csv.writer(out, lineterminator="\n").writerow
+    write(_HEAD)
+    for split in splits:
+        rows = [(GROUND_TRUTH, TRUTH, any_row(scores))]
+        rows += [(row.name, MODEL, scores.get(row.name, {})) for row in table.rows]
+        for title, key, mine in [*rows, *other_rows(table, scores, split)]:
+            is_of_models = key == MODEL or title == _performed(table)
+            for metric in _measured(title, _metrics(mine, split, key)):
+                if (found := cell(mine, split, metric, key)) is not None:
+                    value = _three(found.seeds if is_of_models else found.seeds._replace(low=None, high=None))
+                    values = _seeds(found.values if is_of_models else {})
+                    write(("score", split, title, metric, *value, found.low, found.high, "", "", values))
+        for row, metric, verdict in verdicts(table, scores, split, metrics):
+            name, found = f"{table.reference} - {row.name}", verdict.difference
+            write(("difference", split, name, metric, *_three(found), "", "", verdict.p_value, verdict.verdict, ""))
+    for line in more:
+        write(line)
+    return out.getvalue()
+
+
+def _metrics(scores: Mapping[int, Scores], split: str, key: str) -> list[str]:
+    """Return the names of all metrics of a row, in the order in which they are stored."""
+    found: dict[str, None] = {}
+    for one in scores.values():
+        result = one["splits"][split]
+        found |= dict.fromkeys(result["evaluation"]["rows"].get(key, {}))
+        found |= dict.fromkeys(result["evaluation"].get("legacy_v1", {"rows": {}})["rows"].get(key, {}))
+        known = [f"talk.{name}" for name in result.get("talk", {"rows": {}})["rows"].get(key, {})]
+        found |= dict.fromkeys(
+            [*known, *(["talk.floor", "talk.above_floor"] if "talk.semantic_recall" in known else [])]
+        )
+    return list(found)
+
+
+def _three(spread: Spread | None) -> tuple[float | None, ...]:
+    return (None, None, None) if spread is None else (spread.mean, spread.low, spread.high)
+
+
+def _seeds(values: Mapping[int, float]) -> str:
+    return "; ".join(f"{seed}: {value!r}" for seed, value in values.items())
 
 
 def draws_table(scores: RowScores, split: str) -> str:
-    """Write Table 12, the diversity in ten random draws of pairs; see `main_table`."""
+    """Write Table 12, the diversity in ten random draws of pairs."""
     groups: dict[str, Sequence[float]] = {"paper, TED-Expressive": TABLE_12}
     for name, mine in scores.items():
         for seed, one in mine.items():
@@ -201,7 +264,7 @@ def draws_table(scores: RowScores, split: str) -> str:
 
 
 def draws_verdict(scores: RowScores, split: str) -> str:
-    """Write a sentence on whether our draws are as close together as those of the paper; see `main_table`."""
+    """Say whether our draws are as close together as those of the paper."""
     draws = [one["splits"][split]["draws"] for mine in scores.values() for one in mine.values()]
     ranges = [_relative_range(own) for each in draws for own in each.values() if own]
     if not any(ranges):
@@ -214,28 +277,39 @@ def _relative_range(draws: Sequence[float]) -> float:
     return float(np.ptp(draws) / np.mean(draws))
 
 
-def markdown(lines: Iterable[Sequence[str]]) -> str:
-    """Write a Markdown table whose first line is its header."""
-    head, *body = ([text.replace("|", "\\|") or " " for text in line] for line in lines)
-    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *body))
+def other_rows(table: Table, scores: RowScores, split: str) -> list[tuple[str, str, Mapping[int, Scores]]]:
+    """Return title, name and scores of the rows that stand beside every model.
+
+    The row of mismatched speech is the true motion for the metrics of sound. For those of known causes it is the motion
+    of the reference, and has a title of its own.
+    """
+    one = next(iter(any_row(scores).values()), None)
+    if one is None:
+        return []
+    result = one["splits"][split]
+    rows = [(name, name, any_row(scores)) for name in result["evaluation"]["rows"] if name not in (MODEL, TRUTH)]
+    if "talk" in result:
+        rows.append((_TEACHER, _TEACHER, any_row(scores)))
+        rows.append((_performed(table), _MISMATCHED, scores.get(table.reference) or any_row(scores)))
+    return rows
 
 
-def _sanity_names(scores: RowScores, split: str) -> list[str]:
-    rows = next(iter(_any_row(scores).values()), {"splits": {split: {"evaluation": {"rows": {}}}}})
-    return [name for name in rows["splits"][split]["evaluation"]["rows"] if name not in (MODEL, TRUTH)]
+def _performed(table: Table) -> str:
+    return f"{table.reference}, {_MISMATCHED}"
 
 
-def _any_row(scores: RowScores) -> Mapping[int, Scores]:
+def _measured(title: str, metrics: Iterable[str]) -> list[str]:
+    """Return the metrics of a row of `other_rows`."""
+    if title == _MISMATCHED:
+        return [metric for metric in metrics if not metric.startswith("talk.")]
+    if title.endswith(f", {_MISMATCHED}"):
+        return [metric for metric in metrics if metric.startswith("talk.")]
+    return list(metrics)
+
+
+def any_row(scores: RowScores) -> Mapping[int, Scores]:
     """Return the scores of one run, because the rows that are scored with every model are the same in all runs."""
     return next(({seed: one} for mine in scores.values() for seed, one in mine.items()), {})
-
-
-def _text(found: Cell | None) -> str:
-    """Format a value as: mean [interval over seeds] (interval over clips)."""
-    if found is None:
-        return "-"
-    text = spread_text(found.seeds)
-    return text if found.low is None else f"{text} ({number(found.low)}, {number(found.high)})"
 
 
 def spread_text(spread: Spread | None) -> str:
@@ -247,11 +321,5 @@ def spread_text(spread: Spread | None) -> str:
     return f"{number(spread.mean)} [{number(spread.low)}, {number(spread.high)}]"
 
 
-def number(value: float | None) -> str:
-    """Format a value with about three digits; None gives "", NaN gives "-"."""
-    if value is None:
-        return ""
-    if math.isnan(value):
-        return "-"
-    size = abs(value)
-    return f"{value:.1f}" if size >= 100 else f"{value:.2f}" if size >= 10 else f"{value:.3f}"
+def _p(value: float) -> str:
+    return "p<0.001" if value < 1e-3 else f"p={value:.3f}"

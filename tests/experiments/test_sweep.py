@@ -1,6 +1,5 @@
 """A sweep trains every point of a grid, goes on after failures and stops, and sums up over the seeds."""
 
-import importlib.util
 import json
 import os
 import pathlib
@@ -10,6 +9,8 @@ import sys
 import threading
 
 import pytest
+import sweep
+from tables.plan import plan_grid
 
 from ha2g_jax.errors import UserError
 
@@ -36,15 +37,6 @@ lines = [{"step": 1, "validation/loss/huber": 9.0}, {"step": 2, "validation/loss
 """
 
 
-@pytest.fixture(scope="module")
-def sweep():
-    spec = importlib.util.spec_from_file_location("sweep", ROOT / "experiments" / "sweep.py")
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture
 def stub(tmp_path):
     path = tmp_path / "stub.py"
@@ -56,9 +48,9 @@ def _flags(workdir, *grids):
     return ["--config", CONFIG, "--workdir", str(workdir), *(flag for grid in grids for flag in ("--grid", grid))]
 
 
-def test_the_grid_is_a_product_with_readable_names(sweep, tmp_path):
+def test_the_grid_is_a_product_with_readable_names(tmp_path):
     grids = ["train.betas=(0.5,0.999),(0.9, 0.999)", "seed=0,1"]
-    runs = sweep.plan(CONFIG, tmp_path, grids, ["--config.train.steps=7"])
+    runs = plan_grid(CONFIG, tmp_path, grids, ["--config.train.steps=7"])
     assert [run.name for run in runs] == [
         "betas=0.5,0.999,seed=0",
         "betas=0.5,0.999,seed=1",
@@ -69,8 +61,8 @@ def test_the_grid_is_a_product_with_readable_names(sweep, tmp_path):
     assert {run.config.train.steps for run in runs} == {7}
 
 
-def test_settings_of_one_name_are_told_apart(sweep, tmp_path):
-    (run,) = sweep.plan(CONFIG, tmp_path, ["model.text.layers=2", "model.inferer.layers=1"])
+def test_settings_of_one_name_are_told_apart(tmp_path):
+    (run,) = plan_grid(CONFIG, tmp_path, ["model.text.layers=2", "model.inferer.layers=1"])
     assert run.name == "model.text.layers=2,model.inferer.layers=1"
 
 
@@ -86,27 +78,27 @@ def test_settings_of_one_name_are_told_apart(sweep, tmp_path):
         (["seed=0,,1"], "leave none empty"),
     ],
 )
-def test_a_grid_that_cannot_be_used_starts_nothing(sweep, stub, tmp_path, capsys, grids, named):
+def test_a_grid_that_cannot_be_used_starts_nothing(stub, tmp_path, capsys, grids, named):
     assert sweep.main(_flags(tmp_path / "runs", *grids), stub) == 2
     printed = capsys.readouterr().err
     assert named in printed and printed.count("\n") == 1
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_workdir_that_is_a_file_is_named(sweep, stub, tmp_path, capsys):
+def test_a_workdir_that_is_a_file_is_named(stub, tmp_path, capsys):
     assert sweep.main(_flags(stub[1], "seed=1"), stub) == 2
-    assert "stub.py (File exists); choose another --workdir" in capsys.readouterr().err
+    assert "stub.py (file exists); choose another --workdir" in capsys.readouterr().err
 
 
-def test_the_list_serves_a_slurm_array(sweep, tmp_path, capsys):
+def test_the_list_serves_a_slurm_array(tmp_path, capsys):
     assert sweep.main([*_flags(tmp_path, "seed=3,4"), "--list"]) == 0
     assert capsys.readouterr().out == "0\tseed=3\n1\tseed=4\n"
     assert not list(tmp_path.iterdir())
 
 
 def test_a_task_of_a_slurm_array_trains_its_run(stub, tmp_path):
-    code = f"import runpy, sys; m = runpy.run_path({str(ROOT / 'experiments' / 'sweep.py')!r}); "
-    code += f"sys.exit(m['main']({_flags(tmp_path / 'runs', 'seed=3,4')!r}, {stub!r}))"
+    code = f"import sys; sys.path.insert(0, {str(ROOT / 'experiments')!r}); import sweep; "
+    code += f"sys.exit(sweep.main({_flags(tmp_path / 'runs', 'seed=3,4')!r}, {stub!r}))"
     for task, expected in (("1", 0), ("2", 2)):
         environment = os.environ | {"SLURM_ARRAY_TASK_ID": task}
         done = subprocess.run(
@@ -117,11 +109,11 @@ def test_a_task_of_a_slurm_array_trains_its_run(stub, tmp_path):
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["seed=4"]
 
 
-def test_a_sweep_reports_failures_and_means_over_seeds(sweep, stub, tmp_path, capsys):
+def test_a_sweep_reports_failures_and_means_over_seeds(stub, tmp_path, capsys):
     flags = _flags(tmp_path / "runs", "train.learning_rate=0.25,0.5", "seed=1,3,13")
     assert sweep.main(flags, stub) == 1
-    printed = capsys.readouterr().out
-    assert printed.count("failed: ha2g: an unlucky number (exit code 1; see ") == 2
+    printed, progress = capsys.readouterr()
+    assert progress.count("failed: ha2g: an unlucky number (exit code 1; see ") == 2
     assert "learning_rate=0.25,seed=13  0 (unfinished)  -" in printed
     assert "train.learning_rate=0.5     2 seeds         2.5 ± 1.4" in printed
     gathered = json.loads((tmp_path / "runs" / "sweep.json").read_text())
@@ -138,19 +130,19 @@ def test_a_sweep_reports_failures_and_means_over_seeds(sweep, stub, tmp_path, ca
     assert first["standard_deviation"]["loss/huber"] == pytest.approx(2**0.5)
 
 
-def test_a_run_that_ends_early_is_not_finished(sweep, stub, tmp_path, capsys):
+def test_a_run_that_ends_early_is_not_finished(stub, tmp_path, capsys):
     assert sweep.main(_flags(tmp_path / "runs", "seed=14"), stub) == 1
-    assert "failed: it ended before step 2; see " in capsys.readouterr().out
+    assert "failed: it ended before step 2; see " in capsys.readouterr().err
 
 
-def test_what_is_finished_is_not_trained_again(sweep, stub, tmp_path):
+def test_what_is_finished_is_not_trained_again(stub, tmp_path):
     flags = _flags(tmp_path / "runs", "seed=1,2")
     assert sweep.main(flags, stub) == 0
     assert sweep.main(flags, ["/does/not/exist"]) == 0  # the stub would also fail: its folder exists
     assert sweep.main([*flags, "--config.train.learning_rate=1"], stub) == 1  # another config is
 
 
-def test_a_stop_reaches_the_run_and_ends_the_sweep(sweep, tmp_path, capsys):
+def test_a_stop_reaches_the_run_and_ends_the_sweep(tmp_path, capsys):
     path = tmp_path / "stub.py"
     path.write_text(
         "import pathlib, signal, sys, time\n"
@@ -176,18 +168,18 @@ def test_a_stop_reaches_the_run_and_ends_the_sweep(sweep, tmp_path, capsys):
     assert code == 128 + signal.SIGTERM
     assert signal.getsignal(signal.SIGTERM) is before
     printed = capsys.readouterr().out
-    assert "seed=1: stopped" in printed and "[2/2]" not in printed
+    assert "seed=1  0 (unfinished)" in printed and not (tmp_path / "runs" / "seed=2.log").exists()
     assert (tmp_path / "runs" / "seed=1.log").read_text() == "saved\n"
 
 
-def test_tables_keep_columns_apart_where_scores_are_missing(sweep):
+def test_tables_keep_columns_apart_where_scores_are_missing():
     runs = [{"name": "seed=0", "settings": {}, "finished": False, "step": 0, "validation": {}}]
     runs += [{"name": "seed=1", "settings": {}, "finished": True, "step": 2, "validation": {"a": 1.0, "b": 2.0}}]
     table = sweep.as_table({"runs": runs, "groups": []})
     assert [line.split()[-2:] for line in table.splitlines()] == [["a", "b"], ["-", "-"], ["1", "2"]]
 
 
-def test_brackets_keep_their_commas(sweep):
-    assert sweep.plan(CONFIG, pathlib.Path("x"), ["train.betas=(0.5,0.9)"])[0].settings == {"train.betas": "(0.5,0.9)"}
+def test_brackets_keep_their_commas():
+    assert plan_grid(CONFIG, pathlib.Path("x"), ["train.betas=(0.5,0.9)"])[0].changed == {"train.betas": "(0.5,0.9)"}
     with pytest.raises(UserError, match="close the brackets"):
-        sweep.plan(CONFIG, pathlib.Path("x"), ["train.betas=0.5)"])
+        plan_grid(CONFIG, pathlib.Path("x"), ["train.betas=0.5)"])

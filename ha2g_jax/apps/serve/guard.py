@@ -22,9 +22,11 @@ _MAX_CLIENTS = 10_000  # addresses that are remembered
 
 
 def refusal(status: int, text: str, retry_after: float | None = None) -> JSONResponse:
-    """Return the answer to a request that is refused, with the reason as one line.
+    """Return the answer to a request that is refused.
 
     Args:
+        status: status of HTTP.
+        text: reason, one line.
         retry_after: seconds after which the client may try again.
     """
     headers = {} if retry_after is None else {"Retry-After": str(math.ceil(retry_after))}
@@ -34,13 +36,19 @@ def refusal(status: int, text: str, retry_after: float | None = None) -> JSONRes
 
 
 class Guard:
-    """Middleware that refuses a request, or a stream before it is accepted, and counts all answers."""
+    """Middleware that refuses a request, or a stream before it is accepted, and counts all answers.
+
+    Args:
+        app: application behind it.
+        service: settings, and whether the process ends.
+    """
 
     def __init__(self, app: ASGIApp, service: Service):
         self._app, self._service = app, service
         self._rates = Rates(service.settings.rate)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
         answer = self._app if scope["path"] == OPEN else self._refusal(scope) or self._app
         await answer(scope, receive, self._counting(scope["path"], send))
 
@@ -86,7 +94,11 @@ class Rates:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # address -> requests left, at a time
 
     def wait(self, address: str) -> float:
-        """Count a request of an address, and return 0, or the seconds after which the next one is allowed."""
+        """Count a request, and return 0, or the seconds after which the next one is allowed.
+
+        Args:
+            address: address of the client.
+        """
         if not self._rate:
             return 0.0
         now = self._clock()
@@ -114,6 +126,7 @@ def _is_allowed(origin: str, host: str, settings: Settings) -> bool:
 
 
 def _name(host: str) -> str:
+    """Return the name of a host without its port."""
     try:
         return urllib.parse.urlsplit(f"//{host}").hostname or ""
     except ValueError:

@@ -22,7 +22,7 @@ def check_installed() -> None:
         import scenedetect  # noqa: F401
     except ImportError as error:
         raise UserError(
-            f"videos need PySceneDetect, which cannot be imported ({error}); run pip install 'ha2g-jax[import]'"
+            f"videos need PySceneDetect, which cannot be imported ({error}); run pip install 'ha2g-jax[video]'"
         ) from error
 
 

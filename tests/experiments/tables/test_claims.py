@@ -17,7 +17,7 @@ from tables.claims import (
     over_seeds,
     paired,
 )
-from tables.run_estimates import _without_speakers
+from tables.tables import by_seed
 
 
 def _difference(reference, row):
@@ -107,8 +107,12 @@ def test_all_true_null_hypotheses_are_kept_in_nineteen_of_twenty_tables():
 @pytest.mark.parametrize("without", [[None], [0.5, None]])
 def test_without_other_speakers_nothing_is_decided(without):
     """Leaving out the only speaker leaves nothing to measure."""
-    scores = {"splits": {"test": {"talk": {"without_speakers": {"x": dict(enumerate(without))}}}}}
-    unknown = _without_speakers(scores, "test", "talk.x")
-    rows = [{seed: Measured(value + seed, unknown) for seed in range(3)} for value in (1.0, 0.0)]
+    talk = {"without_speakers": {"x": dict(enumerate(without))}}
+    rows = []
+    for value in (1.0, 0.0):
+        scores = {seed: talk | {"rows": {"model": {"x": {"value": value + seed}}}} for seed in range(3)}
+        rows.append(
+            by_seed({seed: {"splits": {"test": {"talk": one}}} for seed, one in scores.items()}, "test", "talk.x")
+        )
     (verdict,) = judge([Claim(paired(*rows), is_higher_better=True)])
     assert verdict.verdict == UNDECIDED and verdict.p_value is None

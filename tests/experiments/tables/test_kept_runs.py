@@ -1,79 +1,98 @@
-"""Runs are copied without weights, so that a study can be published and continued elsewhere."""
+"""Finished runs are kept in one table, so that a study can be published and continued elsewhere."""
 
 import json
 import signal
 
 import pytest
-from tables.jobs import Stopped
-from tables.plan import is_copy, make_plan
+from tables.kept_runs import FILE, read_kept
+from tables.plan import plan_table
+from tables.runs import Stopped
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop
 
-from .fake_runs import FakeRuns, run_study
+from ..fake_runs import FakeRuns, run_study
 
 
-def _files(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def test_kept_runs_give_the_same_report_without_weights_and_are_continued(request_, corpus, tmp_path):
-    """A study can be published, and continued on another machine, without the weights of its runs."""
+def test_kept_runs_give_the_same_page_without_weights_and_are_continued(request_, tmp_path):
     keep = tmp_path / "kept"
-    _, report = run_study(request_, FakeRuns(unlucky=("trimodal",)), keep=keep)
-    (autoencoder,) = keep.glob("*autoencoder*")
-    assert {path.parents[2] for path in keep.rglob("weights")} == {autoencoder}
-    assert not [path for path, data in _files(keep).items() if str(tmp_path).encode() in data]
+    _, page = run_study(request_, FakeRuns(unlucky=("trimodal",)), keep=keep)
+    (autoencoder,) = (path.name for path in keep.iterdir() if path.name != FILE)
+    assert [path.name for path in (keep / autoencoder).iterdir()] == ["model.safetensors"]
+    text = (keep / FILE).read_text()
+    assert str(tmp_path) not in text and "desk" not in text
     again = FakeRuns()
-    _, from_copies = run_study(request_._replace(workdir=keep, has_training=False), again, tmp_path / "copies.md")
+    _, from_table = run_study(request_._replace(workdir=keep, has_training=False), again, tmp_path / "copies.md")
     assert not again.workers
-    copies, runs = (make_plan(request_._replace(workdir=folder), corpus).runs[0] for folder in (keep, request_.workdir))
-    assert is_copy(copies) and not is_copy(runs)
-    found, expected = ([line for line in text.splitlines() if "HA2G" in line] for text in (from_copies, report))
-    assert found == expected and "reconstruction error 0.125" in from_copies
+    found, expected = ([line for line in text.splitlines() if "HA2G" in line] for text in (from_table, page))
+    assert found == expected and "reconstruction error 0.125" in from_table
     more = FakeRuns()
     assert run_study(request_._replace(workdir=keep), more)[0]
-    assert more.trained and all("-trimodal-" in name for name in more.trained)
+    assert len(more.trained) == 2 and all("-trimodal-" in name for name in more.trained)
 
 
-def test_a_copy_has_what_the_run_has_logged_of_the_validation_split(request_, tmp_path):
-    request, runs = request_._replace(table="table12", seeds=(0,)), FakeRuns()
-    run_study(request, runs, keep=tmp_path / "kept")
-    lines = (tmp_path / "kept" / runs.trained[1] / "metrics.jsonl").read_text().splitlines()
-    assert [json.loads(line).get("validation/loss/reconstruction") for line in lines] == [0.5, 0.125]
+def test_a_page_is_written_without_the_corpus(request_, corpus, tmp_path):
+    keep = tmp_path / "kept"
+    _, page = run_study(request_, FakeRuns(), keep=keep)
+    (corpus / "dataset.json").unlink()
+    is_whole, without = run_study(request_._replace(workdir=keep, has_training=False), FakeRuns())
+    same = [line for line in page.splitlines() if not line.startswith("- time")]
+    assert is_whole and [line for line in without.splitlines() if not line.startswith("- time")] == same
+    with pytest.raises(UserError, match="no corpus in"):
+        run_study(request_._replace(workdir=keep), FakeRuns())
+
+
+def test_the_table_gives_back_every_record(request_, tmp_path):
+    """What all runs have alike is stored once, whatever it is."""
+    run_study(request_, FakeRuns(), keep=tmp_path)
+    plan, kept = plan_table(request_), read_kept(tmp_path)
+    assert {record.name for record in kept.records} == {run.name for run in plan.runs}
+    for run in plan.runs:
+        record = kept.find(run)
+        assert record and record.scores == FakeRuns()._scores(run) and record.config["seed"] == run.seed
+        assert [line["validation/loss/reconstruction"] for line in record.validation] == [0.5, 0.125]
+    assert len((tmp_path / FILE).read_text().splitlines()) == 1 + len(plan.runs)
+
+
+def test_settings_may_come_and_go(request_, tmp_path):
+    """A setting that a later version adds or removes does not part a kept run from its row; a changed one does."""
+    run_study(request_, FakeRuns(), keep=tmp_path)
+    lines = [json.loads(line) for line in (tmp_path / FILE).read_text().splitlines()]
+    lines[0]["alike"]["config"]["train"]["forgotten"] = 3
+    del lines[0]["alike"]["config"]["train"]["ema"]
+    (tmp_path / FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
+    kept, plan = read_kept(tmp_path), plan_table(request_)
+    assert all(kept.find(run) for run in plan.runs)
+    changed = plan_table(request_._replace(changes={"train.ema": 0.0}))
+    assert not any(kept.find(run) for run in changed.runs)
 
 
 def test_each_run_is_kept_when_it_ends(request_, tmp_path):
     class Stopping(FakeRuns):
-        def __call__(self, request, corpus, run, worker, stop):
-            super().__call__(request, corpus, run, worker, stop)
+        def __call__(self, request, run, worker, stop):
+            super().__call__(request, run, worker, stop)
             if len(self.scored) == 2:
                 stop.number = signal.SIGINT
 
     runs = Stopping()
     with pytest.raises(Stopped):
         run_study(request_, runs, stop=Stop(), keep=tmp_path / "kept")
-    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == sorted(runs.trained)
+    kept = read_kept(tmp_path / "kept")
+    assert kept.autoencoder and [kept.autoencoder.name, *sorted(runs.scored)] == [
+        runs.trained[0],
+        *(record.name for record in kept.records),
+    ]
 
 
-def test_scores_of_another_kind_are_added_to_what_was_kept(request_, tmp_path):
+def test_two_trainings_of_a_run_and_two_kinds_of_scores_are_not_mixed(request_, tmp_path):
     request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
     run_study(request, FakeRuns(), keep=keep)
-    before = _files(keep)
-    run_study(request._replace(has_legacy=True), FakeRuns(), keep=keep)
-    (added,) = _files(keep).keys() - before.keys()
-    assert added.name.startswith("scores-") and before.items() <= _files(keep).items()
-
-
-def test_two_trainings_of_a_run_are_not_mixed(request_, tmp_path):
-    request, keep = request_._replace(table="table12", seeds=(0,)), tmp_path / "kept"
-    run_study(request, FakeRuns(), keep=keep)
-    (sums,) = keep.glob("*autoencoder*/best/*/SHA256SUMS")
-    sums.write_text("other weights")
-    before, runs = _files(keep), FakeRuns()
-    with pytest.raises(UserError, match="a copy of another training of this run; use another folder"):
-        run_study(request, runs, keep=keep)
-    assert _files(keep) == before and not runs.workers
+    before = (keep / FILE).read_text()
+    with pytest.raises(UserError, match="scores of another corpus or kind; use another folder"):
+        run_study(request._replace(has_legacy=True), FakeRuns(), keep=keep)
+    (keep / FILE).write_text(before.replace("abc", "another commit"))
+    with pytest.raises(UserError, match="another training of"):
+        run_study(request, FakeRuns(), keep=keep)
 
 
 def test_keeping_needs_runs(request_, tmp_path):

@@ -1,11 +1,14 @@
-"""The report has the paper's numbers beside ours, verdicts and caveats that follow from what was run."""
+"""The page has the paper's numbers beside ours, verdicts and caveats that follow from what was run."""
 
+import csv
+import pathlib
 from typing import Any
 
 import pytest
 from tables import paper_tables, tables
-from tables.report import as_markdown, caveats, figure
-from tables.results import Results, RunState
+from tables.plan import Plan, Request
+from tables.report import Results, all_numbers, as_markdown, caveats, figure
+from tables.workdirs import Record
 
 
 def _three(value, spread=0.1):
@@ -17,7 +20,7 @@ def _score(value: float | None, error: float | None = 0.01) -> dict[str, Any]:
     return {"value": value, "low": bounds[0], "high": bounds[1], "error": error}
 
 
-def _scores(fgd, recall, gain=0.2):
+def _scores(fgd, recall, gain=0.2) -> dict[str, Any]:
     rows = {"model": {"fgd": _three(fgd), "beat_gain": _three(gain), "diversity_l1": _three(30.0) | {"sd": 0.1}}}
     rows |= {"ground truth": {"fgd": _three(0.0)}, "white jitter": {"fgd": _three(99.0)}}
     known: dict[str, Any] = {
@@ -49,25 +52,35 @@ def _scores(fgd, recall, gain=0.2):
 
 
 def _results(name="table1", data="talk", size="small", seeds=3, steps=None, **changes):
+    """The results of a table whose runs have all trained to the end; `changes` are of the request, the plan or them."""
     table = paper_tables.table(name, data)
-    scores = {
+    records = {
         row.name: {
-            seed: _scores(2.0 + 0.01 * seed if row.name == table.reference else 3.0 + 0.02 * seed, 0.3)
+            seed: Record(
+                f"run-{row.method}-{seed}",
+                seed,
+                {"train": {"steps": (steps or {}).get(row.name, 100), "batch_size": 4, "best_by": "loss/huber"}},
+                [],
+                (steps or {}).get(row.name, 100),
+                50,
+                [{"step": 50, "validation/loss/huber": 0.25}],
+                _scores(2.0 + 0.01 * seed if row.name == table.reference else 3.0 + 0.02 * seed, 0.3),
+            )
             for seed in range(seeds)
         }
         for row in table.rows
     }
-    runs = [
-        RunState(row.name, seed, f"run-{row.method}-{seed}", (steps or {}).get(row.name, 100), 4, 100, 50, 0.25)
-        for row in table.rows
-        for seed in range(seeds)
-    ]
-    facts = {"command": "`reproduce`", "commit": "abc"}
-    values = Results(table, name, data, size, ("test",), scores, {}, {}, runs, facts, "id cafe; step 5", False)
+    request = Request(name, data, size, "", tuple(range(seeds)), pathlib.Path("runs"))
+    plan: Any = Plan(None, "", None, {}, table, splits=("test",))
+    values = Results(request, plan, records, {}, {"command": "`reproduce`", "commit": "abc"})
     return values._replace(**changes)
 
 
-def _cells(report, row, heading="## Split test"):
+def _page(*arguments, **changes):
+    return as_markdown(_results(*arguments, **changes), "page.csv")
+
+
+def _cells(report, row, heading="## Scores on test"):
     """The cells of a line of the first table after a heading."""
     lines = report[report.index(heading) :].splitlines()
     return next(
@@ -76,55 +89,55 @@ def _cells(report, row, heading="## Split test"):
 
 
 def test_the_paper_s_numbers_stand_beside_ours():
-    cells = _cells(as_markdown(_results()), "Trimodal")
-    assert cells[1] == "12.61" and cells[3] == "0.592" and cells[9] == "154.1" and cells[11] == "3"
-    # 3.02 with a t interval of 4.3027 x 0.02 / sqrt(3), and the mean of the intervals over clips.
-    assert cells[2] == "3.020 [2.970, 3.070] (2.920, 3.120)"
-    assert cells[5] == "0.200 [0.200, 0.200] (0.100, 0.300)"
-    assert _cells(as_markdown(_results()), "Ground Truth")[1:3] == ["0.000", "0.000 (-0.100, 0.100)"]
-    assert _cells(as_markdown(_results()), r"*white jitter*")[1:3] == ["", "99.00 (98.90, 99.10)"]
+    cells = _cells(_page(), "Trimodal")
+    # 3.02 with half a t interval of 4.3027 x 0.02 / sqrt(3).
+    assert cells[1:3] == ["12.61, 0.592, 154.1", "3.020 ±0.050"] and cells[-1] == "3"
+    assert cells[4] == "0.200 ±0.000"
+    assert _cells(_page(), "Ground Truth")[1:3] == ["0.000, 0.723, 175.2", "0.000"]
+    assert _cells(_page(), r"*white jitter*")[1:3] == ["", "99.00"]
 
 
 def test_claims_have_verdicts():
-    report = as_markdown(_results())
-    claims = [line for line in report.splitlines() if line.startswith("| HA2G ahead of Trimodal |")]
-    assert len(claims) == 4
-    assert claims[0].startswith(
-        "| HA2G ahead of Trimodal | FGD | -7.307 | -1.010 [-1.136, -0.884] | <0.001 | 3 | **held** |"
-    )
-    assert "| +0.123 (BC) | 0.000 [0.000, 0.000] | 1.000 | 3 | **undecided** |" in claims[1]
-    assert "fingers r" in claims[3] and "**undecided**" in claims[3]
-    assert "HA2G ahead of HA2G |" not in report
-
-
-def test_comparable_rows_are_not_claimed_to_be_behind():
-    report = as_markdown(_results("table3"))
-    (line,) = (line for line in report.splitlines() if line.startswith("| HA2G Full about as good as HA2G-ASR | FGD"))
-    assert line.endswith("| **not held** |")
+    cells = _cells(_page(), "Trimodal", "## Claims")
+    assert cells[1] == "**held** -1.010 [-1.136, -0.884], p<0.001"
+    assert cells[2] == "**undecided** 0.000 [0.000, 0.000], p=1.000" == cells[4]
+    assert "| HA2G |" not in _page()[: _page().index("## Scores")]
+    about_as_good = _cells(_page("table3"), "HA2G-ASR", "## Claims")
+    assert about_as_good[1].startswith("**not held**")
 
 
 def test_known_causes_are_only_talk_s():
-    report = as_markdown(_results())
-    cells = _cells(report, "HA2G", "### Against the known causes")
-    assert [cell[:5] for cell in cells[4:8]] == ["0.400", "0.300", "0.120", "0.180"]
-    assert cells[8] == "-"
-    ceiling = _cells(report, r"*teacher (ceiling)*", "### Against the known causes")
-    assert len(ceiling) == len(cells) and ceiling[1].startswith("0.900") and ceiling[5].startswith("0.800")
-    assert "- Trimodal: above the floors (0.180" in report
-    other = as_markdown(_results(data="bvh"))
-    assert "known causes" not in other and "semantic" not in other and "testbed" not in other
+    cells = _cells(_page(), "HA2G")
+    assert [cell[:5] for cell in cells[8:11]] == ["0.300", "0.400", "0.180"] and cells[11] == "-"
+    assert _cells(_page(), "*teacher*")[10] == "0.680"
+    assert "Hand shapes of words: above the floors: Attention Seq2Seq, Speech2Gesture" in _page()
+    other = _page(data="bvh")
+    assert "known causes" not in other and "Hand shapes" not in other and "testbed" not in other
+
+
+def test_all_numbers_stand_beside_the_page():
+    rows = list(csv.DictReader(all_numbers(_results()).splitlines()))
+    found = {(row["kind"], row["row"], row["metric"]): row for row in rows}
+    fgd = found["score", "Trimodal", "fgd"]
+    values = [float(fgd[name]) for name in ("value", "low", "high", "clips_low", "clips_high")]
+    assert values == pytest.approx([3.02, 2.970, 3.070, 2.92, 3.12], abs=1e-3)
+    assert fgd["seeds"] == "0: 3.0; 1: 3.02; 2: 3.04"
+    assert found["score", "Trimodal", "talk.semantic_recall"]["value"] == "0.3"
+    assert found["score", "Trimodal", "legacy_fgd"]["value"] == "7.5"
+    claim = found["difference", "HA2G - Trimodal", "fgd"]
+    assert float(claim["value"]) == pytest.approx(-1.01) and claim["verdict"] == "held"
+    assert sum(row["kind"] == "run" for row in rows) == 7 * 3
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({}, "Talk is a testbed made by a program: these numbers do not describe people."),
-        ({}, "can be compared with no other's"),
+        ({}, "so compare the order of the rows"),
         ({"size": "debug"}, "its numbers say nothing about the methods"),
         ({"seeds": 1}, "1 seed a row: too few"),
         ({"steps": {"Trimodal": 5000}}, "Budgets differ: 400, 20,000 windows of training."),
         ({"failures": {"Trimodal": {0: "bad"}}}, "Runs without scores: 1 of 21"),
-        ({}, "24 differences are looked at; those of each table of claims are corrected"),
     ],
 )
 def test_caveats_follow_from_facts(changes, sentence):
@@ -133,39 +146,42 @@ def test_caveats_follow_from_facts(changes, sentence):
 
 
 def test_remarks_are_of_what_is_shown():
-    report = as_markdown(_results())
-    for remark in ("diversity L1: white jitter (44.00) higher", "Trimodal, seed 2: 9.00 beats/s, far"):
-        assert report.count(f"- test: {remark}") == 1
-    assert "R: white jitter" not in report
+    remarks = [row for row in csv.reader(all_numbers(_results()).splitlines()) if row[0] == "remark"]
+    assert ["remark", "test", "Trimodal", "", "seed 2: 9.00 beats/s, far"] in remarks
+    texts = [row[4] for row in remarks]
+    assert texts.count("diversity L1: white jitter (44.00) higher than ground truth (30.00)") == 1
+    assert "R: white jitter" not in texts and "too dense or too rare: Attention Seq2Seq, " in _page()
 
 
 def test_claims_are_counted():
-    table, scores = _results().table, _results().scores
-    tally = tables.tally(table, scores, "test", tables.CLAIMED)
-    assert tally == "FGD 6 held; beat gain 6 undecided"
-    assert f"- test: {tally}; " in as_markdown(_results())
+    results = _results()
+    tally = tables.tally(results.plan.table, results.scores, "test", tables.CLAIMED)
+    assert tally == "FGD 6 held; beat gain 6 undecided" and f"- test: {tally}; " in _page()
 
 
 def test_caveats_are_absent_without_cause():
     text = " ".join(caveats(_results(data="ted_gesture", size="paper")))
     for sentence in ("testbed", "size", "too few", "Budgets", "no scores", "unfinished"):
-        assert sentence not in text.replace("not in size with", "")
+        assert sentence not in text.replace("not the size with", "")
 
 
 def test_failures_and_missing_rows_leave_the_rest():
     results = _results()
-    scores = {name: mine for name, mine in results.scores.items() if name != "HA2G"}
-    report = as_markdown(results._replace(scores=scores, failures={"HA2G": dict.fromkeys(range(3), "no memory")}))
-    assert "- HA2G, seed 1: failed: no memory" in report
-    assert _cells(report, "HA2G")[2] == "-" and _cells(report, "HA2G")[11] == "0, 3 failed"
-    assert "| HA2G ahead of Trimodal | FGD | -7.307 | - | - | 0 | **undecided** |" in report
-    nothing = as_markdown(results._replace(scores={}, failures={"HA2G": {0: "no memory"}}))
-    assert "no memory" in nothing and "## Split" not in nothing
+    without = {
+        name: {seed: one._replace(scores=None) for seed, one in mine.items()} for name, mine in results.records.items()
+    }
+    failures = {"HA2G": dict.fromkeys(range(3), "no memory")}
+    page = as_markdown(results._replace(records=results.records | {"HA2G": without["HA2G"]}, failures=failures), "")
+    assert "- HA2G, seed 1: failed: no memory" in page
+    assert _cells(page, "HA2G")[2] == "-" and _cells(page, "HA2G")[-1] == "0"
+    assert _cells(page, "Trimodal", "## Claims")[1] == "**undecided** -"
+    nothing = as_markdown(results._replace(records=without, failures=failures), "")
+    assert "no memory" in nothing and "## Scores" not in nothing
 
 
 def test_draws_stand_beside_the_paper_s():
-    report = as_markdown(_results("table12"))
-    paper = _cells(report, "paper, TED-Expressive")
+    report = _page("table12")
+    paper = _cells(report, "paper, TED-Expressive", "## Split test")
     assert paper[1:3] == ["172.6", "171.9"] and paper[11:] == ["172.9", "1.11%"]
     assert "| HA2G, seed 0 | 30.00 | 30.30 |" in report
     assert "The widest range is 1.00% of the mean, within the paper's." in report
@@ -173,14 +189,55 @@ def test_draws_stand_beside_the_paper_s():
 
 def test_the_figure_has_a_chart_and_a_table():
     results = _results("figure3")
-    assert figure(results).count("<polyline") == 3 * 6
-    report = as_markdown(results, "figure3.svg")
+    assert figure(results).count("HA2G") == 1
+    report = as_markdown(results, "figure3.csv", "figure3.svg")
     assert "](figure3.svg)" in report
-    cells = _cells(report, "HA2G")
+    cells = _cells(report, "HA2G", "## Split test")
     assert (cells[1], cells[6], cells[11]) == ("0.600", "0.500", "0.100") and cells[10] == "-" == cells[15]
 
 
-def test_legacy_scores_are_separate():
-    assert "legacy" not in as_markdown(_results())
-    report = as_markdown(_results(has_legacy=True))
-    assert _cells(report, "HA2G", "By the rules of the public release")[1] == "7.500 [7.500, 7.500]"
+def _gan(with_term, without, fits):
+    """The section on the GAN term, from measures by seed and the ratio of the reconstruction terms by seed."""
+    truth, results = {"fgd": 0.0, "jerk_ratio": 1.0, "diversity_l1": 40.0}, _results(seeds=len(fits))
+    records = dict(results.records)
+    for name, mine, terms in (("HA2G", with_term, fits), ("HA2G without GAN", without, [1.0] * len(fits))):
+        for seed, (values, term) in enumerate(zip(mine, terms, strict=True)):
+            scores = _scores(0.0, 0.3)
+            rows = scores["splits"]["test"]["evaluation"]["rows"]
+            for row, measures in (("model", truth | (values or {})), ("ground truth", truth)):
+                rows[row] = {metric: {"value": value, "low": None, "high": None} for metric, value in measures.items()}
+            validation = [] if term is None else [{"step": 50, "validation/loss/huber": term}]
+            record = records[name][seed]._replace(validation=validation, scores=None if values is None else scores)
+            records[name] = {**records[name], seed: record}
+    page = as_markdown(results._replace(records=records), "")
+    section = page[page.index("## The GAN term") : page.index("## Runs")]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines() if line[:1] == "|"]
+    return {cell[0]: cell[-1] for cell in cells[2:]}, section
+
+
+def test_nearer_is_less_distance_on_either_side_of_the_truth():
+    jerks = [{"jerk_ratio": 1.1 + 0.01 * seed, "diversity_l1": 45.0 + seed} for seed in range(3)]
+    said, section = _gan(jerks, [{"jerk_ratio": 0.5, "diversity_l1": 38.0}] * 3, [1.03, 1.05, 1.04])
+    assert said == {"jerk / truth": "nearer", "FGD": "undecided", "Diversity (L1)": "farther"}
+    assert "changes by +4.0% [+1.5%, +6.5%] with the GAN term. The GAN term **helps**." in section
+
+
+@pytest.mark.parametrize(
+    ("jerks", "fit", "sentence"),
+    [
+        ([0.9, 0.4, 1.3], 1.0, "**was not shown to help**"),
+        ([0.9, 0.91, 0.92], 1.06, "changes by +6.0% [+6.0%, +6.0%] with the GAN term. The GAN term **was not shown"),
+        ([0.9, 0.91, 0.92], 0.9, "changes by -10.0% [-10.0%, -10.0%] with the GAN term. The GAN term **helps**"),
+    ],
+)
+def test_noise_or_a_worse_fit_is_no_help_but_a_better_fit_is(jerks, fit, sentence):
+    _, section = _gan([{"jerk_ratio": jerk} for jerk in jerks], [{"jerk_ratio": 0.5}] * 3, [fit] * 3)
+    assert sentence in section
+
+
+def test_a_run_without_scores_does_not_count_and_without_a_fit_nothing_is_said():
+    jerks = [{"jerk_ratio": 0.9 + 0.01 * seed} for seed in range(3)]
+    without = [{"jerk_ratio": 0.5}] * 3
+    broken = _gan([*jerks, None], [*without, without[0]], [1.03, 1.05, 1.04, 2.0])
+    assert broken == _gan(jerks, without, [1.03, 1.05, 1.04])
+    assert "because a run has not logged" in _gan(jerks, without, [1.0, None, 1.0])[1]

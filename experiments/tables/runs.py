@@ -1,0 +1,265 @@
+"""Train and score runs in processes of their own, several at once, and show their progress.
+
+As a program, `python -m tables.runs NAME`, it is the process of one run, with its task as JSON on the standard input.
+"""
+
+import argparse
+import concurrent.futures
+import contextlib
+import json
+import os
+import pathlib
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import tqdm
+
+from ha2g_jax.config.settings import SIZES
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop, run_logged, stop_signals
+from tables import look_aheads
+from tables.plan import WORKDIR, Request, plan_table
+from tables.workdirs import Run, is_finished, last_step
+
+_WORKER = (sys.executable, "-m", "tables.runs")
+_LOOK_EVERY = 1.0  # seconds between updates of the progress
+
+
+class Stopped(Exception):
+    """A signal ended the work.
+
+    Attributes:
+        number: number of the signal.
+    """
+
+    def __init__(self, number: int):
+        super().__init__(f"stopped by signal {number}")
+        self.number = number
+
+
+def run_script(name: str, work: Callable[[Stop], bool]) -> int:
+    """Run the work of a script and return its exit code.
+
+    Args:
+        name: name of the script, for messages.
+        work: function that stops at a signal and returns whether every run is done.
+
+    Returns:
+        0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
+    """
+    try:
+        with stop_signals() as stop:
+            return 0 if work(stop) else 1
+    except UserError as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        return 2
+    except Stopped as stopped:
+        sys.stderr.write("stopped; the same command continues\n")
+        return 128 + stopped.number
+
+
+def add_options(parser: argparse.ArgumentParser, page: str) -> None:
+    """Add the options that the scripts have in common to a parser; `page` is where they write the page by default."""
+    add = parser.add_argument
+    add("--size", default="small", choices=SIZES, help="size of the models (default: small)")
+    add("--seeds", default="3", help="number of seeds, or a list such as 0,5,7 (default: 3)")
+    add("--out", type=pathlib.Path, help=f"file of the page (default: {page})")
+    add("--workdir", type=pathlib.Path, default=WORKDIR, help=f"folder of all runs (default: {WORKDIR})")
+    add("--jobs", type=_positive, default=1, help="number of runs at once, each on a part of the cores")
+    add("--no-train", action="store_true", help="evaluate existing runs only")
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
+    return int(text)
+
+
+# Function that trains a run if it is not finished, and scores it: (request, run, number of the worker, stop). It raises
+# a UserError with the reason where it fails.
+Perform: TypeAlias = Callable[[Request, Run, int, Stop], None]
+
+
+def run_all(
+    runs: Sequence[Run], perform: Callable[[Run, int, Stop], None], stop: Stop, title: str, jobs: int = 1
+) -> dict[str, str]:
+    """Execute runs, `jobs` at once; a run that fails does not end the others.
+
+    Args:
+        runs: runs in the order in which they start.
+        perform: function that carries out one run: (run, number of the worker, stop), see `Perform`.
+        stop: signal that ends the runs.
+        title: title of the progress bar.
+        jobs: number of runs at once.
+
+    Returns:
+        Name of a run that failed -> reason in one line.
+
+    Raises:
+        Stopped: a signal came; the progress of the runs is saved.
+    """
+    failures: dict[str, str] = {}
+    watch = _Watch(runs, title)
+    idle = list(range(jobs))
+    queue = list(runs)
+    working: dict[concurrent.futures.Future, tuple[Run, int, float]] = {}
+    with contextlib.closing(watch), concurrent.futures.ThreadPoolExecutor(jobs) as threads:
+        while queue or working:
+            while queue and idle and stop.number is None:
+                run, worker = queue.pop(0), idle.pop(0)
+                working[threads.submit(perform, run, worker, stop)] = run, worker, time.monotonic()
+            if not working:
+                break
+            done, _ = concurrent.futures.wait(working, _LOOK_EVERY, concurrent.futures.FIRST_COMPLETED)
+            for future in done:
+                run, worker, start = working.pop(future)
+                idle.append(worker)
+                try:
+                    future.result()
+                except (UserError, OSError) as error:
+                    failures[run.name] = " ".join(str(error).split())
+                if stop.number is None:
+                    watch.finish(run, time.monotonic() - start, failures.get(run.name))
+            watch.look([run for run, _, _ in working.values()])
+    if stop.number is not None:
+        raise Stopped(stop.number)
+    return failures
+
+
+def perform_in_process(request: Request, run: Run, worker: int, stop: Stop) -> None:
+    """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
+
+    Args:
+        request: request that the run belongs to.
+        run: run to train and score.
+        worker: number of the worker, from 0.
+        stop: signal that ends the process.
+
+    Raises:
+        UserError: the process failed; the message is its last line of output.
+    """
+    cores = _cores(worker, request.jobs)
+    values = request._asdict() | {"workdir": str(request.workdir.resolve())}
+    given = json.dumps({"request": values, "run": run.name, "cores": cores}).encode()
+    environment = _environment(request, len(cores), os.environ)
+    log = run.workdir.with_name(f"{run.name}.log")
+    error = run_logged([*_WORKER, run.name], log, stop, given=given, environment=environment)
+    if error and stop.number is None:
+        raise UserError(error)
+
+
+def _cores(worker: int, jobs: int) -> list[int]:
+    """Return the cores of this process that a worker may use; [] for all of them."""
+    if jobs == 1 or not hasattr(os, "sched_getaffinity"):
+        return []
+    cores = sorted(os.sched_getaffinity(0))
+    size = max(len(cores) // jobs, 1)
+    start = worker * size % len(cores)
+    return cores[start : start + size]
+
+
+def _environment(request: Request, num_cores: int, environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a worker on `num_cores` cores, 0 for all; variables that the user has set are kept."""
+    folders = [str(pathlib.Path(__file__).parents[1]), environment.get("PYTHONPATH", "")]
+    defaults = {
+        # The seeds of a row have the same program, which is compiled once.
+        "JAX_COMPILATION_CACHE_DIR": str(request.workdir.resolve() / "compiled"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
+    }
+    if num_cores:
+        # NumPy counts the cores before the worker limits itself to its own. Its threads, which wait for each other in
+        # a loop, would take turns on these.
+        defaults["OPENBLAS_NUM_THREADS"] = str(num_cores)
+    if request.jobs > 1:  # the first process on an accelerator would take most of its memory
+        defaults["XLA_PYTHON_CLIENT_MEM_FRACTION"] = f"{0.9 / request.jobs:.2f}"
+    return defaults | dict(environment) | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
+
+
+class _Watch:
+    """A progress bar of the steps of all runs, and a line for each run that ends."""
+
+    def __init__(self, runs: Sequence[Run], title: str):
+        self._steps = {run.name: int(run.config.train.steps) for run in runs}
+        self._done = {run.name: last_step(run) for run in runs}
+        self._before = sum(self._done.values())
+        self._start = time.monotonic()
+        self._count = 0
+        total = sum(self._steps.values())
+        self._bar = tqdm.tqdm(total=total, initial=self._before, desc=title, unit="step", disable=None, leave=False)
+
+    def look(self, working: Sequence[Run]) -> None:
+        for run in working:
+            step = min(last_step(run), self._steps[run.name])
+            self._before -= max(self._done[run.name] - step, 0)  # a resumed run repeats steps after its checkpoint
+            self._done[run.name] = step
+        self._bar.set_postfix_str(", ".join(run.name for run in working), refresh=False)
+        self._bar.update(sum(self._done.values()) - self._bar.n)
+
+    def finish(self, run: Run, seconds: float, failure: str | None) -> None:
+        self._count += 1
+        self._done[run.name] = self._steps[run.name]
+        state = f"failed: {failure}" if failure else f"finished in {duration(seconds)}"
+        line = f"[{self._count}/{len(self._steps)}] {run.name}: {state}"
+        if self._count < len(self._steps):
+            line += f"; about {duration(self._left())} left"
+        tqdm.tqdm.write(line, file=sys.stderr)
+
+    def close(self) -> None:
+        self._bar.close()
+
+    def _left(self) -> float:
+        """Estimate the remaining seconds from the steps of all runs, or from the runs while only scores were made."""
+        passed, done = time.monotonic() - self._start, sum(self._done.values())
+        if (new := done - self._before) and (remaining := sum(self._steps.values()) - done):
+            return passed * remaining / new
+        return passed * (len(self._steps) - self._count) / self._count
+
+
+def duration(seconds: float) -> str:
+    """Format seconds, such as "41 s", "12 min" or "3 h 20 min"."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def main() -> int:
+    """Carry out the task on the standard input, {"request", "run", "cores"}, and return the exit code."""
+    from ha2g_jax.train.process import prepare_process
+
+    prepare_process()
+    task = json.load(sys.stdin)
+    if task["cores"]:
+        os.sched_setaffinity(0, task["cores"])  # before JAX counts the cores
+    values: dict[str, Any] = task["request"]
+    try:
+        _train_and_score(
+            Request(**(values | {"workdir": pathlib.Path(values["workdir"]), "seeds": tuple(values["seeds"])})),
+            task["run"],
+        )
+    except UserError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+def _train_and_score(request: Request, name: str) -> None:
+    from ha2g_jax.train.loop import train
+    from tables import scores
+
+    plan = look_aheads.plan_settings(request) if request.table == look_aheads.TABLE else plan_table(request)
+    run = next(run for run in (*plan.runs, plan.autoencoder) if run is not None and run.name == name)
+    if request.has_training and not is_finished(run):
+        train(run.config, run.workdir)
+        if not is_finished(run):  # it was stopped
+            return
+    if plan.table is None:
+        scores.score_look_aheads(run, plan, request.split)
+    elif run != plan.autoencoder:
+        scores.score_run(run, plan, request)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

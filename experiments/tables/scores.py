@@ -1,0 +1,258 @@
+"""Score the checkpoint of a run, for a table of the paper or at each look-ahead, and store the scores beside it."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ha2g_jax import metrics, synthesis
+from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.records import Clip
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation import evaluate, retrieval
+from ha2g_jax.evaluation.clip_result import (
+    ClipResult,
+    check_fit,
+    from_corpus,
+    split_limits,
+    training_motion,
+    true,
+)
+from ha2g_jax.evaluation.features import PoseFeatures
+from ha2g_jax.evaluation.generation import generate_clip, model_windows
+from ha2g_jax.evaluation.identity import clip_identity
+from ha2g_jax.evaluation.rows import Rows, make_rows
+from ha2g_jax.evaluation.talk.known_causes import has_known_causes, rows_with_chance, score_known_causes, score_motion
+from ha2g_jax.evaluation.talk.scores import Trial, known_truth, observe, semantic_floors
+from ha2g_jax.files.writing import whole_file
+from ha2g_jax.metrics import diversity
+from ha2g_jax.metrics.beats import stops, summary
+from ha2g_jax.metrics.causes import CauseRow
+from ha2g_jax.metrics.row import SEED_FRAMES, Row
+from ha2g_jax.metrics.uncertainty import Estimate
+from ha2g_jax.skeleton import positions_to_directions
+from ha2g_jax.synthesis import Model
+from tables import look_aheads
+from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
+from tables.plan import Plan, Request, retrieval_path, scores_path
+from tables.tables import MODEL, TRUTH
+from tables.workdirs import Run, read_stored
+
+_SEED = 0  # seed of all random draws, so that all rows, runs and look-aheads are scored alike
+_TRAINING_CLIPS = 200  # whose motion gives the usual changes and limits of angles
+
+
+def score_run(run: Run, plan: Plan, request: Request) -> None:
+    """Score the checkpoint of a run on the splits of a plan and store the scores; do nothing where they are stored.
+
+    Raises:
+        UserError: the model or the auto-encoder cannot be read, or does not fit the corpus.
+    """
+    path = scores_path(run, plan, request)
+    if path is None or read_stored(path) is not None:
+        return
+    scores = _score(run, plan, request)
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(scores, allow_nan=False) + "\n")
+
+
+def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
+    assert plan.autoencoder is not None
+    corpus = plan.corpus
+    model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
+    training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    retrieved = _retrieve(plan, request)
+    scores: dict[str, Any] = {"model": model.assets.hash, "autoencoder": features.id, "splits": {}}
+    for split in plan.splits:
+        motions, truth = from_corpus(model, corpus, split, seed=_SEED, with_audio=request.has_legacy)
+        found = evaluate.evaluate(
+            {MODEL: motions, retrieval.NAME: retrieved[split]},
+            truth,
+            corpus.skeleton,
+            training=training,
+            autoencoder=features,
+            legacy=request.has_legacy,
+            seed=_SEED,
+            draws=plan.draws,
+        )
+        rows = make_rows({MODEL: motions}, truth, corpus.skeleton, training=training, autoencoder=features, seed=_SEED)
+        scores["splits"][split] = {
+            "evaluation": found,
+            "draws": _draws(rows),
+            "sweep": _sweep(rows),
+        }
+    if request.data == "talk":
+        known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED)
+        for split in plan.splits:
+            motion = {clip.id: clip.directions for clip in retrieved[split]}
+            known[split]["rows"][retrieval.NAME] = score_motion(corpus, split, motion, _SEED)
+            scores["splits"][split]["talk"] = known[split]
+    return scores
+
+
+def _retrieve(plan: Plan, request: Request) -> dict[str, list[ClipResult]]:
+    """Return the motion that is retrieved for the clips of each split; what was found is stored for the other runs."""
+    path, corpus = retrieval_path(plan, request), plan.corpus
+    nearest = read_stored(path)
+    if nearest is None:
+        library = retrieval.make_library(corpus)
+        nearest = {split: retrieval.nearest_windows(library, corpus, split) for split in plan.splits}
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(nearest) + "\n")
+    return {split: retrieval.join_motion(corpus, split, nearest[split]) for split in plan.splits}
+
+
+def _draws(rows: Rows) -> dict[str, list[float | None]]:
+    """Return diversity (L1) of the model and of ground truth in ten random draws of pairs (Table 12)."""
+    found = {name: diversity.row_draws(rows.rows[name]) for name in (MODEL, TRUTH)}
+    return {name: [] if draws is None else _numbers(draws.l1) for name, draws in found.items()}
+
+
+def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
+    """Return BC of the model and of ground truth, and F with the own and with mismatched speech, by threshold."""
+    reference = rows.reference
+    change = stops.mean_angle_change(reference.skeleton, reference.training)
+
+    def sweep(row: Row) -> dict[str, list[float | None]]:
+        sounds = {number: onsets for number, onsets in enumerate(row.onsets) if onsets is not None}
+        rates = stops.angle_change_rates(reference.skeleton, [row.directions[number] for number in sounds], change)
+        found = summary.sweep(
+            rates,
+            list(sounds.values()),
+            reference.recordings[row.numbers[list(sounds)]],
+            reference.fps,
+            first_frame=SEED_FRAMES,
+            seed=_SEED,
+        )
+        curves = {"consistency": found.consistency, "own": found.own, "mismatched": found.mismatched}
+        return {name: _numbers(values) for name, values in curves.items()}
+
+    return {name: sweep(rows.rows[name]) for name in (MODEL, TRUTH)}
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [float(f"{value:.6g}") if math.isfinite(value) else None for value in values.tolist()]
+
+
+def score_look_aheads(run: Run, plan: Plan, split: str) -> None:
+    """Score the checkpoint of a run at all look-aheads, and store each as it is made; stored ones are not made again.
+
+    A file has {"model", "recordings", "model_scores", "truth_scores"}; scores are {name: {"value", "without"}}, where
+    "without" has the score without each recording in turn.
+
+    Raises:
+        UserError: the model cannot be read or does not fit the corpus, or the causes of its gestures are not known.
+    """
+    paths = {look_ahead: look_aheads.scores_path(run, plan, split, look_ahead) for look_ahead in LOOK_AHEADS}
+    missing = {look_ahead: path for look_ahead, path in paths.items() if path and read_stored(path) is None}
+    if not missing:
+        return
+    corpus, model = plan.corpus, synthesis.load(run.workdir)
+    check_fit(model, corpus)
+    if not has_known_causes(corpus):
+        raise UserError(f"{corpus.path} does not know the causes of its gestures; give a Talk corpus")
+    clips = list(corpus.clips(split))[::EVERY]
+    training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
+    truth = true(corpus, split)[::EVERY]
+    performed = [positions_to_directions(corpus.skeleton, clip.positions) for clip in clips]
+    known = _causes(corpus, clips, performed, model_windows(model).seed_frames)
+    for look_ahead, path in missing.items():
+        motions = _generate(model, clips, look_ahead)
+        causes = _causes(corpus, clips, motions, model_windows(model).seed_frames)
+        results = [
+            ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps)
+            for clip, directions in zip(clips, motions, strict=True)
+        ]
+        rows = make_rows({MODEL: results}, truth, corpus.skeleton, training=training, seed=_SEED)
+        recordings = [clip.recording or clip.id for clip in clips]
+        scores = {
+            "model": model.assets.hash,
+            "recordings": sorted(set(recordings)),
+            "model_scores": leave_one_out(causes, recordings) | _of_motion(rows.rows[MODEL]),
+            "truth_scores": leave_one_out(known, recordings) | _of_motion(rows.truth),
+        }
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(scores, indent=1, allow_nan=False) + "\n")
+
+
+def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return the scores of `known_scores`, of all clips and without each recording in turn.
+
+    Args:
+        row: what is found in one motion of each clip, with the chance level.
+        recordings: name of the recording of each clip.
+
+    Returns:
+        {name: {"value", "without": a number for each recording in ascending order}}.
+    """
+    of_clip = dict(zip(row.clips.tolist(), recordings, strict=True))
+    members, words = np.array(recordings), np.array([of_clip[clip] for clip in row.word_clips.tolist()])
+    times = len(row.mismatched) // max(len(row.counts), 1)
+    parts = []
+    for name in sorted(set(recordings)):
+        kept, said = members != name, words != name
+        parts.append(
+            known_scores(
+                row._replace(
+                    counts=row.counts[kept],
+                    mismatched=row.mismatched[np.repeat(kept, times)],
+                    clips=row.clips[kept],
+                    shapes=row.shapes[said],
+                    word_clips=row.word_clips[said],
+                )
+            )
+        )
+    return {
+        name: {"value": value, "without": [part[name] for part in parts]} for name, value in known_scores(row).items()
+    }
+
+
+def known_scores(row: CauseRow) -> dict[str, float | None]:
+    """Return the scores against known causes, None where undefined.
+
+    The semantic floor is the better of always showing the most frequent class and of showing the same shapes at
+    shuffled words.
+    """
+    found = {name: _value(metrics.lookup(name).measure(row)) for name in (F1, GAIN, RECALL)}
+    floors = [_value(floor[RECALL]) for floor in semantic_floors(row)] if len(row.shapes) else []
+    floor = max((value for value in floors if value is not None), default=None)
+    recall = found[RECALL]
+    above = None if floor is None or recall is None else recall - floor
+    return found | {FLOOR: floor, ABOVE_FLOOR: above}
+
+
+def _generate(model: Model, clips: Sequence[Clip], look_ahead: int | None) -> list[np.ndarray]:
+    name = f"look-ahead {look_aheads.title(look_ahead)}"
+    return [
+        generate_clip(model, clip, clip_identity(model, clip), _SEED + index, look_ahead=look_ahead)
+        for index, clip in enumerate(tqdm(clips, name, unit="clip", disable=None, leave=False))
+    ]
+
+
+def _causes(corpus: Corpus, clips: Sequence[Clip], motions: Sequence[np.ndarray], first_frame: int) -> CauseRow:
+    skeleton, fps = corpus.skeleton, corpus.fps
+    trials = [
+        Trial(known_truth(skeleton, clip, fps), observe(skeleton, directions, fps))
+        for clip, directions in zip(clips, motions, strict=True)
+    ]
+    return rows_with_chance(trials, fps, first_frame, _SEED)[MODEL]
+
+
+def _of_motion(row: Row) -> dict[str, dict[str, Any]]:
+    """Return jerk and beats per second, which are functions of how often each recording is drawn."""
+    found = {}
+    for name in (JERK, BEATS):
+        statistic = metrics.lookup(name).measure(row)
+        if callable(statistic):
+            every = np.ones(row.reference.num_recordings)
+            without = [_value(statistic(every - one)) for one in np.eye(len(every))]
+            found[name] = {"value": _value(statistic(every)), "without": without}
+    return found
+
+
+def _value(score: Any) -> float | None:
+    value = score.value if isinstance(score, Estimate) else score
+    return float(value) if value is not None and np.isfinite(value) else None

@@ -1,0 +1,158 @@
+"""The site of a study: a page, its scripts, and what they show, without anything that tells systems apart."""
+
+import html
+import importlib.resources
+import json
+import pathlib
+import string
+import urllib.parse
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ha2g_jax.apps.user_study.key import Key, item_as_json
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import read_bytes, reading, shown
+
+DEFAULT_TITLE = "How people gesture"
+
+SCRIPTS = (
+    *("study.css", "study.js", "elements.js", "session.js", "player.js", "questions.js", "pages.js", "sending.js"),
+    *("texts.js", "jspsych.min.js", "LICENSES.txt"),
+)
+"""Files of `assets/study` that a site has besides its page."""
+
+_FORMAT, _VERSION = "ha2g-study-items", 1
+_PAGE = "index.html"
+_MAX_TEXT_BYTES = 1 << 16
+_MAX_TITLE = 200
+_LOCAL = ("localhost", "127.0.0.1", "::1")
+_CONSENT = """You will watch short clips of an animated figure that moves while a person speaks, and answer questions \
+about them. You need sound: headphones or loudspeakers. There are no right or wrong answers; we ask for your impression.
+
+Taking part is voluntary. You may stop at any time by closing the page, without giving a reason, and then no answers \
+are passed on. We record your answers, how long they take and how often you play a clip, your comments, and the name \
+and language of your browser. We do not ask for your name or your address.
+
+The answers are used for research on animated figures, and may be published without anything that identifies you. If \
+you have a question, write to the person who invited you before you begin."""
+_CLOSING = "Thank you for taking part."
+
+
+class Wording(NamedTuple):
+    """What the owner of a study sets of its pages.
+
+    Attributes:
+        title: title of the study.
+        consent: paragraphs of what participants agree to.
+        closing: paragraphs at the end.
+        post: address that answers are sent to, None without.
+    """
+
+    title: str
+    consent: tuple[str, ...]
+    closing: tuple[str, ...]
+    post: str | None
+
+
+def read_wording(
+    *,
+    title: str = DEFAULT_TITLE,
+    consent: pathlib.Path | None = None,
+    closing: pathlib.Path | None = None,
+    post: str | None = None,
+) -> Wording:
+    """Read the texts of a study and check its address.
+
+    Args:
+        title: title of the study.
+        consent: UTF-8 text in paragraphs with blank lines between them; None for a short text.
+        closing: the same for the end.
+        post: address that answers are sent to.
+
+    Raises:
+        UserError: a text cannot be read or is empty, the title is too long, or the address cannot be used.
+    """
+    if not title.strip() or len(title) > _MAX_TITLE or not title.isprintable():
+        raise UserError(f"the title has {len(title)} characters; expected 1 to {_MAX_TITLE} in one line")
+    return Wording(
+        title.strip(),
+        _paragraphs(consent, _CONSENT),
+        _paragraphs(closing, _CLOSING),
+        None if post is None else _check_address(post),
+    )
+
+
+def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], wording: Wording) -> None:
+    """Write all of a site but its videos.
+
+    Args:
+        folder: folder of the site, which exists.
+        key: key of the study.
+        lists: ids of the items of each list.
+        wording: texts of the owner.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    assets = importlib.resources.files("ha2g_jax") / "assets" / "study"
+    for name in SCRIPTS:
+        lines = (assets / name).read_bytes().splitlines(keepends=True)
+        # A source map is at another host, where developer tools would fetch it.
+        (folder / name).write_bytes(b"".join(line for line in lines if not line.startswith(b"//# sourceMappingURL=")))
+    page = string.Template((assets / _PAGE).read_text("utf-8"))
+    origin = "" if wording.post is None else f" {_origin(wording.post)}"
+    (folder / _PAGE).write_text(
+        page.substitute(title=html.escape(wording.title), post=html.escape(origin)), encoding="utf-8"
+    )
+    content = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "study": key.study,
+        **wording._asdict(),
+        "scales": key.scales,
+        "points": key.points,
+        "items": [_public(item_as_json(item)) for item in key.items],
+        "lists": lists,
+    }
+    (folder / "items.json").write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")
+
+
+def _public(item: dict) -> dict:
+    return {name: value for name, value in item.items() if name != "expected"}
+
+
+def _paragraphs(path: pathlib.Path | None, default: str) -> tuple[str, ...]:
+    if path is None:
+        text = default
+    else:
+        content = read_bytes(path, "a text", _MAX_TEXT_BYTES)
+        with reading(path, "a text in UTF-8"):
+            text = content.decode("utf-8-sig")
+    lines = [line.strip() for line in text.splitlines()]
+    paragraphs = tuple(part for part in (" ".join(part.split()) for part in "\n".join(lines).split("\n\n")) if part)
+    if not paragraphs:
+        raise UserError(f"{shown(path or '')} is empty; expected a text for the participants")
+    return paragraphs
+
+
+def _check_address(post: str) -> str:
+    try:
+        parts = urllib.parse.urlsplit(post)
+        is_right = parts.port is None or parts.port > 0
+    except ValueError:
+        is_right = False
+    else:
+        is_secure = parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in _LOCAL)
+        is_right &= is_secure and bool(parts.hostname) and not parts.username and not parts.fragment
+        is_right &= post.isascii() and post.isprintable() and not set(post) & set(" ;,'\"<>\\")
+    if not is_right:
+        raise UserError(
+            f"answers cannot be sent to {shown(post)}; give an address that starts with https://, or with "
+            "http://localhost for a test"
+        )
+    return post
+
+
+def _origin(address: str) -> str:
+    parts = urllib.parse.urlsplit(address)
+    return f"{parts.scheme}://{parts.netloc}"

@@ -1,0 +1,163 @@
+"""The report: all parts are there, free text is shown and never run, and degenerate studies are reported honestly."""
+
+import html.parser
+import json
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from fixtures.simulated_study import make_answers, write_study
+
+pytest.importorskip("choix")
+
+from ha2g_jax import cli
+from ha2g_jax.apps.user_study import analysis, writing
+from ha2g_jax.errors import UserError
+
+HOSTILE = (
+    "<script>alert(1)</script> <img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](//z) | `a` \u202e\x07 --> $x$"
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_study(tmp_path, 6, title="Gestures <b>of</b> $body")
+    return tmp_path
+
+
+def run(folder):
+    return analysis.analyse([folder / "answers"], folder / "study")
+
+
+def add(folder, name, **changes):
+    key = analysis.read_study(folder / "study")
+    content = make_answers(key, name, np.random.default_rng(99)) | changes
+    (folder / "answers" / f"{name}.json").write_text(json.dumps(content))
+
+
+class Tags(html.parser.HTMLParser):
+    """Names of the elements of a page and their attributes."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.names, self.attributes, self.text = set(), set(), ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.names.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_the_page_has_all_parts_and_no_script(folder):
+    add(folder, "hostile", comments=HOSTILE)
+    (folder / "answers" / "x<script>alert(2)<!--.json").write_text("{")
+    page = writing.write_report(run(folder), folder / "report")
+    tags = Tags(page.read_text())
+    assert not tags.names & {"script", "iframe", "object", "link", "a"} and tags.names >= {"table", "img", "h2"}
+    assert not any(name.startswith("on") for name in tags.attributes)
+    assert "default-src 'none'" in page.read_text() and "http" not in page.read_text().replace("http-equiv", "")
+    for heading in (
+        "Mean opinion scores",
+        "Differences",
+        "Preferences",
+        "Matched",
+        "Agreement",
+        "Excluded",
+        "Comments",
+    ):
+        assert heading in tags.text
+    assert "<script>alert(1)</script> <img src=x onerror=alert(1)>" in tags.text and "\u202e" not in page.read_text()
+    assert "Gestures <b>of</b> $body" in tags.text and "x<script>alert(2)<!--.json" in tags.text
+    charts = sorted(path.name for path in (folder / "report").glob("*.svg"))
+    assert charts == ["differences.svg", "mismatch.svg", "opinion.svg", "strengths.svg"]
+    for name in charts:
+        ElementTree.parse(folder / "report" / name)
+        assert f"]({name})" in (folder / "report" / "report.md").read_text()
+
+
+def test_markdown_shows_free_text_as_it_is(folder):
+    add(folder, "hostile", comments=HOSTILE)
+    text = writing.as_markdown(run(folder))
+    assert "<script" not in text and "<img" not in text and "\x07" not in text
+    (row,) = (line for line in text.splitlines() if line.startswith("| hostile"))
+    assert r"\[x\](javascript:alert(1))" in row and r"!\[y\]" in row and r"\| \`a\`" in row and r"\$x\$" in row
+    assert row.replace(r"\|", "").count("|") == 3
+
+
+def test_numbers_of_a_report(folder):
+    results = run(folder)
+    assert json.loads(writing.as_json(results)) == results
+    scale = results["opinion"]["scales"]["naturalness"]
+    assert scale["means"]["system a"]["value"] > scale["means"]["system c"]["value"]
+    (ab, ac, bc) = scale["differences"]
+    assert ac["value"] == pytest.approx(ab["value"] + bc["value"])
+    assert ac["p_holm"] >= ac["p"] and results["answers"] == {
+        "rating": 72,
+        "preference": 72,
+        "mismatch": 72,
+        "attention": 6,
+    }
+    assert {each["system"] for each in results["mismatch"]["systems"]} == {"system a", "system b", "system c"}
+    assert sum(results["preference"]["strengths"][f"system {x}"]["value"] for x in "abc") == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("num_participants", [1, 2])
+@pytest.mark.parametrize("settings", [{"num_systems": 1}, {"num_clips": 2}, {"per_participant": {"rating": 3}}])
+def test_small_studies(settings, num_participants, tmp_path):
+    write_study(tmp_path, num_participants, **settings)
+    results = run(tmp_path)
+    page = writing.as_html(results)
+    assert len(results["participants"]) == num_participants
+    if num_participants == 1:
+        assert "no intervals" in page and results["opinion"]["scales"]["synchrony"]["means"]["system a"]["low"] is None
+
+
+def test_nobody_is_left(folder):
+    for path in (folder / "answers").iterdir():
+        path.write_text("{}")
+    results = run(folder)
+    assert not results["participants"] and len(results["excluded"]) == 6
+    assert "nothing to analyse" in writing.as_html(results) and results["opinion"] is None
+
+
+def test_a_system_that_is_never_chosen(tmp_path):
+    key = write_study(tmp_path, 0)
+    for number in range(8):
+        random = np.random.default_rng(number)
+        content = make_answers(key, f"p{number}", random, prefer=lambda first, second: 1.0 if second == 2 else 0.6)
+        (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
+    results = run(tmp_path)
+    worst = results["preference"]["strengths"]["system c"]
+    assert worst["low"] == "-inf" and not worst["is_finite"]
+    assert "no bound" in writing.as_markdown(results) and "Always or never preferred" in writing.as_markdown(results)
+
+
+def test_choices_for_neither_alone(tmp_path):
+    key = write_study(tmp_path, 0)
+    for number in range(3):
+        content = make_answers(key, f"p{number}", np.random.default_rng(number), equal=1.0)
+        (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
+    results = run(tmp_path)
+    assert results["preference"]["pairs"][0]["value"] is None and "no strengths" in writing.as_markdown(results)
+
+
+def test_command(folder, capsys):
+    arguments = ["study", "analyse", str(folder / "answers"), "--study", str(folder / "study")]
+    assert cli.main(arguments) == 0
+    assert capsys.readouterr().out.startswith("# User study: Gestures")
+    assert cli.main([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["excluded"] == []
+    assert cli.main([*arguments, "-o", str(folder / "report")]) == 0
+    assert capsys.readouterr().out.strip() == str(folder / "report" / "report.html")
+    assert cli.main([*arguments[:-1], str(folder / "none")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_missing_extra(folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "choix", None)
+    with pytest.raises(UserError, match=r"needs choix: pip install 'ha2g-jax\[user-study\]'"):
+        run(folder)

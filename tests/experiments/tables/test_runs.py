@@ -1,0 +1,131 @@
+"""A run's process gets its task, its share of the machine and the signals; its last line says why it failed."""
+
+import json
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tables import runs
+from tables.plan import Request
+from tables.report import duration
+from tables.runs import perform_in_process
+from tables.workdirs import Run, last_step
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop
+
+_STUB = """
+import json, os, pathlib, signal, sys, time
+task = json.load(sys.stdin)
+folder = pathlib.Path(task["request"]["workdir"])
+(folder / "task.json").write_text(json.dumps([sys.argv[1], task, dict(os.environ)]))
+if task["request"]["data"] == "bad":
+    sys.exit("first line\\nno such corpus")
+if task["request"]["data"] == "slow":
+    signal.signal(signal.SIGTERM, lambda *_: (print("saved", flush=True), sys.exit(0)))
+    (folder / "begun").touch()
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    path = tmp_path / "stub.py"
+    path.write_text(_STUB)
+    monkeypatch.setattr(runs, "_WORKER", (sys.executable, str(path)))
+    return Run("a-run", 0, None, tmp_path / "a-run")
+
+
+def _request(tmp_path, data="talk", jobs=1):
+    return Request("table1", data, "debug", "", (0, 1), tmp_path, {"train.betas": (0.5, 0.9)}, jobs)
+
+
+def test_the_process_gets_its_task(run, tmp_path, monkeypatch):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    perform_in_process(_request(tmp_path), run, 0, Stop())
+    name, task, environment = json.loads((tmp_path / "task.json").read_text())
+    assert name == task["run"] == "a-run" and task["cores"] == []
+    assert task["request"]["changes"] == {"train.betas": [0.5, 0.9]} and task["request"]["seeds"] == [0, 1]
+    assert environment["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path / "compiled")
+    assert "XLA_PYTHON_CLIENT_MEM_FRACTION" not in environment
+
+
+def test_a_failed_process_says_why(run, tmp_path):
+    with pytest.raises(UserError, match=r"^no such corpus \(exit code 1; see .*a-run\.log\)$"):
+        perform_in_process(_request(tmp_path, "bad"), run, 0, Stop())
+
+
+def test_a_stop_reaches_the_process(run, tmp_path):
+    stop = Stop()
+
+    def signal_it():
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.02)
+        stop.handle(signal.SIGINT)
+
+    thread = threading.Thread(target=signal_it)
+    thread.start()
+    perform_in_process(_request(tmp_path, "slow"), run, 0, stop)
+    thread.join()
+    assert (tmp_path / "a-run.log").read_text() == "saved\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no affinity")
+def test_each_worker_has_its_share_of_the_cores(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 3, 4, 5, 6})
+    assert [runs._cores(worker, 2) for worker in (0, 1)] == [[2, 3], [4, 5]]
+    assert [runs._cores(worker, 7) for worker in (0, 6)] == [[2], [3]]
+    assert runs._cores(0, 1) == []
+
+
+def test_several_processes_share_an_accelerator(tmp_path):
+    found = runs._environment(_request(tmp_path, jobs=3), 0, {})
+    assert found["XLA_PYTHON_CLIENT_MEM_FRACTION"] == "0.30"
+
+
+def test_the_products_of_numpy_take_the_cores_of_the_worker(tmp_path):
+    """NumPy starts a thread for each core of the machine, and they wait for work in a loop."""
+    name = "OPENBLAS_NUM_THREADS"
+    assert runs._environment(_request(tmp_path, jobs=2), 4, {})[name] == "4"
+    assert runs._environment(_request(tmp_path, jobs=2), 4, {name: "1"})[name] == "1"
+    assert name not in runs._environment(_request(tmp_path, jobs=1), 0, {})
+
+
+def test_the_last_step_is_read_from_whole_lines(run):
+    assert last_step(run) == 0
+    run.workdir.mkdir()
+    path = run.workdir / "metrics.jsonl"
+    path.write_text("".join(json.dumps({"step": step, "loss": "x" * 50}) + "\n" for step in range(300)) + '{"step": 30')
+    assert last_step(run) == 299
+    path.write_text('{"step": 1')
+    assert last_step(run) == 0
+
+
+def test_a_run_that_repeats_steps_leaves_a_positive_time(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(runs, "_LOOK_EVERY", 0.01)
+    config: Any = SimpleNamespace(train=SimpleNamespace(steps=100))
+    repeating, scored = (Run(name, 0, config, tmp_path / name) for name in ("repeating", "scored"))
+    _write_step(repeating, 60)
+    _write_step(scored, 100)
+
+    def perform(run, worker, stop):
+        _write_step(run, 50 if run is repeating else 100)
+        time.sleep(0.3 if run is scored else 0.6)
+
+    assert not runs.run_all([repeating, scored], perform, Stop(), "runs", 2)
+    assert re.search(r"\[1/2\] scored: finished in \d s; about \d s left\n", capsys.readouterr().err)
+
+
+def _write_step(run, step):
+    run.workdir.mkdir(exist_ok=True)
+    (run.workdir / "metrics.jsonl").write_text(json.dumps({"step": step}) + "\n")
+
+
+def test_durations_are_readable():
+    assert [duration(x) for x in (41.2, 725, 12000)] == ["41 s", "12 min", "3 h 20 min"]

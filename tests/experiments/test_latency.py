@@ -1,0 +1,206 @@
+"""The study of look-aheads: leave-one-out scores, intervals and verdicts with known answers, the page and its chart."""
+
+import csv
+import json
+import pathlib
+
+import latency as command
+import numpy as np
+import pytest
+from tables import look_aheads
+from tables.claims import HELD, NOT_HELD, UNDECIDED, Spread
+from tables.latency_report import Results, all_numbers, answers, as_markdown, figure
+from tables.look_aheads import ABOVE_FLOOR, GAIN, HIDDEN, LOOK_AHEADS, WHOLE, plan_settings, scores_path
+from tables.plan import Request
+from tables.scores import leave_one_out
+
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.child_process import Stop
+from ha2g_jax.metrics.beats import strokes
+from ha2g_jax.metrics.causes import CauseRow
+
+NAMES = ("beat_f1", GAIN, "semantic_recall", ABOVE_FLOOR, "jerk_ratio", "beats_per_second")
+
+
+def scores(value: float, spread: float = 0.0) -> dict:
+    """Scores of one run on three recordings, all with the same value, which differs by `spread` without a recording."""
+    one = {"value": value, "without": [value - spread, value, value + spread]}
+    return {
+        "recordings": ["a", "b", "c"],
+        "model_scores": dict.fromkeys(NAMES, one),
+        "truth_scores": dict.fromkeys(NAMES, one | {"value": 0.8}),
+    }
+
+
+def curve(values: dict[int | None, float], seeds: int = 3) -> dict:
+    """Scores at each look-ahead; seeds differ by 0.001."""
+    return {at: {seed: scores(value + 0.001 * seed) for seed in range(seeds)} for at, value in values.items()}
+
+
+@pytest.fixture
+def results():
+    rising = {0: 0.0, 1: 0.0, 2: 0.01, 3: 0.1, 5: 0.2, 8: 0.26, 15: 0.28, None: 0.3}
+    flat = dict.fromkeys(LOOK_AHEADS, 0.04) | {None: 0.31}
+    request = Request("latency", "talk", "study", "", (0, 1, 2), pathlib.Path("runs"))
+    return Results(request, 15, {HIDDEN: curve(rising), WHOLE: curve(flat)}, {}, {}, {"commit": "abc"})
+
+
+def test_scores_without_a_recording_are_those_of_the_other_clips():
+    row = CauseRow(
+        counts=np.array([[4, 2, 5, 3], [6, 6, 6, 6], [2, 0, 3, 1]], float),
+        mismatched=np.array([[4, 1, 5, 2]] * 2 + [[6, 0, 6, 1]] * 2 + [[2, 1, 3, 2]] * 2, float),
+        clips=np.array(["a0", "a1", "b0"]),
+        shapes=np.array([[0, 0], [1, 0], [1, 1], [2, 2]]),
+        word_clips=np.array(["a0", "a1", "b0", "b0"]),
+    )
+    found = leave_one_out(row, ["a", "a", "b"])
+    assert found["beat_f1"]["without"] == [strokes.f1(row.counts[2:]), strokes.f1(row.counts[:2])]
+    gains = [
+        strokes.f1(row.counts[part]) - strokes.f1(row.mismatched[::2][part]) for part in (slice(2, 3), slice(0, 2))
+    ]
+    assert found[GAIN]["without"] == pytest.approx(gains)
+    assert found["semantic_recall"] == {"value": 0.75, "without": [1.0, 0.5]}
+    # Half of all words are of class 0; at shuffled words 1/4 x 1/2 + 1/2 x 1/4 + 1/4 x 1/4 of the shapes match.
+    assert found["semantic_floor"]["value"] == 0.5 and found[ABOVE_FLOOR]["value"] == 0.25
+
+
+def test_differences_are_paired():
+    first = {seed: scores(value + 0.1, 0.05) for seed, value in enumerate((0.1, 0.5, 0.9))}
+    second = {seed: scores(value, 0.05) for seed, value in enumerate((0.1, 0.5, 0.9, 0.3))}
+    found = look_aheads.difference(first, second, GAIN)
+    assert found and (found.num, found.mean) == (3, pytest.approx(0.1)) and found.low == pytest.approx(0.1)
+    assert look_aheads.difference(first, {}, GAIN) is None
+
+
+def test_verdicts_follow_the_rules():
+    better, none, worse = Spread(0.1, 0.01, 0.2, 3), Spread(0.0, -0.04, 0.04, 3), Spread(-0.1, -0.2, -0.06, 3)
+    assert [look_aheads.is_better(found) for found in (better, none, worse, None)] == [
+        HELD,
+        UNDECIDED,
+        NOT_HELD,
+        UNDECIDED,
+    ]
+    assert [look_aheads.is_no_worse(found, 0.05) for found in (better, none, worse)] == [HELD, HELD, NOT_HELD]
+    assert look_aheads.is_no_worse(Spread(0.0, -0.07, 0.07, 3), 0.05) == UNDECIDED
+    assert look_aheads.all_of([HELD, HELD]) == HELD and look_aheads.all_of([HELD, UNDECIDED]) == UNDECIDED
+    assert look_aheads.all_of([HELD, UNDECIDED, NOT_HELD]) == NOT_HELD
+    assert look_aheads.smallest_within({3: worse, 5: Spread(0.04, 0.0, 0.08, 3), 8: none}, 0.05) == (3, 3)
+    assert look_aheads.smallest_within({3: better, 5: Spread(0.04, 0.0, 0.08, 3), 8: none}, 0.05) == (5, 8)
+    assert look_aheads.smallest_within({3: better, 5: None}, 0.05) == (None, None)
+
+
+def test_answers_follow_from_the_scores(results):
+    found = "\n".join(answers(results))
+    assert "(a) hidden ends better in beat F1 gain at 3 frames: **held**. hidden ends 0.101 [" in found
+    assert found.count("at 3 frames: **held**") == 2 and "difference 0.060 [0.060, 0.060]" in found
+    assert "(c) hidden ends no worse with the whole file: **held**" in found
+    assert "hidden ends: **8 frames (533 ms)**" in found and "whole windows: **none of them**" in found
+    assert "beat F1 gain is above 0 from this look-ahead on: hidden ends 2 frames (133 ms)" in found
+
+
+def test_one_seed_answers_nothing(results):
+    one = results._replace(curves={HIDDEN: curve(dict.fromkeys(LOOK_AHEADS, 0.2), seeds=1)})
+    found = "\n".join(answers(one))
+    assert found.count("**undecided**") == 3 and "none of them" not in found
+    assert "hidden ends: **0 frames (0 ms)**; with the whole interval of the loss within 0.05: -" in found
+
+
+def test_the_page_has_questions_before_numbers(results):
+    page = as_markdown(results, "latency")
+    places = [
+        page.index(text) for text in ("## Questions", "## Answers", "](latency.svg)", "](latency.csv)", "## Limits")
+    ]
+    assert places == sorted(places)
+    assert "| 3 | 267 | 0.101 | 0.041 | 0.060 [0.060, 0.060] | 0.101 |" in page and "| file | - | 0.301 |" in page
+    empty = as_markdown(results._replace(curves={}, failures={HIDDEN: {0: "not trained"}}), "latency")
+    assert "**Incomplete: runs without scores: 1 of 0" in empty and "## Answers" not in empty
+    assert "- hidden ends, seed 0: not trained" in empty
+
+
+def test_the_chart_and_the_numbers_have_every_setting(results):
+    assert figure(results).count("hidden ends") == 1 and figure(results).count("whole windows") == 1
+    rows = list(csv.DictReader(all_numbers(results).splitlines()))
+    assert len(rows) == 6 * (1 + 3 * len(LOOK_AHEADS))
+    found = {(row["setting"], row["look_ahead"], row["score"]): row for row in rows}
+    assert found[HIDDEN, "3", GAIN]["seeds"] == "0: 0.1; 1: 0.101; 2: 0.10200000000000001"
+    assert float(found[f"{HIDDEN} - {WHOLE}", "file", GAIN]["value"]) == pytest.approx(-0.01)
+
+
+@pytest.fixture
+def request_(tmp_path, corpus):
+    return Request("latency", "talk", "debug", str(corpus), (0, 1), tmp_path / "runs")
+
+
+def _perform(request, run, worker, stop):
+    """Stands for training and scoring."""
+    plan = plan_settings(request)
+    steps = str(run.config.train.steps)
+    for name in ("best", "latest"):
+        (run.workdir / name / steps).mkdir(parents=True, exist_ok=True)
+        (run.workdir / name / steps / "SHA256SUMS").write_text(run.name)
+    (run.workdir / "config.json").write_text(run.config.to_json())
+    for at in LOOK_AHEADS:
+        path = scores_path(run, plan, "test", at)
+        assert path
+        path.write_text(json.dumps(scores(0.2)))
+
+
+def test_missing_runs_are_made_once_and_reported(request_, tmp_path):
+    out, performed = tmp_path / "page.md", []
+
+    def perform(request, run, worker, stop):
+        if "seed1" in run.name and "hidden-ends" in run.name and len(performed) < 4:
+            performed.append(run.name)
+            raise UserError("no memory")
+        performed.append(run.name)
+        _perform(request, run, worker, stop)
+
+    assert not command.study_latency(request_, out, "the command", Stop(), perform)
+    assert len(performed) == 4 and "- hidden ends, seed 1: no memory" in out.read_text()
+    assert command.study_latency(request_, out, "the command", Stop(), perform)
+    assert len(performed) == 5 and "no memory" not in out.read_text() and out.with_suffix(".svg").exists()
+    assert command.study_latency(request_._replace(has_training=False), out, "the command", Stop(), perform)
+    assert len(performed) == 5
+
+
+def test_only_finished_runs_are_scored_without_training(request_, tmp_path):
+    request = request_._replace(has_training=False)
+    assert not command.study_latency(request, tmp_path / "page.md", "the command", Stop(), _perform)
+    assert (tmp_path / "page.md").read_text().count("not trained") == 4
+    with pytest.raises(UserError, match="no clips in the split tset"):
+        command.study_latency(request._replace(split="tset"), tmp_path / "page.md", "the command", Stop(), _perform)
+
+
+def test_the_settings_differ_in_hidden_ends_alone(request_):
+    hidden, whole = (runs[0] for runs in plan_settings(request_).rows.values())
+    assert hidden.config.data.lookahead == 0.5 and whole.config.data.lookahead == 0
+    values = json.loads(hidden.config.to_json())
+    values["data"]["lookahead"] = 0.0
+    assert values == json.loads(whole.config.to_json())
+
+
+def test_flags_become_a_request(monkeypatch, tmp_path, capsys):
+    calls = []
+    monkeypatch.setattr(command, "study_latency", lambda *arguments: calls.append(arguments) or False)
+    argv = ["--data", "talk:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path), "--no-train"]
+    assert command.main([*argv, "--jobs", "2", "--split", "val"]) == 1
+    ((request, out, line, *_),) = calls
+    assert (request.data, request.size, request.path, request.seeds) == ("talk", "debug", "corpora/x", (4, 6))
+    assert (request.workdir, request.jobs, request.has_training, request.split) == (tmp_path, 2, False, "val")
+    assert out == tmp_path / "talk-debug" / "latency.md" and capsys.readouterr().out == f"{out}\n"
+    assert line.startswith("python experiments/latency.py --data talk:corpora/x --size debug")
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--data", "bvh:a"], "known on talk only"),
+        (["--seeds", "some"], "neither a number of seeds nor a list"),
+        (["--data", "talk:nowhere"], "no corpus in"),
+    ],
+)
+def test_a_mistake_is_one_line(capsys, monkeypatch, tmp_path, flags, message):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(flags) == 2
+    printed = capsys.readouterr().err
+    assert message in printed and printed.count("\n") == 1 and not list(tmp_path.iterdir())

@@ -1,0 +1,318 @@
+"""A table's runs are trained once, shared, continued and reported; training itself is a stand-in here."""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import threading
+
+import pytest
+import reproduce as command
+from tables import plan as plan_module
+from tables.plan import parse_changes, parse_seeds, plan_table, scores_path
+from tables.runs import Stopped
+
+from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.corpus.statistics import summarise
+from ha2g_jax.files.child_process import stop_signals
+
+from .fake_runs import FakeRuns, run_study
+
+
+def test_everything_is_trained_once_and_reported(request_):
+    runs = FakeRuns()
+    is_whole, report = run_study(request_, runs)
+    assert is_whole
+    assert len(runs.trained) == 1 + 5 * 2 and "autoencoder" in runs.trained[0]
+    assert runs.scored == runs.trained[1:] and "seed1" not in "".join(runs.scored[:5])
+    assert (
+        "| HA2G | 5.306, 0.715, 173.9 | 1.000 ±6.353 |" in report
+        and "| Trimodal | 12.61, 0.592, 154.1 | 1.505 ±" in report
+    )
+    assert "id cafe; step " in report and "reconstruction error 0.125" in report
+    assert "`the command`" in report and "commit abc; 1 x abacus" in report
+    assert str(request_.workdir) not in report
+    again = FakeRuns()
+    assert run_study(request_, again)[0]
+    assert not again.trained and not again.scored and not again.workers
+
+
+def test_tables_share_runs(request_):
+    request = request_._replace(data="bvh", seeds=(0,))
+    first = FakeRuns()
+    run_study(request, first)
+    (full,) = (name for name in first.trained if "-ha2g-" in name)
+    for table in ("table11", "table12", "table3"):
+        more = FakeRuns()
+        run_study(request._replace(table=table), more)
+        assert full not in more.trained and not any("autoencoder" in name for name in more.trained)
+        assert len(more.trained) == {"table11": 2, "table12": 0, "table3": 6}[table]
+
+
+def test_a_row_that_another_table_calls_differently_is_the_same_run(request_):
+    request = request_._replace(table="table3", seeds=(0,))
+    runs = FakeRuns()
+    run_study(request, runs)
+    (name,) = (name for name in runs.trained if "high-level-feature-only" in name)
+    renamed = request.workdir / name.replace("high-level-feature-only", "high-level-only")
+    (request.workdir / name).rename(renamed)
+    plan = plan_table(request)
+    assert plan.rows["high-level feature only"][0].workdir == renamed
+
+
+def test_changed_settings_and_changed_data_are_other_runs(request_, corpus):
+    request = request_._replace(table="table12", seeds=(0,))
+    (run,) = plan_table(request).runs
+    assert plan_table(request).runs == (run,)
+    changed = plan_table(request._replace(changes={"train.steps": 7}))
+    assert changed.runs[0].name != run.name and changed.runs[0].config.train.steps == 7
+    assert changed.autoencoder.name == plan_table(request).autoencoder.name
+    metadata = json.loads((corpus / "dataset.json").read_text())
+    (corpus / "dataset.json").write_text(json.dumps(metadata | {"name": "made anew"}))
+    assert plan_table(request).runs[0].name != run.name
+    moved = corpus.rename(corpus.with_name("elsewhere"))
+    (moved / "dataset.json").write_text(json.dumps(metadata))
+    assert plan_table(request._replace(path=str(moved))).runs[0].name == run.name
+
+
+def test_the_recogniser_s_weights_are_of_one_row(request_, corpus):
+    request = request_._replace(table="table3", seeds=(0,))
+    without, plan = (plan_table(each) for each in (request, request._replace(changes={"model.audio.weights": "w"})))
+    assert without.left_out.keys() == plan.rows.keys() - without.rows.keys() == {"HA2G-ASR"} and not plan.left_out
+    assert all(plan.rows[row] == runs for row, runs in without.rows.items())
+    assert plan.rows["HA2G-ASR"][0].config.model.audio.weights == "w"
+
+
+def test_a_row_that_lacks_an_input_is_left_out_and_named(request_, capsys):
+    is_whole, report = run_study(request_._replace(table="table3", seeds=(0,)), FakeRuns())
+    line = "HA2G-ASR: it needs the weights of Whisper: --changes model.audio.weights=FOLDER"
+    assert is_whole and f"## Left out\n\n- {line}" in report
+    assert "HA2G-ASR is left out: it needs" in capsys.readouterr().err
+
+
+def test_a_failed_run_is_reported_and_tried_again(request_):
+    is_whole, report = run_study(request_, FakeRuns(unlucky=("trimodal",)))
+    assert not is_whole
+    assert "- Trimodal, seed 1: failed: the loss is no number (see bvh-debug-trimodal-" in report
+    assert "| Trimodal | 12.61, 0.592, 154.1 | - |" in report and "| HA2G | 5.306, 0.715, 173.9 | 1.000 ±" in report
+    again = FakeRuns()
+    is_whole, report = run_study(request_, again)
+    assert is_whole and "failed" not in report
+    assert [name.split("-")[2] for name in again.trained] == ["trimodal", "trimodal"]
+
+
+def test_a_failed_autoencoder_ends_it(request_):
+    with pytest.raises(UserError, match="auto-encoder was not trained: the loss is no number"):
+        run_study(request_, FakeRuns(unlucky=("autoencoder",)))
+
+
+def test_an_unfinished_run_is_only_scored_without_training(request_):
+    request = request_._replace(table="table12", seeds=(0,), changes={"train.steps": 8})
+    is_whole, report = run_study(request, FakeRuns(interrupted=("ha2g",)))
+    assert not is_whole and "it ended without scores" in report
+    runs = FakeRuns()
+    request = request._replace(table="table3", has_training=False)
+    is_whole, report = run_study(request, runs)
+    assert not runs.trained and len(runs.scored) <= 1
+    assert "| HA2G Full | 5.306, 0.715, 173.9 | 0.500 |" in report and "4 of 8" in report
+    assert "- HA2G without text, seed 0: failed: not trained" in report and not is_whole
+
+
+def test_scores_are_made_anew_when_what_they_depend_on_changes(request_, corpus, monkeypatch):
+    request = request_._replace(table="table12", seeds=(0,))
+    run_study(request, FakeRuns())
+    plan = plan_table(request)
+    (run,) = plan.runs
+    paths = {scores_path(run, plan, request), scores_path(run, plan, request._replace(has_legacy=True))}
+    for name in (run.workdir, plan.autoencoder.workdir):
+        (sums,) = (name / "best").glob("*/SHA256SUMS")
+        sums.write_text("other weights")
+        paths.add(scores_path(run, plan, request))
+    monkeypatch.setattr(plan_module, "EVALUATION_VERSION", -1)
+    paths.add(scores_path(run, plan, request))
+    assert len(paths) == 5
+    again = FakeRuns()
+    run_study(request, again)
+    assert not again.trained and again.scored == [run.name]
+
+
+def test_several_runs_work_at_once(request_):
+    run_study(request_, FakeRuns(unlucky=("-ha2g-",)))
+    runs = FakeRuns()
+    runs.barrier = threading.Barrier(2)  # passes only if both of the missing runs are under way
+    assert run_study(request_._replace(jobs=2), runs)[0]
+    assert runs.workers == {0, 1} and len(runs.trained) == 2
+
+
+def test_a_signal_stops_and_the_same_request_continues(request_):
+    class Signalled(FakeRuns):
+        def __call__(self, request, run, worker, stop):
+            if len(self.scored) == 2:
+                os.kill(os.getpid(), signal.SIGTERM)
+                return
+            super().__call__(request, run, worker, stop)
+
+    first = Signalled()
+    before = signal.getsignal(signal.SIGTERM)
+    with stop_signals() as stop, pytest.raises(Stopped) as stopped:
+        run_study(request_, first, stop=stop)
+    assert stopped.value.number == signal.SIGTERM and signal.getsignal(signal.SIGTERM) is before
+    assert not (request_.workdir / "report.md").exists()
+    second = FakeRuns()
+    assert run_study(request_, second)[0]
+    assert len(second.scored) == 8 and not set(first.scored) & set(second.scored)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"table": "gesture_ablation"}, "choose table4"),
+        ({"path": ""}, "needs the folder of a corpus"),
+        ({"changes": {"train.stps": 3}}, "no setting 'train.stps'"),
+        ({"changes": {"train.steps": "many"}}, "train.steps cannot be 'many'"),
+        ({"data": "talk"}, "no clips in the split test_unseen_speakers"),
+        ({"has_training": False}, "leave out --no-train"),
+    ],
+)
+def test_a_request_that_cannot_be_met_starts_nothing(request_, change, message):
+    runs = FakeRuns()
+    with pytest.raises(UserError, match=message):
+        run_study(request_._replace(**change), runs)
+    assert not runs.workers
+
+
+def test_flags_are_read():
+    assert parse_seeds("3") == (0, 1, 2) and parse_seeds("0,5,7") == (0, 5, 7) and parse_seeds("4,") == (4,)
+    for text in ("", "three", "1;2", "-1"):
+        with pytest.raises(UserError, match="number of seeds"):
+            parse_seeds(text)
+    for text in ("0", "0,0"):
+        with pytest.raises(UserError, match="each once"):
+            parse_seeds(text)
+    found = parse_changes(["train.steps=300", "loss.gan=minimax", "train.betas=(0.5,0.9)"])
+    assert found == {"train.steps": 300, "loss.gan": "minimax", "train.betas": (0.5, 0.9)}
+    with pytest.raises(UserError, match="not KEY=VALUE"):
+        parse_changes(["train.steps"])
+    with pytest.raises(UserError, match="cannot set seed; give --seeds"):
+        parse_changes(["seed=7"])
+
+
+class Asked:
+    """Stands for `reproduce`: keeps what it is asked for and gives `answer`."""
+
+    def __init__(self):
+        self.calls: list[tuple] = []
+        self.answer: bool | Exception = True
+
+    def __call__(self, *arguments):
+        self.calls.append(arguments)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    asked = Asked()
+    monkeypatch.setattr(command, "reproduce", asked)
+    return asked
+
+
+def test_flags_become_a_request(asked, tmp_path, capsys):
+    argv = ["table3", "--data", "bvh:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path)]
+    argv += ["--jobs", "2", "--no-train", "--legacy", "--changes", "train.steps=3", "--changes", "loss.gan=minimax"]
+    argv += ["--keep", "kept"]
+    assert command.main(argv) == 0
+    ((request, out, line, _, _, keep),) = asked.calls
+    assert keep == pathlib.Path("kept")
+    assert request._asdict() == {
+        "table": "table3",
+        "data": "bvh",
+        "size": "debug",
+        "path": "corpora/x",
+        "seeds": (4, 6),
+        "workdir": tmp_path,
+        "changes": {"train.steps": 3, "loss.gan": "minimax"},
+        "jobs": 2,
+        "has_training": False,
+        "has_legacy": True,
+        "split": "test",
+    }
+    assert out == tmp_path / "bvh-debug" / "table3.md" and capsys.readouterr().out == f"{out}\n"
+    assert line.startswith("python experiments/reproduce.py table3 --data bvh:corpora/x --size debug --seeds 4,6")
+
+
+def test_the_defaults_are_three_seeds_of_the_small_size(asked):
+    assert command.main(["table1", "--data", "talk"]) == 0
+    ((request, out, *_),) = asked.calls
+    assert (request.seeds, request.size, request.path, request.jobs) == ((0, 1, 2), "small", "", 1)
+    assert request.has_training and out == pathlib.Path("runs/reproduce/talk-small/table1.md")
+
+
+@pytest.mark.parametrize(
+    ("answer", "code", "printed"),
+    [
+        (False, 1, ""),
+        (UserError("the disk is full; make room"), 2, "reproduce: the disk is full; make room\n"),
+        (Stopped(signal.SIGINT), 130, "stopped; the same command continues\n"),
+    ],
+)
+def test_the_exit_code_says_how_it_ended(asked, capsys, answer, code, printed):
+    asked.answer = answer
+    assert command.main(["table1", "--data", "talk"]) == code
+    assert capsys.readouterr().err == printed
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--data", "tedd"], "no data 'tedd'; expected one of talk"),
+        (["--data", "bvh:a", "--path", "b"], "give one of them"),
+        (["--data", "talk", "--seeds", "some"], "neither a number of seeds nor a list"),
+        (["--data", "talk", "--changes", "steps"], "not KEY=VALUE"),
+        (["--data", "talk", "--changes", "data.path=a"], "give --data NAME:DIR"),
+        (["--data", "talk", "--out", "a.svg"], "a file beside the report"),
+        (["--data", "talk", "--out", "."], "is a folder"),
+        (["--data", "bvh"], "needs the folder of a corpus"),
+        (["--data", "bvh:nowhere"], "no corpus in"),
+    ],
+)
+def test_a_mistake_is_one_line(capsys, monkeypatch, tmp_path, flags, message):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["table1", *flags]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed and printed.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_a_signal_stops_the_command(request_, capsys):
+    def perform(request, run, worker, stop):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    flags = ["table1", "--data", f"bvh:{request_.path}", "--size", "debug", "--workdir", str(request_.workdir)]
+    before = signal.getsignal(signal.SIGINT)
+    assert command.main(flags, perform) == 128 + signal.SIGINT
+    assert "the same command continues" in capsys.readouterr().err and signal.getsignal(signal.SIGINT) is before
+
+
+def _cells(page, row):
+    line = next(line for line in page.splitlines() if line.startswith(f"| {row} "))
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_tables_5_and_10_have_the_numbers_of_the_corpus_and_of_the_paper(tiny_talk, tmp_path):
+    page, found = command.corpus_page("table5", tiny_talk, "the command"), summarise(tiny_talk)
+    assert _cells(page, "TED-Expressive, paper") == ["TED-Expressive, paper", "1,764", "100.8", "240,447", "21 %"]
+    total = found["total"]
+    numbers = [f"{total['recordings']:,}", f"{total['hours']:,.3f}", f"{total['windows']:,}", "-"]
+    assert _cells(page, "this corpus, all splits")[1:] == numbers
+    splits = Corpus.open(tiny_talk).splits
+    assert sum(int(_cells(page, f"this corpus, {split}")[3].replace(",", "")) for split in splits) == total["windows"]
+    elbow = found["training"]["joints"]["left_elbow"]["corpus"]
+    cells = _cells(command.corpus_page("table10", tiny_talk, "the command"), "left elbow")
+    assert cells[1:3] == [f"{elbow['mean']:.1f}", f"{elbow['std']:.1f}"] and cells[5] == "75.1"
+    path = shutil.copytree(tiny_talk, tmp_path / "corpus")
+    (path / "dataset.json").write_text((path / "dataset.json").read_text().replace('"train"', '"other"'))
+    with pytest.raises(UserError, match="no training split"):
+        command.corpus_page("table10", path, "")
