@@ -114,7 +114,7 @@ def _trained(record: Record) -> list[Any]:
 
 
 def _keep_weights(run: Run, folder: pathlib.Path) -> None:
-    from ha2g_jax.checkpoint.loading import export  # JAX takes a while to import
+    from ha2g_jax.checkpoint.publishing import export  # JAX takes a while to import
 
     if not (folder / run.name).exists():
         export(run.workdir, folder / run.name)
