@@ -32,7 +32,7 @@ from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.synthesis import Generator, Model
-from ha2g_jax.synthesis.backends import BACKENDS
+from ha2g_jax.synthesis.files import BACKENDS
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 

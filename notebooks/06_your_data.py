@@ -37,7 +37,7 @@ import numpy as np
 import soundfile
 
 from ha2g_jax import launch
-from ha2g_jax.data import division, import_report, validation
+from ha2g_jax.data import recording, regroup, validation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.evaluation.corpus import statistics
@@ -100,15 +100,15 @@ plt.show()
 
 # %%
 report = import_bvh(folder / "recordings", folder / "imported")
-print(import_report.as_table(report))
+print(recording.report_as_table(report))
 
 # %% [markdown]
-# A validation split is needed for the best checkpoint. `division.divide` (`ha2g data split`) never divides a
+# A validation split is needed for the best checkpoint. `regroup.divide` (`ha2g data split`) never divides a
 # recording. Then the corpus is checked, and its statistics are shown; `ha2g data inspect corpus` writes them as a
 # page, with clips to watch and the angles beside those of the paper (Table 10).
 
 # %%
-division.divide(folder / "imported", folder / "corpus", fractions={"train": 0.8, "val": 0.2})
+regroup.divide(folder / "imported", folder / "corpus", fractions={"train": 0.8, "val": 0.2})
 print("errors:", validation.validate(folder / "corpus"))
 summary = statistics.summarise(folder / "corpus")
 for row in [*statistics.split_rows(summary), [], *statistics.joint_rows(summary["training"])]:

@@ -17,7 +17,7 @@ from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import files
-from ha2g_jax.synthesis.paths import SUFFIXES, find_transcript, out_paths, plan
+from ha2g_jax.synthesis.files import SUFFIXES, find_transcript, out_paths, plan
 
 
 @pytest.fixture(scope="module")

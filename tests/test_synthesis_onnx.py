@@ -16,7 +16,8 @@ from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.synthesis import Style, backends, load_onnx
+from ha2g_jax.synthesis import Style, files, load_onnx
+from ha2g_jax.synthesis.onnx_model import exported
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +83,11 @@ def test_the_command_generates_without_jax(folder, onnx_model, tmp_path):
 
 def test_a_model_folder_is_exported_to_the_cache_once(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
-    first = backends.exported(folder)
+    first = exported(folder)
     assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(folder).assets.hash)
     written = first.stat().st_mtime_ns
-    assert backends.load(folder, "onnx").assets.hash == loading.load(folder).assets.hash
-    assert backends.exported(folder).stat().st_mtime_ns == written
+    assert files.load(folder, "onnx").assets.hash == loading.load(folder).assets.hash
+    assert exported(folder).stat().st_mtime_ns == written
 
 
 def test_a_model_folder_with_other_assets_is_exported_again(folder, tmp_path, monkeypatch):
@@ -94,23 +95,23 @@ def test_a_model_folder_with_other_assets_is_exported_again(folder, tmp_path, mo
     changed = pathlib.Path(shutil.copytree(folder, tmp_path / "changed"))
     assets = json.loads((changed / "assets.json").read_text())
     (changed / "assets.json").write_text(json.dumps(assets, indent=1))
-    assert backends.exported(folder) != backends.exported(changed)
+    assert exported(folder) != exported(changed)
 
 
 def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
     file = folder.with_suffix(".onnx")
     with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
-        backends.load(file, "jax")
+        files.load(file, "jax")
     with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g export-onnx"):
-        backends.load(tmp_path, "onnx")
+        files.load(tmp_path, "onnx")
     with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
         loading.load(file)
     (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
     for name in ("model.safetensors", "config.json"):
         (tmp_path / name).write_bytes(b"")
     with pytest.raises(UserError, match="has no hash of the weights"):
-        backends.load(tmp_path, "onnx")
+        files.load(tmp_path, "onnx")
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
@@ -120,6 +121,6 @@ def test_a_missing_extra_is_named(folder, onnx_model, tmp_path, monkeypatch, pac
     message = rf"an ONNX file needs {package}: pip install 'ha2g-jax\[onnx\]'"
     for source in (folder, folder.with_suffix(".onnx")):
         with pytest.raises(UserError, match=message):
-            backends.load(source, "onnx")
+            files.load(source, "onnx")
     assert cli.main(["export-onnx", str(folder), "-o", str(tmp_path / "a.onnx")]) == (2 if package == "onnx" else 0)
     assert capsys.readouterr().err.count("\n") == (1 if package == "onnx" else 0)

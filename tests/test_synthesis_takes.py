@@ -8,7 +8,7 @@ import pytest
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.synthesis import Style, load_onnx
-from ha2g_jax.synthesis.takes import page_description
+from ha2g_jax.synthesis.onnx_model import page_description
 
 
 @pytest.fixture(scope="module")

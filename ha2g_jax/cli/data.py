@@ -11,7 +11,7 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import SKELETONS
 
 if TYPE_CHECKING:
-    from ha2g_jax.data.import_report import Report
+    from ha2g_jax.data.recording import Report
 
 _SPLITS = ("train", "val", "test")
 _MOTION = ("skeleton", "fps", "speaker", "audio", "words", "no_words", "license")
@@ -192,12 +192,12 @@ def _build_video(arguments: argparse.Namespace) -> None:
 
 
 def _print_report(report: "Report", arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data import import_report
+    from ha2g_jax.data import recording
 
     if arguments.json:
-        print(json.dumps(import_report.as_json(report), indent=1))
+        print(json.dumps(recording.report_as_json(report), indent=1))
     else:
-        print(import_report.as_table(report), arguments.dst, sep="\n")
+        print(recording.report_as_table(report), arguments.dst, sep="\n")
 
 
 def _add_make_talk(data: Any) -> None:
@@ -289,9 +289,9 @@ def _add_merge(data: Any) -> None:
 
 
 def _merge(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data import merge
+    from ha2g_jax.data import regroup
 
-    merge.merge(arguments.src, arguments.dst, same_speakers=arguments.same_speakers)
+    regroup.merge(arguments.src, arguments.dst, same_speakers=arguments.same_speakers)
     print(arguments.dst)
 
 
@@ -321,8 +321,8 @@ def _add_split(data: Any) -> None:
 
 
 def _split(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.data import division
+    from ha2g_jax.data import regroup
 
     fractions: dict[str, float] = dict(zip(_SPLITS, arguments.fractions, strict=True))
-    division.divide(arguments.src, arguments.dst, by=arguments.by, fractions=fractions, seed=arguments.seed)
+    regroup.divide(arguments.src, arguments.dst, by=arguments.by, fractions=fractions, seed=arguments.seed)
     print(arguments.dst)

@@ -180,7 +180,7 @@ def _print_path(path: pathlib.Path) -> None:
 
 
 def _list_speakers(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.synthesis import speakers
+    from ha2g_jax.synthesis import style
 
-    rows = speakers.describe_speakers(arguments.checkpoint)
-    print(json.dumps(rows, indent=1) if arguments.json else speakers.as_table(rows))
+    rows = style.describe_speakers(arguments.checkpoint)
+    print(json.dumps(rows, indent=1) if arguments.json else style.speakers_as_table(rows))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.data import media, records
+from ha2g_jax.data import records
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import reason
 from ha2g_jax.limits import (
@@ -174,11 +174,11 @@ def _check_words(fields: dict[str, Any], seconds: float, slack: float) -> Iterat
 def _check_audio(fields: dict[str, Any], seconds: float, slack: float) -> Iterator[str]:
     try:
         # The length declared in the header is checked first, so that hours of audio are not decoded for a short clip.
-        declared = media.audio_seconds(fields["audio"])
+        declared = records.flac_seconds(fields["audio"])
         if abs(declared - seconds) > slack:
             yield f"{declared:.2f} s of audio for {seconds:.2f} s of motion"
             return
-        audio = media.decode_audio(fields["audio"], seconds + slack)
+        audio = records.decode_flac(fields["audio"], seconds + slack)
     except records.DAMAGE as error:
         yield f"audio that cannot be read ({reason(error)})"
         return
@@ -206,7 +206,7 @@ def _check_confidence(fields: dict[str, Any]) -> Iterator[str]:
 def _check_images(fields: dict[str, Any]) -> Iterator[str]:
     try:
         if fields["reference_images"]:
-            media.decode_images(fields["reference_images"])
+            records.decode_pictures(fields["reference_images"])
     except records.DAMAGE as error:
         yield f"an image of the speaker cannot be read ({reason(error)})"
 

@@ -1,21 +1,197 @@
 """One clip of speech and motion, and its bytes: the record that data of every origin becomes."""
 
 import dataclasses
+import io
+import math
 import struct
 import types
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, cast
 
 import msgpack
 import numpy as np
 import soundfile
+from PIL import Image
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
 
-from ha2g_jax.data import media, packing
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import reason
-from ha2g_jax.limits import MAX_NAME_LENGTH
+from ha2g_jax.limits import MAX_CLIP_BYTES, MAX_CLIP_IMAGE_SIDE, MAX_CLIP_IMAGES, MAX_CLIP_PIXELS, MAX_NAME_LENGTH
+
+_QUALITY = 90
+_PNG = b"\x89PNG"
+
+
+def encode_flac(audio: np.ndarray) -> bytes:
+    """Encode sound as FLAC of 16 bits.
+
+    Args:
+        audio: (samples,) float32 in [-1, 1] at 16 kHz.
+    """
+    flac = io.BytesIO()
+    soundfile.write(flac, audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
+    return flac.getvalue()
+
+
+def flac_seconds(flac: bytes) -> float:
+    """Return the seconds that the header of FLAC states.
+
+    Args:
+        flac: bytes of the sound.
+
+    Raises:
+        ValueError, soundfile.SoundFileError: the bytes are not mono FLAC at 16 kHz.
+    """
+    with soundfile.SoundFile(io.BytesIO(flac)) as file:
+        return _frames(file) / SAMPLE_RATE
+
+
+def decode_flac(flac: bytes, max_seconds: float) -> np.ndarray:
+    """Decode sound.
+
+    Args:
+        flac: bytes of the sound.
+        max_seconds: maximum length in seconds.
+
+    Returns:
+        (samples,) float32 at 16 kHz.
+
+    Raises:
+        ValueError, soundfile.SoundFileError: the bytes are not mono FLAC at 16 kHz, or longer.
+    """
+    with soundfile.SoundFile(io.BytesIO(flac)) as file:
+        num_frames = _frames(file)
+        if num_frames > max_seconds * SAMPLE_RATE:
+            raise ValueError(
+                f"{num_frames / SAMPLE_RATE:.0f} s of audio, expected {max_seconds:.0f} s at most for its motion"
+            )
+        return file.read(dtype="float32")
+
+
+def _frames(file: soundfile.SoundFile) -> int:
+    if (file.format, file.samplerate, file.channels) != ("FLAC", SAMPLE_RATE, 1):
+        raise ValueError(
+            f"audio in {file.format} at {file.samplerate} Hz with {file.channels} channels, expected FLAC at "
+            f"{SAMPLE_RATE} Hz with 1"
+        )
+    return file.frames
+
+
+def encode_picture(image: np.ndarray) -> bytes:
+    """Encode an image as JPEG.
+
+    Args:
+        image: (height, width, 3) uint8.
+    """
+    jpeg = io.BytesIO()
+    Image.fromarray(image).save(jpeg, "JPEG", quality=_QUALITY)
+    return jpeg.getvalue()
+
+
+def decode_pictures(images: Sequence[bytes]) -> np.ndarray:
+    """Decode images of one size.
+
+    Args:
+        images: bytes of the images, at least one.
+
+    Returns:
+        (images, height, width, 3) uint8.
+
+    Raises:
+        ValueError, OSError, SyntaxError: they are not images in JPEG or PNG, of several sizes, too many or too large.
+    """
+    if not 0 < len(images) <= MAX_CLIP_IMAGES:
+        raise ValueError(f"{len(images)} images, expected 1 to {MAX_CLIP_IMAGES}")
+    # Not Image.open, which warns of a large image before its size can be checked.
+    opened = [(PngImageFile if image.startswith(_PNG) else JpegImageFile)(io.BytesIO(image)) for image in images]
+    sizes = sorted({image.size for image in opened})
+    if len(sizes) > 1:
+        raise ValueError(f"images of {len(sizes)} sizes, {' and '.join(f'{w} x {h}' for w, h in sizes[:2])}")
+    width, height = sizes[0]
+    if max(width, height) > MAX_CLIP_IMAGE_SIDE:
+        raise ValueError(f"{width} x {height} pixels, expected {MAX_CLIP_IMAGE_SIDE} x {MAX_CLIP_IMAGE_SIDE} at most")
+    if len(opened) * width * height > MAX_CLIP_PIXELS:
+        raise ValueError(
+            f"{len(opened)} images of {width} x {height} pixels, expected {MAX_CLIP_PIXELS} pixels at most"
+        )
+    return np.stack([np.asarray(image.convert("RGB")) for image in opened])
+
+
+_FLOATS = ("<f4", "<f8")
+# A list or dict takes up to a hundred times its bytes in memory. The greatest clip needs half of these.
+_MAX_LENGTH = 250_000  # elements of one list
+_MAX_VALUES = 1_000_000  # elements of all lists and dicts of a record
+
+
+def pack_array(array: np.ndarray) -> dict[str, Any]:
+    """Return an array as a dict for msgpack: float64 as such, everything else as float32.
+
+    Args:
+        array: array of any shape.
+    """
+    floats = "<f8" if array.dtype == np.float64 else "<f4"
+    packed = {"shape": list(array.shape), "data": np.ascontiguousarray(array, floats).tobytes()}
+    return packed if floats == "<f4" else {"dtype": floats, **packed}
+
+
+def unpack_array(packed: Any) -> np.ndarray:
+    """Return the array of a dict that `pack_array` has made, float32 or float64.
+
+    Args:
+        packed: value from a file.
+
+    Raises:
+        TypeError, ValueError: it is no such dict, or its shape does not fit its bytes.
+    """
+    if not isinstance(packed, dict):
+        raise TypeError(f"{type(packed).__name__} in place of an array")
+    floats, shape, data = packed.get("dtype", "<f4"), packed.get("shape"), packed.get("data")
+    if floats not in _FLOATS:
+        raise ValueError(f"numbers of type {repr(floats)[:20]}")
+    if not isinstance(shape, list) or len(shape) > 4 or not all(type(size) is int and size >= 0 for size in shape):
+        raise ValueError(f"an array of shape {repr(shape)[:60]}")
+    num_bytes = math.prod(shape) * np.dtype(floats).itemsize
+    if not isinstance(data, bytes) or len(data) != num_bytes:
+        found = f"{len(data)} bytes" if isinstance(data, bytes) else type(data).__name__
+        raise ValueError(f"an array of shape {shape} in {found} instead of {num_bytes} bytes")
+    return np.frombuffer(data, floats).reshape(shape).copy()
+
+
+def unpack_values(record: bytes) -> dict[str, Any]:
+    """Unpack a record of msgpack of limited size.
+
+    Args:
+        record: bytes from a file.
+
+    Raises:
+        TypeError, ValueError, msgpack.UnpackException: the bytes are not msgpack, no dict, or have too many values.
+    """
+    if len(record) > MAX_CLIP_BYTES:
+        raise ValueError(f"{len(record)} bytes, expected {MAX_CLIP_BYTES} at most")
+    count = 0
+
+    def counted(value: Any) -> Any:
+        nonlocal count
+        count += len(value) + 1
+        if count > _MAX_VALUES:
+            raise ValueError(f"more than {_MAX_VALUES} values")
+        return value
+
+    values = msgpack.unpackb(
+        record,
+        list_hook=counted,
+        object_hook=counted,
+        max_array_len=min(_MAX_LENGTH, len(record)),
+        max_map_len=min(_MAX_LENGTH, len(record)),
+    )
+    if not isinstance(values, dict):
+        raise TypeError(f"{type(values).__name__} in place of fields")
+    return values
+
 
 WINDOW_FRAMES = 34  # N of the paper, at 15 fps
 WINDOW_STRIDE = 10  # frames at 15 fps between the starts of two windows
@@ -107,12 +283,12 @@ def encode_clip(clip: Clip) -> bytes:
     """
     names = [field.name for field in dataclasses.fields(Clip)]
     fields = {STORED_NAMES.get(name, name): getattr(clip, name) for name in names}
-    fields["audio"] = media.encode_audio(clip.audio)
-    fields["positions"] = packing.pack_array(clip.positions)
+    fields["audio"] = encode_flac(clip.audio)
+    fields["positions"] = pack_array(clip.positions)
     if clip.confidence is not None:
-        fields["confidence"] = packing.pack_array(clip.confidence)
+        fields["confidence"] = pack_array(clip.confidence)
     if clip.reference_images is not None:
-        fields["reference_frames"] = [media.encode_image(image) for image in clip.reference_images]
+        fields["reference_frames"] = [encode_picture(image) for image in clip.reference_images]
     return cast(bytes, msgpack.packb(fields))
 
 
@@ -159,11 +335,11 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored: dict[str, Any] = _YOUNGER | packing.unpack_values(record)
+        stored: dict[str, Any] = _YOUNGER | unpack_values(record)
         fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
-        fields["positions"] = packing.unpack_array(fields["positions"])
+        fields["positions"] = unpack_array(fields["positions"])
         if fields["confidence"] is not None:
-            fields["confidence"] = packing.unpack_array(fields["confidence"])
+            fields["confidence"] = unpack_array(fields["confidence"])
         fields["words"] = tuple(Word(*word) for word in fields["words"])
         fields["strokes"] = tuple(Stroke(*stroke) for stroke in fields["strokes"])
         fields["window_starts"] = tuple(fields["window_starts"])
@@ -195,7 +371,7 @@ def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndar
         UserError: the audio is not mono FLAC at 16 kHz, or much longer than the motion.
     """
     try:
-        return media.decode_audio(fields["audio"], len(fields["positions"]) / fps + _MORE_AUDIO)
+        return decode_flac(fields["audio"], len(fields["positions"]) / fps + _MORE_AUDIO)
     except DAMAGE as error:
         raise _corrupt(f"clip {_printable(fields['id'])}, {name},", reason(error)) from error
 
@@ -217,7 +393,7 @@ def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -
     if not fields["reference_images"]:
         return None
     try:
-        return media.decode_images(fields["reference_images"][:count])
+        return decode_pictures(fields["reference_images"][:count])
     except DAMAGE as error:
         raise _corrupt(f"clip {_printable(fields['id'])}, {name},", f"an image: {reason(error)}") from error
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.files.reading import reason
 from ha2g_jax.limits import MAX_CLIPS
 from ha2g_jax.skeleton import SKELETONS, load_skeleton

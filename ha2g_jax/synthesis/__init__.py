@@ -4,8 +4,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ha2g_jax.synthesis.files import generate_files
-from ha2g_jax.synthesis.generator import Generator
-from ha2g_jax.synthesis.speech import Audio, read_speech
+from ha2g_jax.synthesis.generator import Audio, Generator, read_speech
 from ha2g_jax.synthesis.style import Style, choose_style, read_mixture
 
 if TYPE_CHECKING:

@@ -3,27 +3,131 @@
 import abc
 import importlib.metadata
 import math
+import pathlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypedDict, TypeVar
 
 import numpy as np
 
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.onnx.reading import Description
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE, check_samples, read_audio
 from ha2g_jax.features.text import Word
+from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_FPS, MIN_FPS
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.resample import num_frames, resample
+from ha2g_jax.motion.resample import num_frames, resample, sample, slerp
 from ha2g_jax.motion.smoothing import check_width, smooth
 from ha2g_jax.motion.windows import ease_borders, join_windows
-from ha2g_jax.synthesis.seed_pose import SeedPose, read_seed_pose, start_from
-from ha2g_jax.synthesis.speech import Speech, read_speech
+from ha2g_jax.skeleton import Skeleton
 from ha2g_jax.synthesis.style import RANDOM, Style
 
 if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec
+
+
+class Audio(NamedTuple):
+    """Speech that has been read and checked.
+
+    Attributes:
+        samples: (samples,) float32 mono samples at 16 kHz.
+        name: name of the file, None for an array.
+    """
+
+    samples: np.ndarray
+    name: str | None = None
+
+    @property
+    def duration(self) -> float:
+        """Duration in seconds."""
+        return len(self.samples) / SAMPLE_RATE
+
+
+Speech = str | pathlib.Path | np.ndarray | Audio
+
+
+def read_speech(speech: Speech) -> Audio:
+    """Read and check speech; speech that was read before is returned unchanged.
+
+    Args:
+        speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
+
+    Raises:
+        UserError: the speech cannot be used, see `features.audio.read_audio`.
+    """
+    if isinstance(speech, Audio):
+        return speech
+    if isinstance(speech, str | pathlib.Path):
+        return Audio(read_audio(speech), shown(pathlib.Path(speech).name))
+    samples = np.asarray(speech)
+    if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
+        raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")
+    return Audio(check_samples(samples.astype(np.float32), SAMPLE_RATE, "the speech"))
+
+
+SeedPose = str | pathlib.Path | Motion | np.ndarray
+
+_MIN_LENGTH = 1e-6  # length below which a vector has no direction
+
+
+def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int) -> tuple[np.ndarray, str]:
+    """Return a seed pose for a model, and its name for the metadata of the motion.
+
+    Args:
+        source: motion, or the path of its `.npz`, whose last frames are used; a pose (bones, 3); or poses
+            (F, bones, 3) at `fps`, the last of which are used.
+        skeleton: skeleton of the model.
+        fps: frames per second of the model.
+        count: number of frames of a seed pose, M; if the source is shorter, its first pose is repeated.
+
+    Returns:
+        (M, bones, 3) float32 unit vectors, and the name.
+
+    Raises:
+        UserError: there is no such file, it has another skeleton, or a vector has no direction.
+    """
+    name, rate = "array", fps
+    if isinstance(source, str | pathlib.Path):
+        name = pathlib.Path(source).name
+        source = Motion.load(source)
+    if isinstance(source, Motion):
+        name = name if name != "array" else "motion"
+        if source.meta["skeleton"] != skeleton.name:
+            raise UserError(
+                f"the seed pose {name} is of the skeleton {source.meta['skeleton']}, the model of {skeleton.name}; "
+                "give a motion on the skeleton of the model"
+            )
+        source, rate = source.directions, source.fps
+    poses = np.asarray(source)
+    poses = poses[None] if poses.ndim == 2 else poses
+    if poses.ndim != 3 or not len(poses) or poses.shape[1:] != (skeleton.num_bones, 3):
+        raise UserError(
+            f"the seed pose {name} has the shape {poses.shape}; expected ({skeleton.num_bones}, 3) direction vectors "
+            f"of {skeleton.name}, or (frames, {skeleton.num_bones}, 3)"
+        )
+    lengths = np.linalg.norm(poses.astype(np.float64), axis=-1, keepdims=True)
+    if not (np.isfinite(lengths).all() and lengths.min() > _MIN_LENGTH):
+        raise UserError(f"the seed pose {name} has vectors that are not finite or of no length; give another pose")
+    places = len(poses) - 1 - np.arange(count)[::-1] * (rate / fps)
+    return sample(poses / lengths, places), name
+
+
+def start_from(directions: np.ndarray, seed: np.ndarray) -> np.ndarray:
+    """Blend a seed pose into the first frames of a motion, so that frame 0 is that of the seed pose.
+
+    Args:
+        directions: (T, bones, 3) unit vectors of the motion.
+        seed: (M, bones, 3) unit vectors of the seed pose.
+
+    Returns:
+        (T, bones, 3) float32 unit vectors.
+    """
+    count = min(len(seed), len(directions))
+    weight = (np.arange(count, dtype=np.float32) / len(seed))[:, None, None]
+    return np.concatenate([slerp(seed[:count], directions[:count], weight), directions[count:]]).astype(np.float32)
+
 
 S = TypeVar("S", bound="Spec | Description")
 

@@ -3,6 +3,10 @@
 import concurrent.futures
 import contextlib
 import dataclasses
+import hashlib
+import importlib.metadata
+import importlib.resources
+import json
 import os
 import pathlib
 from collections.abc import Iterator, Sequence
@@ -11,17 +15,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
+from ha2g_jax.checkpoint import hub
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, Description, read
+from ha2g_jax.checkpoint.onnx.reading import BY, FEATURES, OUTPUT, SUFFIX, Description, read, to_metadata
 from ha2g_jax.data.speech import prepare, window
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.cache import cache_folder, one_maker
+from ha2g_jax.files.reading import read_json, reason, shown
+from ha2g_jax.limits import MAX_ASSETS_BYTES
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import num_windows
 from ha2g_jax.synthesis.generator import Generator
-from ha2g_jax.synthesis.style import Style, choose_style
+from ha2g_jax.synthesis.style import RANDOM, Style, choose_style
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -128,6 +135,43 @@ def load_onnx(path: str | pathlib.Path) -> OnnxModel:
     return OnnxModel(description, description.assets, *sessions, path=shown(path))
 
 
+def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
+    """Return the ONNX file of a model in the cache folder, which is written if it is not there.
+
+    Args:
+        checkpoint: "demo", a model folder, or a model on the Hub.
+
+    Raises:
+        UserError: there is no model folder, the model cannot be exported, or the cache folder cannot be written.
+    """
+    folder = hub.fetch(str(checkpoint)) if hub.is_hub_name(checkpoint) else pathlib.Path(checkpoint)
+    if checkpoint == "demo":
+        folder = pathlib.Path(str(importlib.resources.files("ha2g_jax") / "assets" / "demo"))
+    assets, config = folder / "assets.json", folder / "config.json"
+    if not all(path.is_file() for path in (assets, config, folder / "model.safetensors")):
+        raise UserError(
+            f"no model folder at {shown(checkpoint)}; write an ONNX file with ha2g export-onnx, and give it as "
+            "--checkpoint"
+        )
+    found = read_json(assets, "the assets of a model", MAX_ASSETS_BYTES)
+    name = found.get("hash") if isinstance(found, dict) else None
+    if not (isinstance(name, str) and name.isalnum() and name.isascii() and len(name) <= 64):
+        raise UserError(f"{shown(assets)} has no hash of the weights; export or download the model again")
+    version = importlib.metadata.version("ha2g-jax")
+    # The file also has the assets and the config, which may change while the weights stay.
+    digest = hashlib.sha256(assets.read_bytes() + config.read_bytes()).hexdigest()[:16]
+    path = cache_folder() / "onnx" / f"{name}-{digest}-{version}{SUFFIX}"
+    if not path.is_file():
+        with one_maker(path):
+            if not path.is_file():
+                for package in ("onnx", "onnxruntime"):
+                    require(package, "onnx", by=BY)
+                from ha2g_jax.checkpoint.onnx.export import export
+
+                export(checkpoint if checkpoint == "demo" else folder, path)
+    return path
+
+
 def _encoder_threads() -> int:
     return max(1, min((os.cpu_count() or 1) - 1, _MOST_THREADS))
 
@@ -142,3 +186,55 @@ def _blame(path: str) -> Iterator[None]:
         yield
     except (*kinds, state.NotImplemented, ValueError) as error:
         raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error
+
+
+NUM_SEEDS = 100
+
+_TEXTS = ("format", "name", "method", "hash", "license", "weights")
+
+
+def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:
+    """Return what a web page needs beside an ONNX file, the contents of its model.json.
+
+    Args:
+        path: file of `ha2g export-onnx`.
+        seeds: number of seeds, from 0 on, whose random choices are included.
+
+    Returns:
+        The values of the file's metadata by name (docs/onnx.md), and "takes", see `takes`.
+
+    Raises:
+        UserError: see `checkpoint.onnx.reading.read`.
+    """
+    description, _ = read(path)
+    metadata = to_metadata(description)
+    values = {name: text if name in _TEXTS else json.loads(text) for name, text in metadata.items()}
+    return values | {"takes": takes(description, seeds)}
+
+
+def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, Any]]:
+    """Return the random choices of `Generator.generate` for each seed from 0 on.
+
+    Args:
+        description: model that generates.
+        seeds: number of seeds.
+
+    Returns:
+        For each seed "style", the values of the style without a request; "variation", what is added to the style of a
+        speaker or a mixture with a variation of 1; and "seed_pose", the number of the seed pose.
+    """
+    zero = np.zeros(description.style_dim, np.float32)
+    no_style = dataclasses.replace(description.assets, speakers={"": zero})
+    bank = description.assets.seed_poses
+    found = []
+    for seed in range(seeds):
+        style, _ = choose_style(description, {}, description.assets, RANDOM, seed)
+        variation, _ = choose_style(description, {}, no_style, Style(speaker="", variation=1.0), seed)
+        seed_pose = int(np.random.default_rng(seed).integers(len(bank)))  # as in `generator.join`
+        found.append({"style": _numbers(style), "variation": _numbers(variation), "seed_pose": seed_pose})
+    return found
+
+
+def _numbers(values: np.ndarray) -> list[float]:
+    """Return the shortest decimals that give the same float32."""
+    return [float(str(value)) for value in values]

@@ -73,7 +73,7 @@ def test_a_killed_process_leaves_a_whole_corpus_or_none(tiny_talk, tmp_path, poi
         return
     with pytest.raises(UserError, match="no corpus in"):
         Corpus.open(dst)
-    from ha2g_jax.data.division import divide
+    from ha2g_jax.data.regroup import divide
 
     divide(tiny_talk, dst, fractions={"train": 1, "val": 1})
     assert sorted(path.name for path in tmp_path.iterdir()) == [".new-work", "new"]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.data import division, validation
+from ha2g_jax.data import regroup, validation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
@@ -57,7 +57,7 @@ def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize("by", ["recording", "speaker"])
 def test_nothing_is_divided_and_nothing_lost(original, tmp_path, by):
-    division.divide(original, tmp_path / "out", by=by, fractions={"train": 0.6, "val": 0.2, "test": 0.2})
+    regroup.divide(original, tmp_path / "out", by=by, fractions={"train": 0.6, "val": 0.2, "test": 0.2})
     corpus = Corpus.open(tmp_path / "out")
     assert corpus.splits == ("train", "val", "test")
     for field in ("recording", by):
@@ -73,16 +73,16 @@ def test_nothing_is_divided_and_nothing_lost(original, tmp_path, by):
 
 def test_fractions_are_met(original, tmp_path):
     """20 recordings of about 9 seconds each: the error of a split is far less than a recording."""
-    division.divide(original, tmp_path / "out", seed=3)
+    regroup.divide(original, tmp_path / "out", seed=3)
     splits = Corpus.open(tmp_path / "out").metadata["splits"]
     seconds = {split: entry["seconds"] for split, entry in splits.items()}
-    for split, fraction in division.FRACTIONS.items():
+    for split, fraction in regroup.FRACTIONS.items():
         assert seconds[split] / sum(seconds.values()) == pytest.approx(fraction, abs=0.015)
 
 
 def test_the_seed_decides(original, tmp_path):
     for name, seed in {"first": 0, "again": 0, "other": 1}.items():
-        division.divide(original, tmp_path / name, seed=seed)
+        regroup.divide(original, tmp_path / name, seed=seed)
     for file in (tmp_path / "first").iterdir():
         assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
     first, other = (owners(Corpus.open(tmp_path / name), "recording") for name in ("first", "other"))
@@ -99,7 +99,7 @@ def test_every_split_has_something(lengths, parts, seed):
     """Each recording is in one split, no split is empty, and moving one recording does not improve the fractions."""
     seconds = {f"recording-{number}": length for number, length in enumerate(lengths)}
     fractions = {f"split-{number}": part / sum(parts) for number, part in enumerate(parts)}
-    assigned = division.assign(seconds, fractions, seed)
+    assigned = regroup.assign(seconds, fractions, seed)
     assert set(assigned) == set(seconds)
     assert set(assigned.values()) == set(fractions)
     whole = sum(lengths)
@@ -127,12 +127,12 @@ def test_refusals(original, tmp_path):
     }
     for message, arguments in cases.items():
         with pytest.raises(UserError, match=message):
-            division.divide(original, tmp_path / "out", **arguments)
+            regroup.divide(original, tmp_path / "out", **arguments)
     with pytest.raises(UserError, match="exists already"):
-        division.divide(original, original)
+        regroup.divide(original, original)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_split_without_a_fraction_is_left_out(original, tmp_path):
-    division.divide(original, tmp_path / "out", fractions={"train": 3, "test": 1, "val": 0})
+    regroup.divide(original, tmp_path / "out", fractions={"train": 3, "test": 1, "val": 0})
     assert Corpus.open(tmp_path / "out").splits == ("train", "test")

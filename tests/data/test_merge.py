@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from ha2g_jax.data import merge, validation
+from ha2g_jax.data import regroup, validation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
@@ -56,7 +56,7 @@ def corpora(tmp_path):
 
 
 def test_all_clips_are_there_as_they_were(corpora, tmp_path):
-    merge.merge(corpora, tmp_path / "all")
+    regroup.merge(corpora, tmp_path / "all")
     corpus = Corpus.open(tmp_path / "all")
     assert corpus.splits == ("train", "val", "test")
     names = {
@@ -81,7 +81,7 @@ def test_all_clips_are_there_as_they_were(corpora, tmp_path):
 
 def test_description(corpora, tmp_path):
     """Sources and licences once each, reports added up, the vocabulary of the new training split."""
-    merge.merge(corpora, tmp_path / "all")
+    regroup.merge(corpora, tmp_path / "all")
     corpus = Corpus.open(tmp_path / "all")
     assert corpus.metadata["name"] == "all"
     assert corpus.metadata["source"] == "first | second"
@@ -106,7 +106,7 @@ def test_licences_are_stated_one_by_one(corpora, tmp_path):
     """A licence that nobody has stated stays not stated; the other corpus' licence does not cover it."""
     clip = make_clip("x", "di", "so")
     private = write(tmp_path / "private", {"train": [clip]}, metadata={"licence": "", "source": "a studio"})
-    merge.merge([corpora[0], private], tmp_path / "all")
+    regroup.merge([corpora[0], private], tmp_path / "all")
     metadata = Corpus.open(tmp_path / "all").metadata
     assert metadata["licence"] == "one: free | private: not stated"
     assert [(part["source"], part["licence"]) for part in metadata["merged"]] == [
@@ -116,14 +116,14 @@ def test_licences_are_stated_one_by_one(corpora, tmp_path):
 
 
 def test_speakers_of_one_name_may_be_one_person(corpora, tmp_path):
-    merge.merge(corpora, tmp_path / "all", same_speakers=True)
+    regroup.merge(corpora, tmp_path / "all", same_speakers=True)
     assert Corpus.open(tmp_path / "all").speakers == ("bo", "al", "cy")
 
 
 def test_folders_of_one_name(corpora, tmp_path):
     (tmp_path / "other").mkdir()
     shutil.copytree(corpora[0], tmp_path / "other" / "one")
-    merge.merge([corpora[0], tmp_path / "other" / "one"], tmp_path / "all")
+    regroup.merge([corpora[0], tmp_path / "other" / "one"], tmp_path / "all")
     assert [clip.id for clip in Corpus.open(tmp_path / "all").clips("train")] == [
         "one-a",
         "one-b",
@@ -151,9 +151,9 @@ def test_what_does_not_fit_is_refused(corpora, tmp_path):
     }
     for message, given in cases.items():
         with pytest.raises(UserError, match=message):
-            merge.merge(given, tmp_path / "all")
+            regroup.merge(given, tmp_path / "all")
     with pytest.raises(UserError, match="exists already"):
-        merge.merge(corpora, corpora[0])
+        regroup.merge(corpora, corpora[0])
     assert not (tmp_path / "all").exists()
 
 
@@ -161,4 +161,4 @@ def test_a_damaged_import_report(corpora, tmp_path):
     dataset = json.loads((corpora[0] / "dataset.json").read_text())
     (corpora[0] / "dataset.json").write_text(json.dumps({**dataset, "import": {"train": {"kilos": 3}}}))
     with pytest.raises(UserError, match="damaged import report"):
-        merge.merge(corpora, tmp_path / "all")
+        regroup.merge(corpora, tmp_path / "all")

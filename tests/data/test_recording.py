@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data.import_report import SplitReport, as_json, as_table
-from ha2g_jax.data.recording import Recording, to_clips
-from ha2g_jax.data.window_filters import MOCAP
+from ha2g_jax.data.recording import MOCAP, Recording, SplitReport, to_clips
+from ha2g_jax.data.recording import report_as_json as as_json
+from ha2g_jax.data.recording import report_as_table as as_table
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import load_skeleton
 

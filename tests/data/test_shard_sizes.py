@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
 
-from ha2g_jax.data import shard_sizes
-from ha2g_jax.data.shard_sizes import check_sizes
+from ha2g_jax.data import corpus
+from ha2g_jax.data.corpus import check_sizes
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_CLIP_BYTES
 
@@ -26,7 +26,7 @@ def test_sizes_are_those_of_the_records(tmp_path, options):
     sizes = random.integers(0, 200_000, 40).tolist()  # many begin in one block and end in another
     path = write(tmp_path / "x", (random.bytes(size) for size in sizes), options)
     with path.open("rb") as file:
-        found = list(shard_sizes._unpacked_sizes(file))
+        found = list(corpus._unpacked_sizes(file))
     assert [size for size in found if size in sizes] == sizes
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data import window_filters
-from ha2g_jax.data.window_filters import MOCAP, TED, choose_windows
+from ha2g_jax.data import recording
+from ha2g_jax.data.recording import MOCAP, TED, choose_windows
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
@@ -105,7 +105,7 @@ def test_first_reason_counts(skeleton: Skeleton):
     assert verdicts(skeleton, still) == ["pose"]
     assert verdicts(skeleton, tilted(skeleton, 1.3 * still, 25.0)) == ["spine angle"]
     assert verdicts(skeleton, 1.3 * still) == ["motion"]
-    assert set(window_filters.REASONS) == {"too_few_words", "pose", "spine angle", "motion"}
+    assert set(recording.REASONS) == {"too_few_words", "pose", "spine angle", "motion"}
 
 
 def test_spine_of_no_length_is_no_number_but_a_reason(skeleton: Skeleton):

@@ -8,11 +8,10 @@ import pytest
 from fixtures.corpora import append_records
 
 from ha2g_jax.data import records
-from ha2g_jax.data.clip_cache import ClipCache
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.data.windows import Windows, resize_images
+from ha2g_jax.data.windows import ClipCache, Windows, resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import log_mel, sound_power, window_column

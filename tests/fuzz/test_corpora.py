@@ -19,7 +19,7 @@ from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ha2g_jax.data import division, merge, validation
+from ha2g_jax.data import regroup, validation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, Stroke, decode_clip, encode_clip
@@ -98,8 +98,8 @@ def _use_all(path: pathlib.Path) -> list[str]:
         lambda: as_table(summarise(path)),
         windows,
         lambda: [decoded for split in Corpus.open(path).splits for decoded in Corpus.open(path).clips(split)],
-        lambda: division.divide(path, other, by="recording", fractions={"train": 1, "val": 1}),
-        lambda: merge.merge([path, path.with_name("partner")], other),
+        lambda: regroup.divide(path, other, by="recording", fractions={"train": 1, "val": 1}),
+        lambda: regroup.merge([path, path.with_name("partner")], other),
     )
     for use in uses:
         with within_limits():

@@ -26,8 +26,8 @@ from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis.paths import find_speech
-from ha2g_jax.synthesis.speech import read_speech
+from ha2g_jax.synthesis.files import find_speech
+from ha2g_jax.synthesis.generator import read_speech
 
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
 _EXPECTED = "a pack of ha2g genea: a folder or a .zip"

@@ -18,8 +18,7 @@ from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_SEED
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.smplx_body import Body
 from ha2g_jax.synthesis.files import read_words
-from ha2g_jax.synthesis.generator import Generator
-from ha2g_jax.synthesis.speech import Audio
+from ha2g_jax.synthesis.generator import Audio, Generator
 from ha2g_jax.synthesis.style import Style
 
 _BEAT_CLIP = re.compile(r"(\d+_([A-Za-z]+))(_\d+){3}")  # number and name of the speaker, then those of the recording

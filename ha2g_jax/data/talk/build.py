@@ -15,7 +15,7 @@ import tqdm
 from ha2g_jax.data import records, schema
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.talk import grammar, portrait
+from ha2g_jax.data.talk import grammar
 from ha2g_jax.data.talk.speakers import (
     DEFAULT_SEED,
     DEFAULT_SPEAKERS,
@@ -24,6 +24,7 @@ from ha2g_jax.data.talk.speakers import (
     Speaker,
     draw_speakers,
     num_unseen,
+    portrait,
 )
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
@@ -241,7 +242,7 @@ def _make_clips(plan: _RecordingPlan, fps: int) -> list[bytes]:
             audio=audio,
             words=words,
             positions=positions,
-            reference_images=np.stack([portrait.portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
+            reference_images=np.stack([portrait(pose, style) for pose in positions[:_REFERENCE_FRAMES]]),
             recording_start=time,
             window_starts=tuple(range(0, len(positions) - length + 1, stride)),
             strokes=strokes,

@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.records import Stroke
-from ha2g_jax.data.talk import anatomy, cues, lexicon, strokes
-from ha2g_jax.data.talk.style import Style
+from ha2g_jax.data.talk import anatomy, lexicon, strokes
+from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.features.text import Word
 
 SKELETON = "ted_expressive"
@@ -63,7 +63,7 @@ def perform(
         A movement of round(seconds * fps) frames.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
-    num_frames = round(len(audio) / cues.SAMPLE_RATE * fps)
+    num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)
     body, performed = _compose(skeleton, audio, words, style, rng)
     moments = np.arange(num_frames) / fps * _RATE
     body = anatomy.Body(*(_sample(angles, moments) for angles in body))
@@ -103,8 +103,8 @@ def _rounded(stroke: Stroke) -> Stroke:
 
 
 def _compose(skeleton, audio, words, style, rng) -> tuple[anatomy.Body, list[Stroke]]:
-    found = cues.find_cues(audio)
-    times = np.arange(int(np.ceil(len(audio) / cues.SAMPLE_RATE * _RATE)) + 2) / _RATE
+    found = strokes.find_cues(audio)
+    times = np.arange(int(np.ceil(len(audio) / strokes.SAMPLE_RATE * _RATE)) + 2) / _RATE
     latency = strokes.LATENCY * style.latency + _JITTER * rng.standard_normal()
     beats = strokes.plan_beats(found, latency)
     gestures = strokes.plan_word_gestures(words, latency)
@@ -151,16 +151,16 @@ def _arms(skeleton, times, found, beats, gestures, style) -> tuple[np.ndarray, l
     return arms, performed
 
 
-def _lift(found: cues.Cues, times: np.ndarray, style: Style) -> np.ndarray:
+def _lift(found: strokes.Cues, times: np.ndarray, style: Style) -> np.ndarray:
     """Return how far each arm is raised (T, 2), 0 at rest: loudness over a phrase, and half as much over a moment.
 
     A phrase of high pitch raises the dominant hand more, one of low pitch the other hand.
     """
-    phrase, moment = (ndimage.gaussian_filter1d(found.loudness, width * cues.RATE) for width in (0.6, 0.2))
-    pitch = ndimage.gaussian_filter1d(found.pitch, 0.6 * cues.RATE)
+    phrase, moment = (ndimage.gaussian_filter1d(found.loudness, width * strokes.RATE) for width in (0.6, 0.2))
+    pitch = ndimage.gaussian_filter1d(found.pitch, 0.6 * strokes.RATE)
     dominant = 0.4 * np.clip(pitch / 2, -1, 1) * (1 if style.handedness >= 0 else -1)
     sides = 0.35 + 0.65 * hand_gains(style) + np.stack([-dominant, dominant], axis=-1)
-    return np.minimum(_sample(1.4 * ((2 * phrase + moment) / 3)[:, None] * sides, times * cues.RATE), 1.4)
+    return np.minimum(_sample(1.4 * ((2 * phrase + moment) / 3)[:, None] * sides, times * strokes.RATE), 1.4)
 
 
 def _rest_arm(style: Style) -> np.ndarray:
@@ -203,7 +203,7 @@ def _trunk_and_head(times, found, style, latency) -> tuple[np.ndarray, np.ndarra
     """Compute the movement of middle-level causes: pitch lifts head and shoulders, accents cause nods, pauses change
     the posture."""
     size = 2.0 ** (0.5 * style.amplitude - 0.3 * style.mixing)
-    pitch = _sample(found.pitch, (times - latency) * cues.RATE)
+    pitch = _sample(found.pitch, (times - latency) * strokes.RATE)
     nods = [(-1.0, 0.0)]
     performed = []
     for moment, rise in found.accents:

@@ -14,9 +14,9 @@ from typing import Any
 from PIL import Image
 from tqdm import tqdm
 
-from ha2g_jax.data import window_filters
+from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.corpus.charts import fractions, histogram, ranges, table
@@ -43,10 +43,10 @@ _LOOK_AHEAD = 100  # clips to search for a speaker who is not shown yet
 _MAX_WORDS = 40  # words of a sample, written under it
 _MAX_FAILURES = 50
 _REASONS = {
-    window_filters.TOO_FEW_WORDS: "too few words",
-    window_filters.MEAN_POSE: "near the mean pose, to which an estimator falls back",
-    window_filters.SPINE_ANGLE: "spine tilted",
-    window_filters.MOTION: "both wrists almost still",
+    recording.TOO_FEW_WORDS: "too few words",
+    recording.MEAN_POSE: "near the mean pose, to which an estimator falls back",
+    recording.SPINE_ANGLE: "spine tilted",
+    recording.MOTION: "both wrists almost still",
 }
 
 

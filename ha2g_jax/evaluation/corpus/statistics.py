@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.data import import_report
+from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.evaluation.corpus.motion import TrainingMotion
 from ha2g_jax.importers.video import selection
 
@@ -102,7 +102,7 @@ def as_table(summary: dict[str, Any]) -> str:
         *_motion_blocks(summary["training"] or {}),
     ]
     if summary["import"]:
-        blocks.append(["import", import_report.as_table(report_of(summary))])
+        blocks.append(["import", recording.report_as_table(report_of(summary))])
     return "\n\n".join("\n".join(block) for block in blocks)
 
 
@@ -124,7 +124,7 @@ def split_rows(summary: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def report_of(summary: dict[str, Any]) -> import_report.Report:
+def report_of(summary: dict[str, Any]) -> recording.Report:
     """Return the report of the import of a corpus.
 
     Args:

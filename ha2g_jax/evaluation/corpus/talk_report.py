@@ -15,8 +15,8 @@ from scipy import ndimage, signal, stats
 from ha2g_jax import figure
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import portrait, teacher
-from ha2g_jax.data.talk.style import Style
+from ha2g_jax.data.talk import teacher
+from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.readers.bvh_motion import read_motion
@@ -226,7 +226,7 @@ def _strips(skeleton: Skeleton, clips: Sequence[Clip]) -> np.ndarray:
     view = figure.fit((clip.positions[: _STRIP_FRAMES * _STRIP_STEP], skeleton) for clip in shown)
     rows = []
     for clip in shown:
-        look = portrait.look(Style(*clip.style))
+        look = look_of(Style(*clip.style))
         poses = clip.positions[: _STRIP_FRAMES * _STRIP_STEP : _STRIP_STEP]
         images = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE, view) for pose in poses]
         rows.append(np.concatenate(images, axis=1))

@@ -9,7 +9,7 @@ from tqdm import tqdm
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import teacher
-from ha2g_jax.data.talk.style import Style
+from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import check_fit, sample
 from ha2g_jax.evaluation.generation import encode_high, generate_clip, model_windows

@@ -8,7 +8,7 @@ import numpy as np
 from ha2g_jax import metrics
 from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import anatomy, lexicon
-from ha2g_jax.data.talk.style import Style
+from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.metrics.beats.strokes import TOLERANCE, match, stroke_beats, wrist_positions
 from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, expected_match, hand_shape, movement, shown_flexions
 from ha2g_jax.metrics.uncertainty import Estimate, jackknife

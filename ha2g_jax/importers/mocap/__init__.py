@@ -6,7 +6,7 @@ import os
 import pathlib
 import re
 
-from ha2g_jax.data.import_report import Report
+from ha2g_jax.data.recording import Report
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.importers.mocap.importing import FileMotion, ImportOptions, import_files

@@ -12,13 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import tqdm
 
-from ha2g_jax.data import import_report, records
+from ha2g_jax.data import recording, records
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.import_report import Report, SplitReport
 from ha2g_jax.data.processes import parallel_map
-from ha2g_jax.data.recording import Recording, cut, to_clips
+from ha2g_jax.data.recording import MOCAP, Recording, Report, SplitReport, cut, to_clips
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.window_filters import MOCAP
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.readers.recordings import MotionRecording, compare_lengths, read_speech
@@ -144,7 +142,7 @@ def import_files(
                 f"{shown(place)} has no usable window (left out: {reasons}); give longer or livelier recordings"
             )
         report = {options.split: total}
-        writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": import_report.as_json(report)}
+        writer.metadata |= {"motion": dict(sorted(descriptions.items())), "import": recording.report_as_json(report)}
     return report
 
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data import window_filters
-from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data import recording
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -17,7 +17,7 @@ from ha2g_jax.skeleton import Skeleton
 FPS = 15
 TOO_SHORT, DAMAGED, NO_WINDOW = "too short", "damaged", "no window left"
 
-_FILTERS = window_filters.TED
+_FILTERS = recording.TED
 _FIELDS = ("words", "skeletons_3d", "audio_raw", "start_time", "end_time")
 _FRAME_RATES = (1.0, 1000.0)  # plausible frame rates of a video, which limit the length that a clip may declare
 _AUDIO_SLACK = 1.0  # seconds by which the audio of a clip may be longer or shorter than its motion
@@ -94,7 +94,7 @@ def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
             damaged.append(f"{name}, clip {index}: {error}; left out")
             continue
         positions = resample(raw.poses, raw.end - raw.start)
-        choice = window_filters.choose_windows(
+        choice = recording.choose_windows(
             positions, raw.words, skeleton, start_time=raw.start, fps=FPS, filters=_FILTERS
         )
         report.windows += len(choice.verdicts)

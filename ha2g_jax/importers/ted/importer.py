@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import tqdm
 
-from ha2g_jax.data import import_report, processes, window_filters
+from ha2g_jax.data import processes, recording
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.importers.ted import arrow_values, clips, lmdb_videos
@@ -41,7 +41,7 @@ def import_ted(
     """Make a corpus of a TED data set; equal files give equal bytes, whatever the number of workers.
 
     Poses are resampled to 15 frames per second. Windows of 42 frames start every 10 frames; those that pass
-    `window_filters.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
+    `recording.TED` are kept, and clips without a window are not written. Unusable clips are reported on standard
     error.
 
     Args:
@@ -79,7 +79,7 @@ def import_ted(
             report = _write(writer, databases, skeleton, executor, count)
             if not any(counts.kept for counts in report.values()):
                 raise UserError(f"{shown(src)} has no usable window ({_losses(report)}); give more data")
-            writer.metadata["import"] = import_report.as_json(report)
+            writer.metadata["import"] = recording.report_as_json(report)
     return report
 
 
@@ -138,7 +138,7 @@ def _write(
     total = sum(len(database.keys) for database in databases.values())
     with tqdm.tqdm(desc=_NAMES[skeleton], total=total, unit="video", disable=None, leave=False) as progress:
         for split, database in databases.items():
-            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(window_filters.REASONS, 0)))
+            report[split] = SplitReport(filtered=collections.Counter(dict.fromkeys(recording.REASONS, 0)))
             tasks = ((database.folder, key, skeleton) for key in database.keys)
             for video in processes.in_order(executor, _read_clips, tasks, count, _died(database.path)):
                 for record in video.records:

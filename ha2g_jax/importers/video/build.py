@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import tqdm
 
-from ha2g_jax.data import import_report
+from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.import_report import Report, SplitReport
+from ha2g_jax.data.recording import Report, SplitReport
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import check_kept
@@ -114,7 +114,7 @@ def build_video(
             if not outcome.failures:  # another call could not use the results
                 shutil.rmtree(work)
             raise _no_clip(report, len(keys))
-        writer.metadata["import"] = import_report.as_json({split: report})
+        writer.metadata["import"] = recording.report_as_json({split: report})
         writer.metadata["video"] = {**counts, "settings": _published(settings)}
         writer.metadata["failed"] = [
             {"video": name, "reason": outcome.failures[name]} for name in names if name in outcome.failures

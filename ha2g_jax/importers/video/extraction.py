@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data.import_report import SplitReport
-from ha2g_jax.data.recording import Recording, to_clips
+from ha2g_jax.data.recording import Recording, SplitReport, to_clips
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts

@@ -8,8 +8,7 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ha2g_jax.data.recording import MAX_SECONDS
-from ha2g_jax.data.window_filters import MOCAP, WindowFilters
+from ha2g_jax.data.recording import MAX_SECONDS, MOCAP, WindowFilters
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_SETTINGS_BYTES

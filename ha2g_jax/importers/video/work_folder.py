@@ -7,7 +7,7 @@ import pathlib
 import msgpack
 
 from ha2g_jax.data import records
-from ha2g_jax.data.import_report import SplitReport
+from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.files.reading import check_regular, reading, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import extraction

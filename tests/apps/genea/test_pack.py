@@ -73,12 +73,12 @@ def test_the_same_arguments_give_the_same_zip(written, speech, checkpoint, tmp_p
 def test_a_clip_of_beat2_moves_as_its_speaker_where_the_model_has_them(
     debug_model, speech, checkpoint, tmp_path, monkeypatch
 ):
-    import ha2g_jax.synthesis.backends as backends
+    from ha2g_jax.synthesis import files as generation
 
-    model = backends.load(checkpoint)
+    model = generation.load(checkpoint)
     [first, *_] = model.assets.speakers.values()
     model.assets.speakers["scott"] = first
-    monkeypatch.setattr(backends, "load", lambda *_: model)
+    monkeypatch.setattr(generation, "load", lambda *_: model)
     write_pack(speech, tmp_path / "pack", samples=1)
     manifest = json.loads((tmp_path / "pack" / "manifest.json").read_text())
     kinds = {clip: facts["samples"][0]["style"]["kind"] for clip, facts in manifest["clips"].items()}

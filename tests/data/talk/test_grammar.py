@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from ha2g_jax.data.talk import grammar, patterns
+from ha2g_jax.data.talk import grammar
 from ha2g_jax.data.talk.lexicon import WORD_CLASSES, word_class
 from ha2g_jax.features import espeak as speech
 
@@ -25,11 +25,11 @@ def test_deterministic():
 
 def test_gesture_words_stand_in_carriers_only():
     """So their frequency is set in one place: each carrier has its own word, once, and no other text has any."""
-    assert set(patterns.CARRIERS) == {word for members in WORD_CLASSES.values() for word in members}
-    for word, options in patterns.CARRIERS.items():
+    assert set(grammar.CARRIERS) == {word for members in WORD_CLASSES.values() for word in members}
+    for word, options in grammar.CARRIERS.items():
         for option in options:
             assert [token for token in option.split() if word_class(token)] == [word], option
-    for options in patterns.RULES.values():
+    for options in grammar.RULES.values():
         for option in options:
             assert not any(word_class(token.strip(",")) for token in option.split()), option
 
@@ -43,7 +43,7 @@ def test_every_symbol_is_replaced():
 
 def test_classes_are_even_and_frequent():
     counts = collections.Counter(word for markup in sample(0, 1000) for word in words(markup))
-    carried = {word: counts[word] for word in patterns.CARRIERS}
+    carried = {word: counts[word] for word in grammar.CARRIERS}
     assert max(carried.values()) - min(carried.values()) <= 1
     assert 0.07 < sum(carried.values()) / counts.total() < 0.12
     assert 450 < len(counts) < 800

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.talk import anatomy, cues, lexicon, style, teacher
+from ha2g_jax.data.talk import anatomy, lexicon, speakers, strokes, teacher
 from ha2g_jax.features.text import Word
 
 SKELETON = skeletons.load_skeleton(teacher.SKELETON)
@@ -15,14 +15,14 @@ WORDS = (Word("everything", 2.0, 2.4), Word("table", 4.0, 4.3), Word("tiny", 6.5
 
 def speech(loudness: float = 0.3, syllables: np.ndarray = SYLLABLES) -> np.ndarray:
     """A hum of 140 Hz with rich overtones whose loudness peaks at `syllables`, over a little noise."""
-    times = np.arange(SECONDS * cues.SAMPLE_RATE) / cues.SAMPLE_RATE
+    times = np.arange(SECONDS * strokes.SAMPLE_RATE) / strokes.SAMPLE_RATE
     hum = sum(np.sin(2 * np.pi * 140 * harmonic * times) / harmonic for harmonic in range(1, 20))
     peaks = np.exp(-((times[:, None] - syllables) ** 2) / (2 * 0.06**2)).sum(axis=1)
     noise = np.random.default_rng(0).standard_normal(len(times))
     return (loudness * (0.3 * hum * peaks + 1e-3 * noise)).astype(np.float32)
 
 
-def perform(audio=None, words=WORDS, who=style.Style(handedness=0.8), seed=0):  # noqa: B008
+def perform(audio=None, words=WORDS, who=speakers.Style(handedness=0.8), seed=0):  # noqa: B008
     audio = speech() if audio is None else audio
     return teacher.perform(audio, words, who, np.random.default_rng(seed))
 
@@ -60,7 +60,7 @@ def test_hands_rest_in_a_long_pause():
 
 
 def test_angles_stay_within_anatomical_limits():
-    lively = style.Style(amplitude=1, mixing=1, handedness=1, elbow=1)
+    lively = speakers.Style(amplitude=1, mixing=1, handedness=1, elbow=1)
     unit = directions(perform(who=lively))
     for side in ("left", "right"):
         upper, fore, hand = (unit[:, SKELETON.bone(f"{side}_{child}")] for child in ("elbow", "wrist", "middle_1"))
@@ -85,7 +85,7 @@ def test_beats_fall_on_syllables_and_the_hand_stops_there():
 
 
 def test_louder_syllables_make_larger_beats():
-    audio = speech() * np.where(np.arange(SECONDS * cues.SAMPLE_RATE) < 3.5 * cues.SAMPLE_RATE, 0.5, 1.0)
+    audio = speech() * np.where(np.arange(SECONDS * strokes.SAMPLE_RATE) < 3.5 * strokes.SAMPLE_RATE, 0.5, 1.0)
     beats = [stroke for stroke in perform(audio.astype(np.float32), ()).strokes if stroke.kind == "beat"]
     quiet, loud = ([beat.amplitude for beat in beats if (beat.time < 3.5) == early] for early in (True, False))
     assert max(quiet) < min(loud)
@@ -100,7 +100,7 @@ def test_beats_do_not_depend_on_the_words():
 
 @pytest.mark.parametrize("handedness", [0.8, -0.8])
 def test_hand_takes_the_shape_of_the_word(handedness):
-    movement = perform(who=style.Style(handedness=handedness))
+    movement = perform(who=speakers.Style(handedness=handedness))
     flexions = anatomy.finger_flexions(SKELETON, directions(movement))[:, int(handedness > 0)]
     strokes = [stroke for stroke in movement.strokes if stroke.kind == "semantic"]
     assert [stroke.word_class for stroke in strokes] == ["open", "small"]
@@ -112,7 +112,7 @@ def test_hand_takes_the_shape_of_the_word(handedness):
 
 
 def test_fingers_do_not_follow_the_sound():
-    loud, silent = perform(), perform(np.zeros(SECONDS * cues.SAMPLE_RATE, np.float32))
+    loud, silent = perform(), perform(np.zeros(SECONDS * strokes.SAMPLE_RATE, np.float32))
     first, second = (anatomy.finger_flexions(SKELETON, directions(movement)) for movement in (loud, silent))
     np.testing.assert_allclose(first, second, atol=2e-3)
 
@@ -123,7 +123,7 @@ def test_recording_level_does_not_matter():
 
 
 def test_silence_rests():
-    movement = perform(np.zeros(3 * cues.SAMPLE_RATE, np.float32), ())
+    movement = perform(np.zeros(3 * strokes.SAMPLE_RATE, np.float32), ())
     assert movement.strokes == ()
     assert np.isfinite(movement.positions).all()
     assert wrist_speed(movement).max() < 0.1
@@ -131,7 +131,7 @@ def test_silence_rests():
 
 def test_style_changes_size_and_side():
     def activity(**fields):
-        positions = perform(words=(), who=style.Style(**fields)).positions
+        positions = perform(words=(), who=speakers.Style(**fields)).positions
         wrists = positions[:, [SKELETON.joint("left_wrist"), SKELETON.joint("right_wrist")]]
         return np.linalg.norm(np.diff(wrists, axis=0), axis=-1).mean(axis=0)
 
@@ -143,9 +143,9 @@ def test_style_changes_size_and_side():
 
 
 def test_styles_stay_in_the_cube():
-    sampled = np.array([style.sample_style(np.random.default_rng(seed)) for seed in range(50)])
+    sampled = np.array([speakers.sample_style(np.random.default_rng(seed)) for seed in range(50)])
     assert np.abs(sampled).max() <= 1
-    assert np.abs(sampled[:, style.Style._fields.index("handedness")]).min() > 0.25
+    assert np.abs(sampled[:, speakers.Style._fields.index("handedness")]).min() > 0.25
 
 
 def test_animates_a_real_recording(private_data):
@@ -154,5 +154,5 @@ def test_animates_a_real_recording(private_data):
     audio, _ = soundfile.read(next((private_data / "zeroeggs_067").glob("*.wav")), dtype="float32")
     movement = perform(audio, ())
     beats = sum(stroke.kind == "beat" for stroke in movement.strokes)
-    assert 20 < beats / (len(audio) / cues.SAMPLE_RATE / 60) < 90
+    assert 20 < beats / (len(audio) / strokes.SAMPLE_RATE / 60) < 90
     assert np.median(wrist_speed(movement)) < 0.4

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from ha2g_jax.data import window_filters
+from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
@@ -91,7 +91,7 @@ def test_genuine_clips_and_every_verdict(sample: dict[str, Any], split: str):
             expected["first_word"],
             expected["last_word"],
         )
-        choice = window_filters.choose_windows(positions, words, sample["skeleton"], start_time=start)
+        choice = recording.choose_windows(positions, words, sample["skeleton"], start_time=start)
         assert list(choice.verdicts) == expected["windows"]
 
 
@@ -165,7 +165,7 @@ def test_made_data_set(dataset: pathlib.Path, tmp_path: pathlib.Path, make_video
     assert import_ted(dataset, tmp_path / "two", workers=2) == report
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
     # 4 s are 60 frames: windows at 0 and 10.
-    none = dict.fromkeys(window_filters.REASONS, 0)
+    none = dict.fromkeys(recording.REASONS, 0)
     assert report["train"].as_json() == {"videos": 4, "clips": 9, "windows": 18, "kept": 18, "filtered": none}
     assert report["val"].as_json() == {"videos": 4, "clips": 3, "windows": 6, "kept": 6, "filtered": none}
     corpus = Corpus.open(tmp_path / "one")

@@ -8,8 +8,7 @@ import subprocess
 import pytest
 from fixtures.bundles import bundle
 
-from ha2g_jax.synthesis.backends import exported
-from ha2g_jax.synthesis.takes import page_description
+from ha2g_jax.synthesis.onnx_model import exported, page_description
 
 ROOT = pathlib.Path(__file__).parents[4]
 MODULES = ROOT / "integrations" / "web" / "node_modules"

@@ -12,7 +12,7 @@ from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style, load_onnx
-from ha2g_jax.synthesis.takes import page_description
+from ha2g_jax.synthesis.onnx_model import page_description
 
 SPEECH = pathlib.Path(__file__).parents[4] / "examples" / "hello.wav"
 MEDIAN, WORST = 0.01, 0.2  # degrees
