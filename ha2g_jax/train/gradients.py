@@ -48,9 +48,7 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
     """Compute the gradient of each term in training mode, with the GAN term also during warm-up.
 
     Args:
-        objective: static.
-        state: networks; none of them is changed.
-        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        objective, state, batch: as in `ha2g_jax.train.step.train_step`.
         key: key of all noise.
     """
     keys = step_keys(objective.spec, key, state.step)

@@ -9,7 +9,7 @@ import math
 import pathlib
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -17,11 +17,11 @@ import tqdm
 
 from ha2g_jax.checkpoint.model_folder import config_to_json
 from ha2g_jax.config.settings import Config
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.writing import writing
 from ha2g_jax.train import run_record
 from ha2g_jax.train.terms import Metrics
-from ha2g_jax.train.workdir import CONTINUE, METRICS, MetricsFile
+from ha2g_jax.train.workdir import CONTINUE, METRICS, append_metrics, start_metrics
 
 EVENTS = "tensorboard"
 
@@ -34,12 +34,7 @@ _NOTICEABLE = 5.0  # percent of time spent waiting from which the progress bar s
 
 
 class NotFinite(Exception):
-    """A metric of a step is not finite.
-
-    Attributes:
-        step: number of the step.
-        names: names of the loss terms that are not finite; if all of them are finite, names of the other metrics.
-    """
+    """Some loss terms of a step, or if those are finite some of its other metrics, are not finite."""
 
     def __init__(self, step: int, names: list[str]):
         super().__init__(f"{', '.join(names)} not finite at step {step}")
@@ -47,32 +42,7 @@ class NotFinite(Exception):
 
 
 class Writer:
-    """Write every line of metrics to each of several destinations, in order.
-
-    Args:
-        destinations: destinations of the metrics.
-    """
-
-    def __init__(self, destinations: Sequence["MetricsFile | WandbRun | EventFile"]):
-        self._destinations = destinations
-
-    def write(self, step: int, metrics: dict[str, float]) -> None:
-        """Write one line immediately, so that a run can be watched.
-
-        Raises:
-            UserError: a file cannot be written, for example because the disk is full.
-        """
-        for destination in self._destinations:
-            destination.write(step, metrics)
-
-    def close(self) -> None:
-        """Close all destinations."""
-        for destination in self._destinations:
-            destination.close()
-
-
-def open_writers(workdir: pathlib.Path, step: int, config: Config, is_first: bool) -> Writer:
-    """Return the writer of a run that starts, or continues, at a step.
+    """Write the metrics of a run to all of its destinations; other hosts than the first one write nothing.
 
     Lines that a stopped run wrote for later steps are removed or hidden, because the run will write them again.
     TensorBoard's files are written where tensorboardX is installed.
@@ -81,24 +51,43 @@ def open_writers(workdir: pathlib.Path, step: int, config: Config, is_first: boo
         workdir: folder of the run, which exists.
         step: step of the checkpoint that the run continues from, 0 for a new run.
         config: settings of the run.
-        is_first: whether this host is the first one; the writers of other hosts write nothing.
+        is_first: whether this host is the first one.
 
     Raises:
         UserError: a file cannot be written, or Weights & Biases is switched on but cannot be reached.
     """
-    if not is_first:
-        return Writer(())
-    destinations: list[Any] = [MetricsFile(workdir / METRICS, step)]
-    if config.train.wandb:
-        destinations.append(WandbRun(workdir, config))
-    if importlib.util.find_spec("tensorboardX"):
-        destinations.append(EventFile(workdir / EVENTS, step))
-    else:
-        tqdm.tqdm.write(
-            f"no files for TensorBoard: they need pip install 'ha2g-jax[report]'; {METRICS} has the same values",
-            file=sys.stderr,
-        )
-    return Writer(destinations)
+
+    def __init__(self, workdir: pathlib.Path, step: int, config: Config, is_first: bool = True):
+        self._path = workdir / METRICS if is_first else None
+        self._others: list[EventFile | WandbRun] = []
+        if self._path is None:
+            return
+        start_metrics(self._path, step)
+        if config.train.wandb:
+            self._others.append(WandbRun(workdir, config))
+        if importlib.util.find_spec("tensorboardX"):
+            self._others.append(EventFile(workdir / EVENTS, step))
+        else:
+            tqdm.tqdm.write(
+                f"no files for TensorBoard: they need pip install 'ha2g-jax[report]'; {METRICS} has the same values",
+                file=sys.stderr,
+            )
+
+    def write(self, step: int, metrics: dict[str, float]) -> None:
+        """Write one line immediately, so that a run can be watched.
+
+        Raises:
+            UserError: a file cannot be written, for example because the disk is full.
+        """
+        if self._path is not None:
+            append_metrics(self._path, step, metrics)
+        for other in self._others:
+            other.write(step, metrics)
+
+    def close(self) -> None:
+        """Close all destinations."""
+        for other in self._others:
+            other.close()
 
 
 class EventFile:
@@ -155,14 +144,8 @@ class WandbRun:
 
     def __init__(self, workdir: pathlib.Path, config: Config):
         project = config.train.wandb
-        try:
-            import wandb
-            import wandb.errors
-        except ImportError as error:
-            raise UserError(
-                f"config.train.wandb is {project!r} but Weights & Biases is not installed: "
-                "pip install 'ha2g-jax[wandb]', or leave --config.train.wandb empty"
-            ) from error
+        wandb = require("wandb", "wandb", by="config.train.wandb")
+        errors = require("wandb.errors", "wandb")
         try:
             self._run = wandb.init(
                 project=project,
@@ -174,7 +157,7 @@ class WandbRun:
                 allow_val_change=True,  # settings such as `train.steps` may change when a run continues
                 settings=wandb.Settings(console="off", finish_timeout=_WANDB_PATIENCE),
             )
-        except wandb.errors.Error as error:
+        except errors.Error as error:
             reason = " ".join(str(error).split())
             raise UserError(
                 f"Weights & Biases refused project {project!r} ({reason}): run `wandb login`, set WANDB_MODE=offline, "
@@ -267,11 +250,7 @@ class StepLog:
         return {"steps": self._num_steps, "sums": dict(self._sums)}
 
     def add(self, step: int, metrics: Metrics) -> None:
-        """Add the metrics of a step, and process those of the previous step.
-
-        Args:
-            step: number of the step.
-            metrics: scalars by name, which may still be being computed.
+        """Add the metrics of a step, which may still be being computed, and process those of the previous step.
 
         Raises:
             NotFinite: a metric of the previous step is not finite.
@@ -279,15 +258,15 @@ class StepLog:
         self.flush()
         self._waiting = (step, metrics)
 
-    def flush(self) -> dict[str, float] | None:
-        """Wait for the step that was added last, process its metrics and return them; None if there is no such step.
+    def flush(self) -> None:
+        """Wait for the step that was added last, if its metrics were not processed yet, and process them.
 
         Raises:
             NotFinite: a metric is not finite. The means of the steps before are then written as the line of the
                 previous step.
         """
         if self._waiting is None:
-            return None
+            return
         (step, arrays), self._waiting = self._waiting, None
         if self._apart_start is not None:
             self._apart += time.perf_counter() - self._apart_start
@@ -308,7 +287,6 @@ class StepLog:
             self._timed_steps += 1
         if self._is_due(step):
             self._write(step)
-        return metrics
 
     def _write(self, step: int) -> None:
         if not self._num_steps:

@@ -32,7 +32,7 @@ from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import stage
 from ha2g_jax.stopping import Stop, stop_after_step
 from ha2g_jax.train import hosts, inputs, run_record, sharding
-from ha2g_jax.train.log import NotFinite, StepLog, open_writers
+from ha2g_jax.train.log import NotFinite, StepLog, Writer
 from ha2g_jax.train.measure import Profile
 from ha2g_jax.train.objective import Objective, build_objective, init_state
 from ha2g_jax.train.workdir import only_run
@@ -128,7 +128,7 @@ def _train(
         run_record.write(workdir, config, step, corpus)
         held.enter_context(run_record.noting_failure(workdir))
 
-    writer = open_writers(workdir, step, config, hosts.is_first())
+    writer = Writer(workdir, step, config, hosts.is_first())
     bar = tqdm.tqdm(
         total=num_steps,
         initial=step,

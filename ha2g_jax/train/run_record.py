@@ -48,7 +48,7 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
     Raises:
         UserError: the file cannot be written.
     """
-    record = _read(workdir)
+    record, dataset = _read(workdir), (corpus.path / "dataset.json").read_bytes()
     start = {
         "time": _now(),
         "step": step,
@@ -59,7 +59,8 @@ def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> N
         "commit": commit(_SOURCE),
         "seeds": {"run": config.seed},
         "hardware": _hardware(),
-        "corpus": {"path": str(corpus.path.resolve()), "sha256": _digest(corpus)},
+        # dataset.json contains the hashes of all shards.
+        "corpus": {"path": str(corpus.path.resolve()), "sha256": hashlib.sha256(dataset).hexdigest()},
     }
     _write(workdir, record | {"config": config_to_json(config), "starts": [*record["starts"], start]})
 
@@ -69,9 +70,6 @@ def noting_failure(workdir: pathlib.Path) -> Iterator[None]:
     """Store the reason in the last start of `run.json` if this context ends with an error; only the first host does.
 
     A run that a signal stops, or that is killed, stores none.
-
-    Args:
-        workdir: folder of the run, whose start is in its `run.json`.
     """
     try:
         yield
@@ -79,20 +77,14 @@ def noting_failure(workdir: pathlib.Path) -> Iterator[None]:
         with contextlib.suppress(UserError):  # the disk may be full, which the error itself says
             record = _read(workdir)
             *earlier, last = record["starts"] or [{}]
-            failure = {"time": _now(), "reason": f"{_kind(error)}{reason(error)}"}
+            kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+            failure = {"time": _now(), "reason": f"{kind}{reason(error)}"}
             _write(workdir, record | {"starts": [*earlier, {**last, "failure": failure}]})
         raise
 
 
 def wandb_id(workdir: pathlib.Path) -> str:
-    """Return the id of the Weights & Biases run of a workdir, drawn at the first start and stored in `run.json`.
-
-    Args:
-        workdir: folder of the run.
-
-    Raises:
-        UserError: the file cannot be written.
-    """
+    """Return the id of the Weights & Biases run of a workdir, drawn at the first start and stored in `run.json`."""
     record = _read(workdir)
     if not record.get("wandb_id"):
         record["wandb_id"] = secrets.token_hex(6)
@@ -101,13 +93,9 @@ def wandb_id(workdir: pathlib.Path) -> str:
 
 
 def commit(package: pathlib.Path) -> str | None:
-    """Return the git commit of the source tree of a package, with "-dirty" appended if files differ from it.
+    """Return the git commit of the source tree of the folder of a package, with "-dirty" appended if files differ.
 
-    Args:
-        package: folder of the package.
-
-    Returns:
-        The commit; None if the package is installed rather than checked out, even if a repository surrounds it.
+    None if the package is installed rather than checked out, even if a repository surrounds it.
     """
     git = ["git", "-C", str(package)]
     top = _output([*git, "rev-parse", "--show-toplevel"])
@@ -130,11 +118,6 @@ def _now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
-def _kind(error: Exception) -> str:
-    """Return the class of an error that no message for the user was made of."""
-    return "" if isinstance(error, UserError) else f"{type(error).__name__}: "
-
-
 def _versions() -> dict[str, str]:
     installed = {}
     for name in _PACKAGES:
@@ -155,11 +138,6 @@ def _hardware() -> dict[str, Any]:
         "cpus": os.cpu_count(),
         "memory_gib": memory and round(memory, 1),
     }
-
-
-def _digest(corpus: Corpus) -> str:
-    """Return the hash of `dataset.json`, which contains the hashes of all shards."""
-    return hashlib.sha256((corpus.path / "dataset.json").read_bytes()).hexdigest()
 
 
 def _output(command: list[str]) -> str | None:

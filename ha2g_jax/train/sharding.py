@@ -45,12 +45,7 @@ def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 
 
 def whole(mesh: Mesh, shapes: Any) -> Any:
-    """Return the shapes of arrays that are replicated on every device of a mesh.
-
-    Args:
-        mesh: mesh from `data_mesh`.
-        shapes: tree of `jax.ShapeDtypeStruct`.
-    """
+    """Return a tree of `jax.ShapeDtypeStruct` as that of arrays that are replicated on every device of a mesh."""
     sharding = NamedSharding(mesh, PartitionSpec())
     return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=sharding), shapes)
 
@@ -103,10 +98,6 @@ def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainS
     `stop` says whether this host was asked to end the run. metrics["stop"] is () bool and the same on all hosts:
     whether any host was asked at this step. It is computed with the step, so that hosts agree without waiting for each
     other.
-
-    Args:
-        objective: networks and objective.
-        mesh: mesh from `data_mesh`.
     """
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
 
@@ -122,12 +113,7 @@ def compile_step(objective: Objective, mesh: Mesh) -> Callable[..., tuple[TrainS
 
 
 def compile_validation_step(objective: Objective, mesh: Mesh) -> Callable[..., Metrics]:
-    """Compile `validation_step` as a function (state, batch, key) -> metrics.
-
-    Args:
-        objective: networks and objective.
-        mesh: mesh from `data_mesh`.
-    """
+    """Compile `validation_step` as a function (state, batch, key) -> metrics."""
     copied, split = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(AXIS))
     return jax.jit(
         functools.partial(validation_step, objective), in_shardings=(copied, split, copied), out_shardings=copied

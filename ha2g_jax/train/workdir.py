@@ -21,29 +21,19 @@ CONTINUE = "correct this, then the same command continues"  # advice where a fil
 _PATIENCE = 1.0  # seconds; `is_training` may hold the lock for a moment
 
 
-class MetricsFile:
-    """Append to `metrics.jsonl`: one JSON object per line, numbers with six digits.
+def start_metrics(path: pathlib.Path, step: int) -> None:
+    """Drop the lines of a `metrics.jsonl` for steps after that at which a run starts, and an incomplete last one."""
+    lines = read_metrics(path) if path.exists() else []
+    with whole_file(path, CONTINUE) as temporary:
+        temporary.write_text("".join(json.dumps(line) + "\n" for line in lines if line["step"] <= step))
 
-    Args:
-        path: path of the file.
-        step: step at which the run starts; lines of later steps and an incomplete last line are dropped.
-    """
 
-    def __init__(self, path: pathlib.Path, step: int):
-        self._path = path
-        lines = read_metrics(path) if path.exists() else []
-        with whole_file(path, CONTINUE) as temporary:
-            temporary.write_text("".join(json.dumps(line) + "\n" for line in lines if line["step"] <= step))
-
-    def write(self, step: int, metrics: dict[str, float]) -> None:
-        """Append the line of a step."""
-        rounded = {name: float(f"{value:.6g}") for name, value in metrics.items()}
-        # The file is opened for each line, so that nothing stays in a buffer, not even that of a network disk.
-        with writing(self._path, CONTINUE), self._path.open("a") as file:
-            file.write(json.dumps({"step": step} | rounded) + "\n")
-
-    def close(self) -> None:
-        """Do nothing: every line is already written."""
+def append_metrics(path: pathlib.Path, step: int, metrics: dict[str, float]) -> None:
+    """Append the line of a step to a `metrics.jsonl`: one JSON object, numbers with six digits."""
+    rounded = {name: float(f"{value:.6g}") for name, value in metrics.items()}
+    # The file is opened for each line, so that nothing stays in a buffer, not even that of a network disk.
+    with writing(path, CONTINUE), path.open("a") as file:
+        file.write(json.dumps({"step": step} | rounded) + "\n")
 
 
 def read_metrics(path: pathlib.Path, containing: str = "") -> list[dict[str, float]]:

@@ -138,15 +138,15 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
 
         folder = pathlib.Path(sys.argv[1])
         model = loading.load("demo")
-        metrics = workdir.MetricsFile(folder / "metrics.jsonl", 0)
+        metrics = folder / "metrics.jsonl"
         for step in range(100):
-            metrics.write(step, {"loss/huber": 0.5})
+            workdir.append_metrics(metrics, step, {"loss/huber": 0.5})
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
         steps = (
             lambda: model_folder.save(folder / "model", model.config, model.assets, model.variables),
             lambda: model_folder.write_description(folder, model.config, model.assets),
-            lambda: [metrics.write(step, {"loss/huber": 0.5}) for step in range(100, 200)],
-            lambda: workdir.MetricsFile(folder / "metrics.jsonl", 1000),
+            lambda: [workdir.append_metrics(metrics, step, {"loss/huber": 0.5}) for step in range(100, 200)],
+            lambda: workdir.start_metrics(metrics, 1000),
             lambda: run_record._write(folder, {"starts": ["x" * 4000]}),
         )
         for step in steps:
