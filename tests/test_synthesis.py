@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.resources
+import pathlib
 import types
 
 import jax
@@ -132,14 +133,33 @@ def test_each_window_has_its_noise_and_the_last_poses_of_the_one_before(debug_mo
 
 
 @pytest.fixture(scope="module")
-def performed():
-    """What the demo performs for a minute in three styles, and the same with two frames left out at each border."""
+def demo():
     if not (importlib.resources.files("ha2g_jax") / "assets" / "demo").is_dir():
         pytest.skip("no demo model in this checkout")
-    model, clips, jumping = synthesis.load("demo"), [], []
+    return synthesis.load("demo")
+
+
+def test_the_demo_moves_as_it_did(demo):
+    """The wrists in four frames of examples/hello.wav are those of version 0.1.0."""
+    example = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
+    motion = demo.generate(example, seed=0, style=Style(speaker="speaker-00"))
+    wrists = [motion.skeleton.joint(name) for name in ("left_wrist", "right_wrist")]
+    expected = [
+        [[0.2946, 0.1665, -0.3751], [-0.2449, 0.1797, -0.4265]],
+        [[0.2053, 0.2254, -0.3631], [-0.3309, 0.0090, -0.3980]],
+        [[0.2277, 0.1927, -0.3975], [-0.2942, 0.1936, -0.3481]],
+        [[0.3012, 0.2531, -0.3313], [-0.2881, 0.1475, -0.4395]],
+    ]
+    np.testing.assert_allclose(motion.positions[[0, 30, 60, 90]][:, wrists], expected, atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def performed(demo):
+    """What the demo performs for a minute in three styles, and the same with two frames left out at each border."""
+    clips, jumping = [], []
     for seed in range(3):
         audio = speech(61, seed, pace=1.87)  # no multiple of the windows' 2 s, or strokes would come at their borders
-        clips.append(clip := model.generate(audio, seed=seed).directions)
+        clips.append(clip := demo.generate(audio, seed=seed).directions)
         frames = np.arange(len(clip))
         jumping.append(clip[np.minimum(frames + 2 * (frames // 30), len(clip) - 1)])
     return clips, jumping

@@ -69,6 +69,14 @@ def test_a_run_writes_metrics_and_checkpoints(run):
     assert list((run / "tensorboard").iterdir())
 
 
+def test_losses_of_the_first_steps_are_those_of_earlier_versions(run):
+    """A refactoring that changes a draw, a default or a term shows here; the numbers are of version 0.1.0."""
+    lines = {line["step"]: line for line in read_metrics(run / "metrics.jsonl")}
+    found = [lines[step][f"validation/loss/{name}"] for step in (2, 4, 5) for name in ("huber", "kld", "total")]
+    expected = [0.170016, 0.0890396, 88.4350, 0.156641, 0.0890755, 81.7478, 0.150178, 0.0892093, 78.5165]
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
 def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(run, config_for, tmp_path, monkeypatch):
     add = StepLog.add
 
