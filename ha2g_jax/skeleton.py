@@ -235,3 +235,9 @@ def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
     xp = directions.__array_namespace__()
     swapped = directions[..., skeleton.mirror_bones, :]
     return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)
+
+
+def hand_joints(skeleton: Skeleton) -> list[int]:
+    """Return the indices of the joints of both hands: wrists and fingers."""
+    fingers = ("thumb", "index", "middle", "ring", "pinky")
+    return [number for number, name in enumerate(skeleton.joints) if any(part in name for part in ("wrist", *fingers))]

@@ -90,3 +90,7 @@ def test_numpy_and_jax_agree(skeleton):
         ours, theirs = function(skeleton, directions), function(skeleton, jnp.asarray(directions))
         assert isinstance(ours, np.ndarray)
         np.testing.assert_allclose(ours, theirs, atol=1e-5)
+
+
+def test_hands_are_wrists_and_fingers():
+    assert skeletons.hand_joints(skeletons.load_skeleton("ted_expressive")) == list(range(6, 38))

@@ -157,9 +157,9 @@ def _add_build_video(data: Any) -> None:
 
 def _build_video(arguments: argparse.Namespace) -> None:
     if arguments.install:
-        from ha2g_jax.importers.video import pose_environment
+        from ha2g_jax.importers.video import pose
 
-        print(pose_environment.install(python=arguments.python))
+        print(pose.install(python=arguments.python))
         return
     if len(arguments.paths) < 2:
         raise UserError("give video files or folders, and then the folder of the new corpus; or --install")

@@ -263,6 +263,19 @@ class Recording(NamedTuple):
     start: float = 0.0
 
 
+def seen(confidence: np.ndarray, min_confidence: float) -> np.ndarray:
+    """Determine in which images all keypoints are seen; a confidence of 0 never counts as seen.
+
+    Args:
+        confidence: (T, keypoints) in [0, 1].
+        min_confidence: minimum confidence of a keypoint that counts as seen.
+
+    Returns:
+        (T,) bool.
+    """
+    return np.all((confidence >= min_confidence) & (confidence > 0), axis=1)
+
+
 def to_clips(
     recording: Recording,
     skeleton: Skeleton,

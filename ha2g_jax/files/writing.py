@@ -151,7 +151,7 @@ def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     the same `path` whose process is dead are removed first.
 
     Args:
-        path: file or folder that is made of it, whose parent exists.
+        path: file or folder that is made of it.
 
     Yields:
         The folder, which only this user can read.
@@ -159,6 +159,7 @@ def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
     Raises:
         OSError: the folder cannot be made.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     _remove_dead(path)
     folder = path.with_name(f".{_short(path.name)}-{secrets.token_hex(_TOKEN_BYTES)}")
     lock = filelock.FileLock(_lock_of(folder))

@@ -5,7 +5,6 @@ import os
 import pathlib
 import runpy
 
-import msgpack
 import numpy as np
 import pytest
 from fuzz.conftest import within_limits
@@ -17,7 +16,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.words import read_words
 from ha2g_jax.features.words.subtitles import without_brackets
 from ha2g_jax.importers.ted import arrow_values
-from ha2g_jax.importers.video import pose, settings, work_folder
+from ha2g_jax.importers.video import pose, settings
 from ha2g_jax.motion import control
 from ha2g_jax.motion.control import Controls, apply
 from ha2g_jax.skeleton import load_skeleton
@@ -151,22 +150,6 @@ def test_pairs(data):
         assert "\n" not in str(error) and len(str(error)) < 1_000
 
 
-REPORT = {"videos": 1, "clips": 1, "windows": 3, "kept": 2, "filtered": {"too still": 1}, "rejected": {"short": 1}}
-WORK = {"records": [], "report": REPORT, "frames": 9, "frames_with_both_hands": 3, "seconds": 1.5, "shots": 1}
-
-
-@FUZZ
-@given(data=st.data())
-def test_stored_work(data, tmp_path, answered):
-    tree = data.draw(damaged_tree(WORK))
-    try:
-        content = msgpack.packb(tree) or b""
-    except (OverflowError, UnicodeEncodeError):  # values that msgpack has not
-        content = b""
-    answered(lambda _: work_folder.load(tmp_path, "0a"), data.draw(damaged_bytes(content)), "0a.clips")
-    answered(lambda _: work_folder.load(tmp_path, "0a"), content, "0a.clips")
-
-
 @FUZZ
 @given(data=st.data())
 def test_poses_of_an_estimator(data, tmp_path, answered):
@@ -175,7 +158,6 @@ def test_poses_of_an_estimator(data, tmp_path, answered):
         "positions": np.zeros((count, 43, 3), np.float32),
         "confidence": np.ones((count, 43), np.float32),
         "image_points": np.zeros((count, 43, 2), np.float32),
-        "fps": np.array(data.draw(st.sampled_from([25.0, 0.0, np.nan, np.inf, 1e-300, -1.0]))),
     }
     name = data.draw(st.sampled_from(list(arrays)))
     arrays[name] = data.draw(

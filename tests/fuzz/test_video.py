@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.video import images, overlay, shots
+from ha2g_jax.importers.video import extraction, images, overlay
 
 VIDEOS = {f"{kind[2]}.{kind[0]}": kind for kind in recordings.VIDEO_KINDS}
 
@@ -20,7 +20,7 @@ def read(path: pathlib.Path) -> None:
     images.image_times(path)
     images.image_size(path)
     images.crops(path, [(0, images.Box(0, 0, 8)), (3, images.Box(-5, 9, 80))], 8)
-    shots.find_shots(path)
+    extraction.find_shots(path)
 
 
 def copy(path: pathlib.Path) -> None:
@@ -51,7 +51,7 @@ def test_a_copy_of_a_damaged_video(answered, data, name):
 
 @pytest.mark.parametrize("limit", ["MAX_VIDEO_PIXELS", "MAX_VIDEO_IMAGE_BYTES"])
 def test_images_beyond_the_limits_are_refused(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr(f"ha2g_jax.importers.video.decoding.{limit}", 1_000)
+    monkeypatch.setattr(f"ha2g_jax.importers.video.images.{limit}", 1_000)
     (tmp_path / "large.mp4").write_bytes(recordings.ffmpeg_bytes("mp4", "aac", "libx264"))
     with pytest.raises(UserError, match="has images of 64 x 64 and 6144 bytes; expected at most"):
         images.image_times(tmp_path / "large.mp4")
@@ -66,7 +66,7 @@ def test_a_size_in_a_header_takes_no_memory(answered, side):
 
 
 def test_too_many_images_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("ha2g_jax.importers.video.decoding.MAX_VIDEO_IMAGES", 5)
+    monkeypatch.setattr("ha2g_jax.importers.video.images.MAX_VIDEO_IMAGES", 5)
     (tmp_path / "long.mp4").write_bytes(recordings.ffmpeg_bytes("mp4", "aac", "libx264"))
     with pytest.raises(UserError, match="more than 5 images"):
         images.image_times(tmp_path / "long.mp4")

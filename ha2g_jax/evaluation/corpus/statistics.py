@@ -9,9 +9,9 @@ from tqdm import tqdm
 
 from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.recording import SplitReport
+from ha2g_jax.data.recording import SplitReport, seen
 from ha2g_jax.evaluation.corpus.motion import TrainingMotion
-from ha2g_jax.importers.video import selection
+from ha2g_jax.skeleton import hand_joints
 
 SECONDS_EDGES = np.arange(0, 62, 2)  # seconds of a clip; the last bin includes longer clips
 PACE_EDGES = np.arange(0, 410, 10)  # words per minute of a clip; the last bin includes faster clips
@@ -203,7 +203,7 @@ class _Counts:
     def __init__(self, corpus: Corpus):
         self._known = set(corpus.metadata["words"]) if corpus.has_clips(TRAIN) else None
         self._fps = corpus.fps
-        hands = selection.hand_joints(corpus.skeleton)
+        hands = hand_joints(corpus.skeleton)
         self._hands = hands if len(hands) > 2 else []  # two wrists only are not hands
         settings = corpus.metadata.get("video", {}).get("settings", {})
         self._seen = settings.get("min_confidence", _SEEN)
@@ -225,7 +225,7 @@ class _Counts:
         if confidence is not None:
             self._judged += len(confidence)
             self._confidence += float(confidence.mean(axis=1).sum())
-            self._both_hands += int(selection.seen(confidence[:, self._hands], self._seen).sum())
+            self._both_hands += int(seen(confidence[:, self._hands], self._seen).sum())
 
     def as_json(self) -> dict[str, Any]:
         minutes, words = self._frames / self._fps / 60, self._words.total()

@@ -1,6 +1,9 @@
 """Parallel import of videos into one corpus; an interrupted build can be continued."""
 
+import collections
 import contextlib
+import hashlib
+import json
 import os
 import pathlib
 import shutil
@@ -8,24 +11,26 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import msgpack
 import tqdm
 
-from ha2g_jax.data import recording
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.recording import Report, SplitReport
+from ha2g_jax.data.recording import Report, SplitReport, report_as_json
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
-from ha2g_jax.files.writing import check_kept
-from ha2g_jax.importers.video import extraction, pose_environment, runners, shots, work_folder
-from ha2g_jax.importers.video.extraction import Extraction
-from ha2g_jax.importers.video.recordings import VideoRecording, find_recordings
+from ha2g_jax.files.reading import check_regular, reading, shown
+from ha2g_jax.files.writing import check_kept, check_new, whole_file
+from ha2g_jax.importers.video import extraction, pose, runners
+from ha2g_jax.importers.video.extraction import Extraction, VideoRecording
 from ha2g_jax.importers.video.settings import VideoSettings
 
 RUNNERS = ("local", "ray")
-
 _COUNTS = ("frames", "frames_with_both_hands", "seconds", "shots")
 _NAMED = 5  # maximum number of failed videos that the last message names
+
+SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v")
+
+_SUFFIX = ".clips"
 
 
 class _Job(NamedTuple):
@@ -63,7 +68,7 @@ def build_video(
     the missing ones.
 
     Args:
-        videos: paths of files, and of folders to search; subfolders name speakers (see `recordings.VideoRecording`).
+        videos: paths of files, and of folders to search; subfolders name speakers (see `extraction.VideoRecording`).
         dst: folder to make.
         settings: all thresholds and choices; None for the defaults.
         runner: "local" for processes on this machine, "ray" for a Ray cluster, whose nodes must find the videos under
@@ -83,8 +88,7 @@ def build_video(
     """
     dst, settings = pathlib.Path(dst).absolute(), settings or VideoSettings()
     overlay = pathlib.Path(overlay).absolute() if overlay is not None else None
-    if dst.exists():
-        raise UserError(f"{dst} exists already; choose another folder or remove it")
+    check_new(dst)
     if runner not in RUNNERS:
         raise UserError(f"unknown runner {runner!r}; expected one of {', '.join(RUNNERS)}")
     root, recordings = find_recordings(videos, without=overlay)
@@ -92,11 +96,11 @@ def build_video(
         overlays = [overlay / f"{recording.name}.mp4" for recording in recordings]
         check_kept(overlays, [recording.video for recording in recordings], what="overlay", option="--overlay")
     if runner == "local":  # the nodes of a cluster have environments of their own
-        shots.check_installed()
+        extraction.scene_detector()
         if settings.pose_command is None:
-            pose_environment.command()
+            pose.holistic_command()
     work = dst.with_name(f".{dst.name}-work")
-    jobs = [_Job(recording, settings, overlay, work_folder.keys_in(work)) for recording in recordings]
+    jobs = [_Job(recording, settings, overlay, _keys_in(work)) for recording in recordings]
     results = runners.local(_do, jobs, workers) if runner == "local" else runners.ray(_do, jobs, workers, address)
     with contextlib.closing(results):
         outcome = _collect(results, len(jobs), work)
@@ -114,7 +118,7 @@ def build_video(
             if not outcome.failures:  # another call could not use the results
                 shutil.rmtree(work)
             raise _no_clip(report, len(keys))
-        writer.metadata["import"] = recording.report_as_json({split: report})
+        writer.metadata["import"] = report_as_json({split: report})
         writer.metadata["video"] = {**counts, "settings": _published(settings)}
         writer.metadata["failed"] = [
             {"video": name, "reason": outcome.failures[name]} for name in names if name in outcome.failures
@@ -128,7 +132,7 @@ def build_video(
 
 def _do(job: _Job) -> tuple[str, Extraction | None]:
     """Return the key of a video, and its clips unless they exist already; runs in a worker."""
-    recording, key = job.recording, work_folder.key_of(job.recording, job.settings)
+    recording, key = job.recording, _key_of(job.recording, job.settings)
     path = job.overlay / f"{recording.name}.mp4" if job.overlay else None
     if key in job.done and (path is None or path.exists()):
         return key, None
@@ -148,7 +152,7 @@ def _collect(results: Any, num_videos: int, work: pathlib.Path) -> _Outcome:
             else:
                 key, extracted = result
                 if extracted is not None:
-                    work_folder.save(work, key, extracted)
+                    _save(work, key, extracted)
                     clips += len(extracted.records)
                 outcome.keys[job.recording.name] = key
             bar.update()
@@ -163,7 +167,7 @@ def _write(
     report = SplitReport()
     counts: dict[str, float] = dict.fromkeys(_COUNTS, 0)
     for key in keys:
-        extracted = work_folder.load(work, key)
+        extracted = _load(work, key)
         for record in extracted.records:
             writer.add(split, record)
         report += extracted.report
@@ -206,3 +210,82 @@ def _summary(failed: Sequence[str], num_videos: int, dst: pathlib.Path, work: pa
 
 def _say(text: str) -> None:
     tqdm.tqdm.write(f"ha2g: {text}", file=sys.stderr)
+
+
+def find_recordings(
+    videos: Sequence[str | os.PathLike], without: pathlib.Path | None = None
+) -> tuple[pathlib.Path, list[VideoRecording]]:
+    """Return the common folder of files of any suffix and of folders, and their videos, sorted by name.
+
+    Folders are searched for videos at any depth, without hidden files and without the folder `without`.
+    """
+    # Links are not followed, so that a video is named by the path where it was found.
+    given = [pathlib.Path(os.path.abspath(path)) for path in videos]  # noqa: PTH100
+    for path in given:
+        with reading(path, "a video or a folder of videos"):
+            if not path.exists():
+                raise UserError(f"no file or folder at {shown(path)}; give videos, or folders of videos")
+        if not path.is_dir():
+            check_regular(path, "a video")
+    found = {file for path in given for file in (_inside(path, without) if path.is_dir() else [path])}
+    if not found:
+        raise UserError(f"no video in {', '.join(map(shown, given))}; expected files ending in {', '.join(SUFFIXES)}")
+    root = pathlib.Path(os.path.commonpath([path if path.is_dir() else path.parent for path in given]))
+    names = collections.Counter(_name(file, root) for file in found)
+    recordings, in_folder = [], collections.Counter(file.parent for file in found)
+    for file in found:
+        name = _name(file, root)
+        name = name if names[name] == 1 else shown(file.relative_to(root).as_posix())
+        folder, slash, _ = name.partition("/")
+        recordings.append(VideoRecording(file, name, folder if slash else name, in_folder[file.parent] == 1))
+    return root, sorted(recordings, key=lambda recording: recording.name)
+
+
+def _inside(folder: pathlib.Path, without: pathlib.Path | None) -> list[pathlib.Path]:
+    return [
+        file
+        for file in folder.rglob("*")
+        if file.suffix.lower() in SUFFIXES
+        and file.is_file()
+        and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+        and (without is None or without not in file.parents)
+    ]
+
+
+def _name(file: pathlib.Path, root: pathlib.Path) -> str:
+    return shown(file.relative_to(root).with_suffix("").as_posix())
+
+
+def _key_of(recording: VideoRecording, settings: VideoSettings) -> str:
+    """Return the key of the clips of a video: a hash of contents, names, settings and version."""
+    transcript = recording.transcript
+    facts = {
+        "version": extraction.VERSION,
+        "talk": recording.name,
+        "speaker": recording.speaker,
+        "settings": settings.as_json(),
+        "video": _digest(recording.video),
+        "transcript": [shown(transcript.name), _digest(transcript)] if transcript else None,
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+
+
+def _keys_in(folder: pathlib.Path) -> frozenset[str]:
+    """Return the keys of the videos whose clips a work folder has."""
+    return frozenset(path.stem for path in folder.glob(f"[0-9a-f]*{_SUFFIX}"))
+
+
+def _save(folder: pathlib.Path, key: str, extracted: Extraction) -> None:
+    content = extracted._asdict() | {"report": extracted.report.as_json()}
+    with whole_file(folder / f"{key}{_SUFFIX}") as path:
+        path.write_bytes(msgpack.packb(content) or b"")
+
+
+def _load(folder: pathlib.Path, key: str) -> Extraction:
+    content = msgpack.unpackb((folder / f"{key}{_SUFFIX}").read_bytes())
+    return Extraction(**{**content, "report": SplitReport.from_json(content["report"])})
+
+
+def _digest(path: pathlib.Path) -> str:
+    with reading(path, "a video with its transcript"), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,27 +1,54 @@
 """Extraction of the clips of one video (HA2G, Appendix A): shots, poses, three conditions, words and images."""
 
 import dataclasses
+import itertools
 import pathlib
-from typing import NamedTuple
+from fractions import Fraction
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.data.recording import Recording, SplitReport, to_clips
+from ha2g_jax.data.recording import Recording, SplitReport, seen, to_clips
 from ha2g_jax.data.records import Clip, encode_clip
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features import words as transcripts
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.text import Word
 from ha2g_jax.files.reading import shown
-from ha2g_jax.importers.video import images, overlay, pose, selection, shots
-from ha2g_jax.importers.video.pose import Poses
-from ha2g_jax.importers.video.recordings import VideoRecording
+from ha2g_jax.importers.video import images, keypoints, overlay, pose
+from ha2g_jax.importers.video.images import decode, no_images, open_video
+from ha2g_jax.importers.video.keypoints import Keypoints
 from ha2g_jax.importers.video.settings import VideoSettings
-from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.skeleton import Skeleton, hand_joints, load_skeleton
 
 SKELETON = "ted_expressive"
 # Version of the results of `extract`; a new number makes a continued build read its videos again.
 VERSION = 1
+
+_DEFAULT_RATE = 25
+_WIDTH = 256  # pixels, for speed; about the size to which PySceneDetect reduces images, for which its thresholds hold
+_FLASH_SECONDS = 0.5  # cuts that are closer in time count as one
+
+
+class VideoRecording(NamedTuple):
+    """A video of a speaker.
+
+    Attributes:
+        video: absolute path of the video.
+        name: path within the common folder of all videos, without suffix unless another video has the same path.
+        speaker: first subfolder of the common folder, or `name` if the video lies directly in the common folder.
+        is_alone: whether no other video is in its folder.
+    """
+
+    video: pathlib.Path
+    name: str
+    speaker: str
+    is_alone: bool = True
+
+    @property
+    def transcript(self) -> pathlib.Path | None:
+        """Return the transcript beside the video, None if there is none."""
+        return transcripts.find(self.video, is_alone=self.is_alone)
 
 
 class Extraction(NamedTuple):
@@ -51,7 +78,7 @@ class _Video(NamedTuple):
     audio: np.ndarray
     words: tuple[Word, ...]
     times: np.ndarray
-    poses: Poses
+    poses: Keypoints
 
 
 def extract(
@@ -78,7 +105,7 @@ def extract(
     audio = read_audio(video)
     times = images.image_times(video)
     words = transcripts.words_of(audio, recording.transcript, recognise=settings.recognise)
-    spans = shots.find_shots(video, threshold=settings.shot_threshold)
+    spans = find_shots(video, settings.shot_threshold)
     poses = pose.estimate(video, command=settings.pose_command)
     if len(poses.positions) != len(times):
         raise UserError(
@@ -106,12 +133,12 @@ def extract(
         )
         clips += of_shot
         report += counts
-    hands = poses.confidence[:, selection.hand_joints(load_skeleton(SKELETON))]
+    hands = poses.confidence[:, hand_joints(load_skeleton(SKELETON))]
     return Extraction(
         records=[encode_clip(clip) for clip in _with_images(clips, content, settings)],
         report=dataclasses.replace(report, videos=1),
         frames=len(times),
-        frames_with_both_hands=int(selection.seen(hands, settings.min_confidence).sum()),
+        frames_with_both_hands=int(seen(hands, settings.min_confidence).sum()),
         seconds=round(float(times[-1] - times[0]) + _image_seconds(times), 3),
         shots=len(spans),
     )
@@ -119,28 +146,22 @@ def extract(
 
 def _read_shot(video: _Video, start: int, end: int, settings: VideoSettings) -> tuple[Recording | None, str]:
     """Return the recording of images [start, end), or None and the condition that the shot does not fulfil."""
-    from ha2g_jax.importers.video import smoothing
-
     # Images before and after the audio have no speech, and a wrong time in a damaged file must not give many frames.
     with_sound = np.searchsorted(video.times, [0, len(video.audio) / SAMPLE_RATE])
     start, end = max(start, int(with_sound[0])), min(end, int(with_sound[1]))
     times, confidence = video.times[start:end], video.poses.confidence[start:end]
-    if len(times) < 2:
-        return None, selection.TOO_SHORT
     fps = 1 / _image_seconds(times)
-    reason = selection.too_short(len(times), fps, settings.min_seconds) or selection.unseen(
-        confidence, settings.min_confidence, settings.min_visible
-    )
-    if reason:
-        return None, reason
-    positions = smoothing.clean(
+    if len(times) < 2 or len(times) / fps <= settings.min_seconds:  # condition 3
+        return None, "too short"
+    if not is_visible(confidence, settings.min_confidence, settings.min_visible):
+        return None, "keypoints unseen"
+    positions = keypoints.clean(
         video.poses.positions[start:end], confidence, fps, max_gap=settings.max_gap, cutoff=settings.cutoff
     )
     at = times[0] + np.arange(int((times[-1] - times[0]) * settings.fps + 1e-6) + 1) / settings.fps
     positions, confidence = resample(positions, times, at), resample(confidence, times, at)
-    reason = selection.still(positions, load_skeleton(SKELETON), settings.min_motion)
-    if reason:
-        return None, reason
+    if is_still(positions, load_skeleton(SKELETON), settings.min_motion):
+        return None, "still"
     first, last = (round(time * SAMPLE_RATE) for time in (times[0], at[-1] + 1 / settings.fps))
     return Recording(
         name=video.recording.name,
@@ -154,16 +175,7 @@ def _read_shot(video: _Video, start: int, end: int, settings: VideoSettings) -> 
 
 
 def resample(values: np.ndarray, times: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolate values linearly at other times.
-
-    Args:
-        values: (T, ...) values.
-        times: (T,) times of the values in seconds, ascending.
-        at: (N,) times of the result in seconds.
-
-    Returns:
-        (N, ...) float32.
-    """
+    """Interpolate values (T, ...) of ascending times (T,) linearly at other times (N,); returns (N, ...) float32."""
     after = np.clip(np.searchsorted(times, at, side="right"), 1, len(times) - 1)
     weight = np.clip((at - times[after - 1]) / (times[after] - times[after - 1]), 0, 1)
     weight = weight.reshape(-1, *[1] * (values.ndim - 1))
@@ -195,3 +207,71 @@ def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> l
         dataclasses.replace(clip, reference_images=np.stack(of_clip))
         for clip, of_clip in zip(clips, of_clips, strict=True)
     ]
+
+
+def scene_detector() -> Any:
+    """Return the package that detects shots.
+
+    Raises:
+        UserError: it is not installed.
+    """
+    return require("scenedetect", "import", by="the import of videos", package="scenedetect-headless")
+
+
+def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_threshold) -> list[tuple[int, int]]:
+    """Find the shots of a video by PySceneDetect's content detector.
+
+    Images are counted as they are decoded and passed to the detector by number, so that shots are in numbers of images
+    even if the frame rate varies; PySceneDetect alone would count time.
+
+    Args:
+        video: path of a video.
+        threshold: mean change of hue, saturation and brightness (each of 255) between two images that makes a cut.
+
+    Returns:
+        [first image, end image) of each shot, in order of time; the whole video if it has no cut.
+
+    Raises:
+        UserError: the file has no readable images, or PySceneDetect is not installed.
+    """
+    scenedetect = scene_detector()
+    detector = scenedetect.ContentDetector(threshold=threshold, min_scene_len=_FLASH_SECONDS)
+    borders, num_frames = [0], 0
+    with open_video(video) as container:
+        stream = container.streams.video[0]
+        rate = Fraction(stream.average_rate or stream.guessed_rate or _DEFAULT_RATE)
+        for frame in decode(video, container):
+            width = min(_WIDTH, frame.width)
+            height = max(1, round(frame.height * width / frame.width))
+            image = frame.to_ndarray(format="bgr24", width=width, height=height)
+            cuts = detector.process_frame(scenedetect.FrameTimecode(num_frames, rate), image)
+            borders += [cut.frame_num for cut in cuts]
+            num_frames += 1
+    if not num_frames:
+        raise no_images(video)
+    return list(itertools.pairwise(sorted({*borders, num_frames})))
+
+
+def is_visible(confidence: np.ndarray, min_confidence: float, min_visible: float) -> bool:
+    """Whether all keypoints are seen at once in more than a fraction of the images (condition 1).
+
+    Args:
+        confidence: (T, joints) in [0, 1], 0 where a keypoint was not found.
+        min_confidence: minimum confidence of a keypoint that counts as seen.
+        min_visible: the fraction of the images.
+    """
+    return bool(seen(confidence, min_confidence).mean() > min_visible)
+
+
+def is_still(positions: np.ndarray, skeleton: Skeleton, min_motion: float) -> bool:
+    """Whether both wrists hardly move (condition 2).
+
+    The measure is that of the windows of the TED data: the variance of a wrist's position, summed over x, y and z.
+
+    Args:
+        positions: (T, joints, 3) in metres, finite.
+        skeleton: skeleton of the positions.
+        min_motion: minimum variance of a moving wrist in square metres.
+    """
+    wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]].astype(np.float64)
+    return bool((wrists.var(axis=0).sum(axis=-1) < min_motion).all())

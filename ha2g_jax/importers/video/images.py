@@ -1,7 +1,8 @@
-"""The images of a video: their times, and square images of the speaker."""
+"""The images of a video: decoded within limits of memory, their times, and squares around the speaker."""
 
+import contextlib
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import av
@@ -10,9 +11,9 @@ from av.container import InputContainer
 from PIL import Image
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import MEDIA_ERRORS
-from ha2g_jax.files.reading import shown
-from ha2g_jax.importers.video.decoding import decode, no_images, open_video, unreadable
+from ha2g_jax.features.audio import MEDIA_ERRORS, open_media
+from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.limits import MAX_VIDEO_IMAGE_BYTES, MAX_VIDEO_IMAGES, MAX_VIDEO_PIXELS
 from ha2g_jax.skeleton import Skeleton
 
 _MARGIN = 1.15  # enlargement of the square around the keypoints, because shoulders and fingertips lie outside them
@@ -20,26 +21,61 @@ _CROWN = 1.3  # distance of the top of the hair from the nose, as a multiple of 
 _DEFAULT_RATE = 25
 _WHOLE = 0.9  # fraction of the stated length, less a second, that must exist, because stated lengths are imprecise
 
+_LARGE = 1 << 24  # bytes of an image from which only two are decoded at a time
+
 
 class Box(NamedTuple):
-    """A square in an image, in pixels; it may extend beyond the edges of the image.
-
-    Attributes:
-        left: position of the left edge.
-        top: position of the top edge.
-        side: width and height.
-    """
+    """A square in an image, in pixels; it may extend beyond the edges of the image."""
 
     left: int
     top: int
     side: int
 
 
+def open_video(video: pathlib.Path) -> InputContainer:
+    """Open a video, which the caller must close.
+
+    Raises:
+        UserError: the file cannot be read, has no images, or has images that are larger than docs/limits.md states.
+    """
+    try:
+        container = open_media(video)
+    except MEDIA_ERRORS as error:
+        raise _unreadable(video, error) from error
+    with contextlib.ExitStack() as on_error:
+        on_error.push(container)
+        if not container.streams.video:
+            raise no_images(video)
+        stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise UserError(f"{shown(video)} has images of an unknown codec; expected a usual one, such as H.264")
+        num_bytes = _check_size(video, stream.width, stream.height, stream.format)
+        on_error.pop_all()
+    stream.codec_context.options = {"max_pixels": str(MAX_VIDEO_PIXELS)}
+    stream.thread_type = "AUTO"
+    if num_bytes > _LARGE:
+        stream.codec_context.thread_count = 2
+    return container
+
+
+def decode(video: pathlib.Path, container: InputContainer) -> Iterator[av.VideoFrame]:
+    """Yield the images of an open video in the order in which they are shown.
+
+    Raises:
+        UserError: an image cannot be read, or there are too many or too large ones.
+    """
+    try:
+        for number, frame in enumerate(container.decode(container.streams.video[0])):
+            if number == MAX_VIDEO_IMAGES:
+                raise UserError(f"{shown(video)} has more than {MAX_VIDEO_IMAGES} images; cut it into parts of an hour")
+            _check_size(video, frame.width, frame.height, frame.format)
+            yield frame
+    except MEDIA_ERRORS as error:
+        raise _unreadable(video, error) from error
+
+
 def image_times(video: pathlib.Path) -> np.ndarray:
     """Read the times at which the images of a video are shown.
-
-    Args:
-        video: path of a video.
 
     Returns:
         (T,) seconds from the first sample of the audio, strictly increasing: the clock of `audio.read_audio` and of
@@ -70,14 +106,7 @@ def image_times(video: pathlib.Path) -> np.ndarray:
 
 
 def image_size(video: pathlib.Path) -> tuple[int, int]:
-    """Return the width and height of a video's first image, as it is shown, in pixels.
-
-    Args:
-        video: path of a video.
-
-    Raises:
-        UserError: the file has no readable images.
-    """
+    """Return the width and height of a video's first image, as it is shown, in pixels."""
     with open_video(video) as container:
         for frame in decode(video, container):
             return upright(frame).size
@@ -90,8 +119,7 @@ def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int)
     Args:
         points: (M, joints, 2) pixels, NaN where a joint was not seen.
         skeleton: skeleton of the joints.
-        width: width of the images in pixels.
-        height: height of the images in pixels.
+        width, height: size of the images in pixels.
 
     Returns:
         The square, moved into the image as far as possible; the middle of the image if no joint was seen.
@@ -146,11 +174,7 @@ def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> 
 
 
 def upright(frame: av.VideoFrame) -> Image.Image:
-    """Convert a decoded image as players show it, with the rotation that phones store beside it.
-
-    Args:
-        frame: decoded image of a video.
-    """
+    """Convert a decoded image as players show it, with the rotation that phones store beside it."""
     image = Image.fromarray(frame.to_ndarray(format="rgb24"))
     return image.rotate(frame.rotation, expand=True) if frame.rotation else image
 
@@ -168,7 +192,7 @@ def _sound_start(video: pathlib.Path) -> float:
         try:
             first = next(container.decode(container.streams.audio[0]), None)
         except MEDIA_ERRORS as error:
-            raise unreadable(video, error) from error
+            raise _unreadable(video, error) from error
     return (first.time if first else None) or 0.0
 
 
@@ -181,3 +205,25 @@ def _stated_seconds(container: InputContainer) -> float:
     stream = container.streams.video[0]
     of_stream = float((stream.duration or 0) * (stream.time_base or 0))
     return _WHOLE * min((container.duration or 0) / av.time_base, of_stream) - 1
+
+
+def no_images(video: pathlib.Path) -> UserError:
+    """Return the error of a file without images."""
+    return UserError(f"{shown(video)} has no images; expected a video of a speaker")
+
+
+def _unreadable(video: pathlib.Path, error: Exception) -> UserError:
+    why = reason(error).lower()
+    return UserError(f"{shown(video)} is not a readable video ({why}); expected a complete file with images and audio")
+
+
+def _check_size(video: pathlib.Path, width: int, height: int, layout: av.VideoFormat | None) -> int:
+    """Return the number of bytes of a decoded image."""
+    parts = layout.components if layout is not None else ()
+    num_bytes = sum(-(-part.bits // 8) * part.width * part.height for part in parts)
+    if width * height > MAX_VIDEO_PIXELS or num_bytes > MAX_VIDEO_IMAGE_BYTES:
+        raise UserError(
+            f"{shown(video)} has images of {width} x {height} and {num_bytes} bytes; expected at most "
+            f"{MAX_VIDEO_PIXELS} pixels, such as 7680 x 4320, and {MAX_VIDEO_IMAGE_BYTES} bytes; reduce their size"
+        )
+    return num_bytes

@@ -15,7 +15,7 @@ from ha2g_jax.features.audio import MEDIA_ERRORS, open_media
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.importers.video import images
-from ha2g_jax.importers.video.decoding import decode, open_video
+from ha2g_jax.importers.video.images import decode, open_video
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # One thread, because videos are processed in parallel, one on each core.

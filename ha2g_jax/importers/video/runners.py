@@ -14,7 +14,7 @@ from multiprocessing import connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, NamedTuple, TypeVar
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import UserError, require
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -103,11 +103,7 @@ def ray(
         UserError: Ray is not installed, or there is no cluster at the address.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    try:
-        import ray as library
-        from ray.exceptions import RayError
-    except ImportError:
-        raise UserError("--runner ray needs Ray; run: pip install 'ha2g-jax[ray]'") from None
+    library = require("ray", "ray", by="--runner ray")
     is_mine = not library.is_initialized()
     if is_mine:
         try:
@@ -127,7 +123,7 @@ def ray(
                 item = running.pop(reference)
                 try:
                     outcome = library.get(reference)
-                except RayError as error:
+                except library.exceptions.RayError as error:
                     outcome = WorkerDied(f"its worker on the cluster died {_RAY_RETRIES + 1} times ({_line(error)})")
                 del reference  # the cluster keeps a result in memory while its reference exists
                 yield item, outcome

@@ -13,7 +13,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_SETTINGS_BYTES
 
-_FILTERS = "filters"
 _EXPECTED = 'settings in JSON, such as {"min_seconds": 3}'
 
 
@@ -36,7 +35,7 @@ class VideoSettings:
         image_size: width and height of these images in pixels.
         recognise: Whisper model for the words of videos without a transcript, None to require a transcript.
         pose_command: command line of another pose estimator, with {video} and {out} in it; None for the one that
-            `ha2g data install-pose` installs.
+            `ha2g data build-video --install` installs.
         filters: conditions that a window of a clip must fulfil.
 
     Raises:
@@ -59,11 +58,10 @@ class VideoSettings:
     filters: WindowFilters = MOCAP
 
     def __post_init__(self) -> None:
-        for name, hint in _types(type(self)).items():
-            if name != _FILTERS:
-                object.__setattr__(self, name, _checked(name, getattr(self, name), hint))
-        for name, hint in _types(WindowFilters).items():
-            _checked(f"{_FILTERS}.{name}", getattr(self.filters, name), hint)
+        for name, value in self._flat().items():
+            checked = _checked(name, value)
+            if "." not in name:
+                object.__setattr__(self, name, checked)
         for name, (low, high) in _RANGES.items():
             if not low <= getattr(self, name) <= high:
                 raise UserError(f"setting {name} is {getattr(self, name):g}; expected {low:g} to {high:g}")
@@ -74,7 +72,7 @@ class VideoSettings:
 
     def as_json(self) -> dict[str, Any]:
         """Return the values by name, ready for JSON; `filters` is a nested mapping."""
-        return {**dataclasses.asdict(self), _FILTERS: self.filters._asdict()}
+        return {**dataclasses.asdict(self), "filters": self.filters._asdict()}
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "VideoSettings":
@@ -83,9 +81,38 @@ class VideoSettings:
         Raises:
             UserError: a name is unknown, or a value is of the wrong type or out of range.
         """
-        return _with(cls(), values)
+        filters = values.get("filters", {})
+        if not isinstance(filters, Mapping):
+            raise UserError(f'setting filters is {_short(filters)}; expected names and values: {{"min_words": 2}}')
+        flat = {name: value for name, value in values.items() if name != "filters"}
+        return cls().replaced(flat | {f"filters.{name}": value for name, value in filters.items()})
+
+    def replaced(self, values: Mapping[str, Any]) -> "VideoSettings":
+        """Replace values by name; those of filters have names such as "filters.min_words".
+
+        Raises:
+            UserError: a name is unknown, or a value is of the wrong type or out of range.
+        """
+        if unknown := sorted(set(values) - set(_TYPES)):
+            group = "filters." if unknown[0].startswith("filters.") else ""
+            names = [name for name in _TYPES if name.startswith("filters.") == bool(group)]
+            raise UserError(f"unknown setting {_short(unknown[0])}; expected one of {', '.join(names)}")
+        changes = {name: value for name, value in values.items() if "." not in name}
+        filters = {name.removeprefix("filters."): value for name, value in values.items() if "." in name}
+        return dataclasses.replace(self, **changes, filters=self.filters._replace(**filters))
+
+    def _flat(self) -> dict[str, Any]:
+        values = {name: getattr(self, name) for name in _TYPES if "." not in name}
+        return values | {f"filters.{name}": value for name, value in self.filters._asdict().items()}
 
 
+def _types(of: type, prefix: str = "") -> dict[str, tuple[type, ...]]:
+    """Return the types that each setting may have by name."""
+    hints = {prefix + name: hint for name, hint in typing.get_type_hints(of).items() if name != "filters"}
+    return {name: typing.get_args(hint) or (hint,) for name, hint in hints.items()}
+
+
+_TYPES = _types(VideoSettings) | _types(WindowFilters, "filters.")
 _MAX_WINDOW = 10_000  # frames of a window
 
 # Inclusive bounds, wide enough for any recording and narrow enough to catch a wrong unit.
@@ -138,41 +165,14 @@ def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> Video
         name, equals, text = (part.strip() for part in pair.partition("="))
         if not equals:
             raise UserError(f"setting {_short(pair)} has no value; write NAME=VALUE, such as min_seconds=3")
-        group, dot, inner = name.partition(".")
-        if name == _FILTERS:
-            raise UserError(
-                f"setting {_FILTERS} is a group; write {_FILTERS}.NAME=VALUE, such as {_FILTERS}.min_words=2"
-            )
-        if group == _FILTERS and dot:
-            values.setdefault(_FILTERS, {})[inner] = _parsed(name, text, _types(WindowFilters).get(inner))
-        else:
-            values[name] = _parsed(name, text, _types(VideoSettings).get(name))
-    return _with(base or VideoSettings(), values)
+        if name == "filters":
+            raise UserError("setting filters is a group; write filters.NAME=VALUE, such as filters.min_words=2")
+        values[name] = _parsed(name, text)
+    return (base or VideoSettings()).replaced(values)
 
 
-def _with(base: VideoSettings, values: Mapping[str, Any]) -> VideoSettings:
-    names = _types(VideoSettings)
-    if unknown := sorted(set(values) - set(names)):
-        raise UserError(f"unknown setting {_short(unknown[0])}; expected one of {', '.join(names)}")
-    changes, filters = dict(values), values.get(_FILTERS, {})
-    if not isinstance(filters, Mapping):
-        found = _short(filters)
-        raise UserError(f'setting {_FILTERS} is {found}; expected names and values, such as {{"min_words": 2}}')
-    if unknown := sorted(set(filters) - set(WindowFilters._fields)):
-        known = ", ".join(WindowFilters._fields)
-        raise UserError(f"unknown setting {_short(f'{_FILTERS}.{unknown[0]}')}; expected one of {known}")
-    return dataclasses.replace(base, **{**changes, _FILTERS: base.filters._replace(**filters)})
-
-
-def _types(of: type) -> dict[str, tuple[type, ...]]:
-    """Return the types that each field may have."""
-    hints = typing.get_type_hints(of)
-    return {
-        name: typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,) for name, hint in hints.items()
-    }
-
-
-def _checked(name: str, value: Any, allowed: tuple[type, ...]) -> Any:
+def _checked(name: str, value: Any) -> Any:
+    allowed = _TYPES[name]
     if float in allowed and isinstance(value, int) and not isinstance(value, bool):
         try:
             value = float(value)
@@ -184,10 +184,9 @@ def _checked(name: str, value: Any, allowed: tuple[type, ...]) -> Any:
     return value
 
 
-def _parsed(name: str, text: str, allowed: tuple[type, ...] | None) -> Any:
+def _parsed(name: str, text: str) -> Any:
     """Parse the text of a value; that of an unknown name is kept, and the name is refused later."""
-    if allowed is None:
-        return text
+    allowed = _TYPES.get(name, ())
     if types.NoneType in allowed and text.lower() == "none":
         return None
     for kind in (int, float):

@@ -12,7 +12,7 @@ import pytest
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.video import build, recordings
+from ha2g_jax.importers.video import build
 from ha2g_jax.importers.video.settings import VideoSettings
 
 LOCALLY = """
@@ -171,7 +171,7 @@ def test_if_all_fail_nothing_is_left(settings, tmp_path):
 
 
 def test_mistakes_are_told_before_any_work(videos, settings, tmp_path):
-    (tmp_path / "dst").mkdir()
+    (tmp_path / "dst" / "before").mkdir(parents=True)
     (tmp_path / "none").mkdir()
     for arguments, message in [
         (([videos], tmp_path / "dst"), "exists already"),
@@ -193,10 +193,10 @@ def test_what_is_not_installed_is_told_before_any_work(videos, settings, tmp_pat
     monkeypatch.setattr(build.runners, "local", lambda *_: pytest.fail("the work began"))
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "empty"))
     monkeypatch.delenv("HA2G_POSE_PYTHON", raising=False)
-    with pytest.raises(UserError, match="run `ha2g data install-pose`"):
+    with pytest.raises(UserError, match="run `ha2g data build-video --install`"):
         build.build_video([videos], tmp_path / "new", settings=dataclasses.replace(settings(), pose_command=None))
     monkeypatch.setitem(sys.modules, "scenedetect", None)
-    with pytest.raises(UserError, match=r"run pip install 'ha2g-jax\[video\]'"):
+    with pytest.raises(UserError, match=r"needs scenedetect-headless: pip install 'ha2g-jax\[import\]'"):
         build.build_video([videos], tmp_path / "new", settings=settings())
 
 
@@ -213,7 +213,7 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    root, found = recordings.find_recordings([tmp_path, tmp_path / "y.webm"], without=tmp_path / "drawn")
+    root, found = build.find_recordings([tmp_path, tmp_path / "y.webm"], without=tmp_path / "drawn")
     assert root == tmp_path
     assert [(video.name, video.speaker) for video in found] == [
         ("a/deep/x", "a"),
@@ -225,9 +225,9 @@ def test_names_are_unique_and_speakers_are_folders(tmp_path):
     (tmp_path / "a" / "deep" / "words.txt").touch()
     transcripts = [video.transcript and video.transcript.parent.name for video in found]
     assert transcripts == ["deep", None, None, None]  # whose words those of two videos are is not known
-    _, found = recordings.find_recordings([tmp_path / "b" / "x.mp4"])
+    _, found = build.find_recordings([tmp_path / "b" / "x.mp4"])
     assert [(video.name, video.speaker) for video in found] == [("x", "x")]
-    _, found = recordings.find_recordings([tmp_path / "a", tmp_path / "y.webm"])
+    _, found = build.find_recordings([tmp_path / "a", tmp_path / "y.webm"])
     assert [(video.name, video.speaker) for video in found] == [("a/deep/x", "a"), ("y", "y")]
 
 

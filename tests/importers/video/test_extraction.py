@@ -1,4 +1,4 @@
-"""One video becomes clips."""
+"""One video becomes clips, of the shots that fulfil the three conditions of the paper."""
 
 import shutil
 
@@ -8,8 +8,11 @@ import pytest
 from ha2g_jax.data import records
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video import extraction
-from ha2g_jax.importers.video.recordings import VideoRecording
+from ha2g_jax.importers.video.extraction import VideoRecording, is_still, is_visible
 from ha2g_jax.importers.video.settings import VideoSettings
+from ha2g_jax.skeleton import load_skeleton
+
+SKELETON = load_skeleton("ted_expressive")
 
 
 @pytest.fixture
@@ -103,3 +106,27 @@ def test_what_is_missing_is_named(extract, make_video, make_recording, tmp_path)
     cut.write_bytes(cut.read_bytes()[:3000])
     with pytest.raises(UserError, match=r"cut\.mp4"):
         extract(cut)
+
+
+@pytest.mark.parametrize(("num_seen", "is_expected"), [(50, False), (51, True), (0, False)])
+def test_all_keypoints_are_seen_in_more_than_half_of_the_frames(num_seen, is_expected):
+    confidence = np.ones((100, 43), np.float32)
+    confidence[num_seen:, 17] = 0.3  # one finger joint is enough
+    assert is_visible(confidence, 0.5, VideoSettings().min_visible) is is_expected
+
+
+def test_keypoints_are_to_be_seen_at_once():
+    """Protects the reading of condition 1: each hand seen in 60 %, but never both, is not the 43 keypoints."""
+    confidence = np.ones((100, 43), np.float32)
+    confidence[:60, 20], confidence[40:, 30] = 0, 0
+    assert not is_visible(confidence, 0.5, 0.5)
+    assert not is_visible(np.zeros((10, 43)), 0.0, 0.5)  # what was not found is not seen, whatever the threshold
+
+
+@pytest.mark.parametrize(("wrist", "amplitude", "is_expected"), [(6, 0.06, False), (7, 0.06, False), (7, 0.04, True)])
+def test_one_moving_wrist_is_motion(wrist, amplitude, is_expected):
+    """A sine of amplitude a has variance a^2 / 2: 0.0018 and 0.0008 around the threshold of 0.0014."""
+    positions = np.tile(SKELETON.mean_pose, (200, 1, 1))
+    positions[:, wrist, 1] += amplitude * np.sin(np.linspace(0, 10 * np.pi, 200))
+    positions[:, SKELETON.joint("nose")] += np.linspace(0, 1, 200)[:, None]  # the head alone makes no gesture
+    assert is_still(positions, SKELETON, VideoSettings().min_motion) is is_expected

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.video import pose, pose_environment
+from ha2g_jax.importers.video import pose
 from ha2g_jax.skeleton import load_skeleton
 
 SKELETON = load_skeleton("ted_expressive")
@@ -26,7 +26,6 @@ def arrays(count: int = 8) -> dict[str, Any]:
         "positions": np.tile(SKELETON.mean_pose, (count, 1, 1)).astype(np.float32),
         "confidence": np.full((count, 43), 0.9, np.float32),
         "image_points": np.full((count, 43, 2), 20, np.float32),
-        "fps": np.array(10.0),
     }
 
 
@@ -63,7 +62,7 @@ def test_what_the_command_writes_comes_back(tmp_path, estimator):
     confidence[2, 5] = 0
     positions = arrays()["positions"].astype(np.float64)
     positions[2, 5] = 7
-    body = saves(tmp_path, confidence=confidence, positions=positions, fps=np.array([29.97]))
+    body = saves(tmp_path, confidence=confidence, positions=positions)
     video = tmp_path / "a {out} video.mp4"
     found = pose.estimate(video, command=estimator(f"assert video == {str(video)!r}; {body}"))
     assert found.positions.shape == (8, 43, 3)
@@ -71,22 +70,18 @@ def test_what_the_command_writes_comes_back(tmp_path, estimator):
     assert np.isnan(found.positions[2, 5]).all()
     assert np.isnan(found.image_points[2, 5]).all()
     assert np.isfinite(found.positions).sum() == 8 * 43 * 3 - 3
-    assert found.fps == pytest.approx(29.97)
 
 
 @pytest.mark.parametrize(
     ("changes", "part"),
     [
         ({"positions": None}, "no 'positions'"),
-        ({"fps": None}, "no 'fps'"),
         ({"positions": np.zeros((8, 42, 3))}, "shape ('T', 43, 3)"),
         ({"confidence": np.ones((7, 43))}, "shape ('T', 43)"),
         ({"image_points": np.full((8, 43, 2), "x")}, "image_points"),
         ({"positions": np.full((8, 43, 3), np.nan)}, "no finite position"),
         ({"positions": np.full((8, 43, 3), 5000.0)}, "expected metres"),
         ({"confidence": np.full((8, 43), 80.0)}, "expected 0 to 1"),
-        ({"fps": np.array(np.nan)}, "fps"),
-        ({"fps": np.array([10.0, 10.0])}, "fps"),
         (dict.fromkeys(("positions", "confidence", "image_points"), np.zeros((0, 43, 3))), "expected"),
         ({"positions": np.array([{}])}, "pickle"),
     ],
@@ -201,7 +196,7 @@ def stand_in(tmp_path, monkeypatch):
     def use(body: str = "pass") -> None:
         script = tmp_path / "stand_in.py"
         script.write_text(STAND_IN.replace("BODY", body))
-        monkeypatch.setattr(pose_environment, "command", lambda: [sys.executable, str(script)])
+        monkeypatch.setattr(pose, "holistic_command", lambda: [sys.executable, str(script)])
 
     return use
 
@@ -209,7 +204,6 @@ def stand_in(tmp_path, monkeypatch):
 def test_every_image_reaches_mediapipe_in_order(tmp_path, make_video, stand_in):
     stand_in()
     found = pose.estimate(make_video(tmp_path / "talk.mp4", seconds=2.0))
-    assert found.fps == pytest.approx(10)
     nose = found.image_points[:, SKELETON.joint("nose"), 0]
     assert len(nose) == 20
     assert (np.diff(nose) >= 0).all()  # the images grow brighter by about one
@@ -239,7 +233,7 @@ def test_no_videos_are_refused_before_anything_is_estimated(tmp_path, make_video
 
 def test_mediapipe_sees_the_real_speaker(tmp_path, private_data):
     try:
-        pose_environment.command()
+        pose.holistic_command()
     except UserError as error:
         pytest.skip(str(error))
     import av

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.importers.video import images
-from ha2g_jax.importers.video.shots import find_shots
+from ha2g_jax.importers.video.extraction import find_shots
 
 MILLISECOND = Fraction(1, 1000)
 RED, DARK, WHITE = (200, 30, 30), (20, 30, 20), (230, 230, 230)
@@ -35,19 +35,18 @@ def write_colours(path: pathlib.Path, colours, times=None) -> pathlib.Path:
 
 def test_a_cut_lies_between_two_images(tmp_path):
     video = write_colours(tmp_path / "cuts.mp4", [RED] * 30 + [DARK] * 25 + [WHITE] * 20)
-    assert find_shots(video) == ((0, 30), (30, 55), (55, 75))
-    assert find_shots(video, min_seconds=1.2) == ((0, 30), (30, 55))
+    assert find_shots(video) == [(0, 30), (30, 55), (55, 75)]
 
 
 def test_a_video_without_a_cut_is_one_shot(tmp_path):
     video = write_colours(tmp_path / "still.mp4", [RED] * 12)
-    assert find_shots(video) == ((0, 12),)
+    assert find_shots(video) == [(0, 12)]
 
 
 def test_the_threshold_decides_what_is_a_cut(tmp_path):
     video = write_colours(tmp_path / "faint.mp4", [(100, 100, 100)] * 20 + [(130, 130, 130)] * 20)
-    assert find_shots(video) == ((0, 40),)
-    assert find_shots(video, threshold=5.0) == ((0, 20), (20, 40))
+    assert find_shots(video) == [(0, 40)]
+    assert find_shots(video, threshold=5.0) == [(0, 20), (20, 40)]
 
 
 def test_images_are_counted_where_the_frame_rate_varies(tmp_path):
@@ -55,11 +54,11 @@ def test_images_are_counted_where_the_frame_rate_varies(tmp_path):
     times = np.concatenate([np.arange(30) / 5, 6 + np.arange(30) / 30])
     video = write_colours(tmp_path / "varying.mp4", [RED] * 30 + [DARK] * 30, times)
     assert len(images.image_times(video)) == 60
-    assert find_shots(video) == ((0, 30), (30, 60))
+    assert find_shots(video) == [(0, 30), (30, 60)]
 
 
 def test_the_real_video_is_cut_where_the_camera_changes(private_data):
-    assert find_shots(private_data / "video" / "sample.mp4") == ((0, 348), (348, 509), (509, 518))
+    assert find_shots(private_data / "video" / "sample.mp4") == [(0, 348), (348, 509), (509, 518)]
 
 
 def test_files_that_are_no_videos_are_refused(tmp_path, make_video):
@@ -79,7 +78,7 @@ def test_files_that_are_no_videos_are_refused(tmp_path, make_video):
 
 def test_what_to_install_is_said(tmp_path, make_video, monkeypatch):
     monkeypatch.setitem(sys.modules, "scenedetect", None)
-    with pytest.raises(UserError, match=r"pip install 'ha2g-jax\[video\]'"):
+    with pytest.raises(UserError, match=r"pip install 'ha2g-jax\[import\]'"):
         find_shots(make_video(tmp_path / "any.mp4", seconds=1.0))
 
 

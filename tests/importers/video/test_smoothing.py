@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.importers.video.smoothing import clean
+from ha2g_jax.importers.video.keypoints import clean
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 SKELETON = load_skeleton("ted_expressive")
