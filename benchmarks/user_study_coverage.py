@@ -19,10 +19,8 @@ import numpy as np
 from scipy import optimize, special, stats
 
 from ha2g_jax.apps.user_study import bradley_terry
-from ha2g_jax.apps.user_study.crossed import Estimate
-from ha2g_jax.apps.user_study.differences import system_differences
-from ha2g_jax.apps.user_study.observations import Choices
-from ha2g_jax.apps.user_study.shares import share
+from ha2g_jax.apps.user_study.answers import Choices
+from ha2g_jax.apps.user_study.estimates import Estimate, share, system_differences
 from ha2g_jax.cli.parser import positive
 
 

@@ -1,9 +1,11 @@
 """The command `ha2g export`: arguments only. The suffix of the file decides what is written."""
 
 import argparse
+import collections
 import pathlib
 import re
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ha2g_jax.cli.parser import add_reading, reading, refuse_others
@@ -16,12 +18,13 @@ if TYPE_CHECKING:
 
     from ha2g_jax.motion.motion import Motion
 
+_FPS = 30  # of the motion of other programs that is shown
 _MOST_DIFFERENCE = 0.5  # seconds by which motion and sound may differ in length without a warning
 
 # Options that have an effect, by the suffix of the file to write.
 _OPTIONS = {
     ".mp4": ("audio", "names", "size"),
-    ".html": ("audio", "words"),
+    ".html": ("audio", "words", "names"),
     ".png": ("words", "names", "size", "count"),
     ".svg": ("words", "names", "size", "count"),
     **dict.fromkeys((".glb", ".vrma"), ("rig", "audio")),
@@ -74,9 +77,7 @@ def _export(arguments: argparse.Namespace) -> None:
     elif suffix == ".mp4":
         _write_video(arguments)
     elif suffix == ".html":
-        from ha2g_jax.viewer.page import view_files
-
-        view_files(arguments.motions, arguments.out, audio=arguments.audio, words=arguments.words, **reading(arguments))
+        _write_page(arguments)
     else:
         _draw_key_frames(arguments)
     print(arguments.out)
@@ -101,6 +102,20 @@ def _write_video(arguments: argparse.Namespace) -> None:
     if audio is not None:
         _compare_lengths(motions, _seconds(audio))
     write_video(arguments.out, _one_or_named(motions, arguments), audio, size=read_size(arguments.size or "1920x1080"))
+
+
+def _write_page(arguments: argparse.Namespace) -> None:
+    from ha2g_jax.features import words as transcripts
+    from ha2g_jax.viewer.page import write_page
+
+    motions = _load(arguments)
+    audio = _read_audio(arguments.audio) if arguments.audio else None
+    spoken = ()
+    if arguments.words is not None and audio is None:
+        spoken = transcripts.read_words(arguments.words)
+    elif arguments.words is not None:
+        spoken = transcripts.words_of(audio, arguments.words, recognise=None)
+    write_page(arguments.out, motions, audio, words=spoken)
 
 
 def _draw_key_frames(arguments: argparse.Namespace) -> None:
@@ -135,15 +150,38 @@ def read_size(text: str) -> int | tuple[int, int]:
 
 
 def _load(arguments: argparse.Namespace) -> dict[str, "Motion"]:
-    """Load the motions by name; the names of files with equal names include their folders."""
-    from ha2g_jax.viewer.page import names_of, read_shown
+    """Load the motions by name, those of other programs at 30 frames per second."""
+    from ha2g_jax.motion.readers import read_motion
 
     paths, names = arguments.motions, arguments.names or names_of(arguments.motions)
     if len(names) != len(paths):
         raise UserError(f"{len(names)} names for {len(paths)} motions; give one each")
     if len(set(names)) < len(names):
         raise UserError("two motions have the same name; give different names with --names")
-    return {shown(name): read_shown(path, **reading(arguments)) for name, path in zip(names, paths, strict=True)}
+    return {
+        shown(name): read_motion(path, fps=_FPS, **reading(arguments)) for name, path in zip(names, paths, strict=True)
+    }
+
+
+def names_of(paths: Sequence[pathlib.Path]) -> list[str]:
+    """Choose a name for each file: its stem, with its folder where two stems are equal, or else its path.
+
+    Args:
+        paths: files to name.
+
+    Returns:
+        Different names in the order of the files.
+
+    Raises:
+        UserError: a file is given twice.
+    """
+    names = [shown(path.stem) for path in paths]
+    for name in (lambda path: f"{path.parent.resolve().name}/{path.stem}", lambda path: path):
+        counts = collections.Counter(names)
+        names = [old if counts[old] == 1 else shown(name(path)) for old, path in zip(names, paths, strict=True)]
+    if len(set(names)) < len(names):
+        raise UserError(f"{shown(', '.join(map(str, paths)))} contains a motion twice; give each file once")
+    return names
 
 
 def _one_or_named(motions: dict[str, "Motion"], arguments: argparse.Namespace) -> "Motion | dict[str, Motion]":

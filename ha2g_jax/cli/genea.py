@@ -76,7 +76,7 @@ def _pack(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from ha2g_jax.apps.genea.checking import check_pack
+    from ha2g_jax.apps.genea.pack import check_pack
 
     verdict = check_pack(arguments.pack, arguments.speech)
     if arguments.json:

@@ -79,8 +79,9 @@ def run(arguments: argparse.Namespace) -> int:
     with stage("starting"):
         from ha2g_jax import synthesis
         from ha2g_jax.apps.live.clock import Stop
-        from ha2g_jax.apps.live.opening import open_sinks, open_source
         from ha2g_jax.apps.live.run import run as run_live
+        from ha2g_jax.apps.live.sinks import open_sinks
+        from ha2g_jax.apps.live.sources import open_source
 
     stop = Stop()
     source = open_source(arguments.source, arguments.rate, arguments.fast)

@@ -130,6 +130,6 @@ def _web(arguments: argparse.Namespace) -> None:
     from ha2g_jax.errors import require
 
     require("onnx", "onnx", by=BY)
-    from ha2g_jax.apps.web import write_site
+    from ha2g_jax.apps.web.site import write_site
 
     print(write_site(arguments.checkpoint, arguments.out, weights=arguments.weights, license=arguments.license))

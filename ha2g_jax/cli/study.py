@@ -107,14 +107,14 @@ def _add_analyse(commands: Any) -> None:
 
 
 def _analyse(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.apps.user_study import analysis, writing
+    from ha2g_jax.apps.user_study import analysis, study_report
 
     results = analysis.analyse(arguments.answers, arguments.study)
-    page = writing.write_report(results, arguments.out) if arguments.out else None
+    page = study_report.write_report(results, arguments.out) if arguments.out else None
     if arguments.json:
-        print(writing.as_json(results))
+        print(study_report.as_json(results))
     elif arguments.markdown or page is None:
-        print(writing.as_markdown(results))
+        print(study_report.as_markdown(results))
     else:
         print(page)
 
@@ -167,20 +167,20 @@ def _power(arguments: argparse.Namespace) -> None:
         raise UserError("--sd-rest belongs to mos")
     if (arguments.pilot is None) != (arguments.study is None):
         raise UserError("--pilot and --study belong together: answers, and the folder of their study")
-    from ha2g_jax.apps.user_study import sample_size
+    from ha2g_jax.apps.user_study import power
     from ha2g_jax.apps.user_study.analysis import read_study
     from ha2g_jax.apps.user_study.power import Plan, Spreads
 
     given = [arguments.sd_participants, arguments.sd_clips, arguments.sd_rest if is_mos else 0.0]
     equal = arguments.equal
     if arguments.pilot is not None:
-        pilot = sample_size.read_pilot(arguments.measure, arguments.pilot, read_study(arguments.study))
+        pilot = power.read_pilot(arguments.measure, arguments.pilot, read_study(arguments.study))
         given = [pilot.spreads[at] if value is None else value for at, value in enumerate(given)]
         equal = pilot.equal if equal is None else equal
     if None in given:
         names = "--sd-participants, --sd-clips and --sd-rest" if is_mos else "--sd-participants and --sd-clips"
         raise UserError(f"give {names}, or the answers of a pilot study: --pilot ANSWERS --study DIR")
-    result = sample_size.required_participants(
+    result = power.required_participants(
         arguments.measure,
         arguments.difference if is_mos else arguments.share,
         Spreads(*given),
@@ -190,4 +190,4 @@ def _power(arguments: argparse.Namespace) -> None:
         simulations=arguments.simulations,
         seed=arguments.seed,
     )
-    print(json.dumps(result, indent=1) if arguments.json else sample_size.as_text(result))
+    print(json.dumps(result, indent=1) if arguments.json else power.as_text(result))

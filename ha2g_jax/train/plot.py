@@ -77,7 +77,7 @@ def write_plot(
         raise UserError(f"{shown(out.name)} is neither a page nor a picture; name it {shown(out.stem)}.html or .png")
     if not 0 <= smoothing <= 1:
         raise UserError(f"the smoothing is {smoothing:g}; give a fraction of the steps from 0 to 1, such as 0.02")
-    mpl = require("matplotlib", "plot", by="a page of curves")
+    mpl = require("matplotlib", "report", by="a page of curves")
     runs = read_runs(path for folder in folders for path in find_workdirs(folder))
     if all(run.state == DAMAGED for run in runs):
         more = f" and {len(runs) - 1} more runs" if runs[1:] else ""

@@ -165,7 +165,7 @@ def test_a_page_of_damaged_runs_is_refused(make_run, tmp_path, write):
 def test_a_missing_library_is_named_with_its_extra(make_run, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert cli.main(["plot", str(make_run()), "-o", str(tmp_path / "page.html")]) == 2
-    assert "pip install 'ha2g-jax[plot]'" in capsys.readouterr().err
+    assert "pip install 'ha2g-jax[report]'" in capsys.readouterr().err
 
 
 def test_the_command_writes_a_page_or_a_picture_and_prints_its_path(make_run, tmp_path, capsys):

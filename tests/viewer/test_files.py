@@ -65,7 +65,6 @@ def test_motion_capture_stands_beside_it(private_data, folder):
         ["other.npz", "other.npz"],
         ["other.npz", "--audio", "missing.wav"],
         ["other.npz", "--words", "talk.wav"],
-        ["other.npz", "-o", "view.mp4"],
         ["other.npz", "-o", "other.npz"],
     ],
 )

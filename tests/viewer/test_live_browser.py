@@ -17,7 +17,7 @@ import soundfile
 from fixtures.browser import drive
 
 from ha2g_jax.apps.live.frames import Frame, Rigs
-from ha2g_jax.apps.live.opening import open_sinks
+from ha2g_jax.apps.live.sinks import open_sinks
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton, normalize
 
 pytest.importorskip("fastapi")

@@ -1,24 +1,47 @@
-"""A pack of samples for the GENEA leaderboard, as a folder or a `.zip`, with a manifest of seeds and hashes."""
+"""A pack of samples for the GENEA leaderboard, as a folder or a `.zip` with a manifest: written, and checked.
+
+The check takes neither a model nor the body model.
+"""
 
 import hashlib
 import json
 import os
 import pathlib
+import re
+import tempfile
 import zipfile
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ha2g_jax import __version__
-from ha2g_jax.apps.genea.sample import FPS
-from ha2g_jax.apps.genea.sources import Clip, FromFiles, FromModel, Source, read_shapes
+from ha2g_jax.apps.genea.sample import (
+    FPS,
+    NAMES,
+    NUM_BETAS,
+    TEXTS,
+    WIDTHS,
+    Clip,
+    FromFiles,
+    FromModel,
+    Source,
+    read_shapes,
+)
+from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.npz import read_npz
+from ha2g_jax.files.reading import check_regular, parse_json, reading, shown
 from ha2g_jax.files.writing import temporary_folder, whole_file, whole_folder
-from ha2g_jax.motion.readers import joint_maps
-from ha2g_jax.motion.readers.smplx_body import read_body_model
+from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
+from ha2g_jax.motion.readers import joint_maps, smplx, smplx_arrays
+from ha2g_jax.motion.readers.smplx_body import read_body_model, template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar, stage
+from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis.files import find_speech
 from ha2g_jax.synthesis.generator import read_speech
 from ha2g_jax.synthesis.style import RANDOM, Style
@@ -28,6 +51,10 @@ SAMPLES = 5  # that the rules ask for of a system with randomness
 ZIP = ".zip"
 
 Path = str | os.PathLike
+_FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
+_EXPECTED = "a pack of ha2g genea: a folder or a .zip"
+_GENDERS = ("neutral", "female", "male")
+_MAX_FILES = 100_000
 
 
 def write_pack(
@@ -145,3 +172,182 @@ def _zip(folder: pathlib.Path, path: pathlib.Path) -> None:
             with file.open("rb") as source, archive.open(info, "w", force_zip64=True) as target:
                 while part := source.read(1 << 20):
                     target.write(part)
+
+
+class _File(NamedTuple):
+    """What the check keeps of a file: no frames of one that cannot be read, and a hash of poses and place."""
+
+    frames: int
+    motion: str
+    sha256: str
+
+
+def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None) -> Verdict:
+    """Check a pack.
+
+    Findings: a file has another name than `sample_K/CLIP.npz`; samples have different clips; the arrays are not those
+    of BEAT2, with other shapes or types, or values that are not finite; the frame rate is not 30; up is not y, or
+    there is no person; the samples of a clip differ in length, or do not differ in motion; the number of samples is
+    not five, or one; a file differs from the manifest; a clip has another length than its speech, or none.
+
+    Notes: there is no manifest; there is one sample, as of a system without randomness.
+
+    Args:
+        pack: folder or `.zip`, of this program or of another.
+        speech: folder of the speech, for clips and lengths; without it they are those of the manifest.
+
+    Returns:
+        The findings, which are empty for a valid pack, and notes.
+
+    Raises:
+        UserError: there is no pack.
+    """
+    pack = pathlib.Path(pack)
+    if pack.is_dir():
+        paths = {path.relative_to(pack).as_posix(): path for path in sorted(pack.rglob("*")) if path.is_file()}
+        return _check(paths, paths.__getitem__, speech)
+    check_regular(pack, _EXPECTED)
+    damage = (zipfile.BadZipFile, NotImplementedError, RuntimeError)
+    with (
+        reading(pack, _EXPECTED, *damage),
+        zipfile.ZipFile(pack) as archive,
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        names = sorted(info.filename for info in archive.infolist() if not info.is_dir())
+
+        def unpacked(name: str) -> pathlib.Path:
+            if archive.getinfo(name).file_size > MAX_MOTION_BYTES:
+                raise UserError(f"{shown(name)} is too large")
+            path = pathlib.Path(folder, "file.npz")
+            try:
+                path.write_bytes(archive.read(name))
+            except (*damage, EOFError, zlib.error) as error:
+                raise UserError(f"it cannot be unpacked ({error or type(error).__name__})") from error
+            return path
+
+        return _check(names, unpacked, speech)
+
+
+def _check(names: Collection[str], path_of: Callable[[str], pathlib.Path], speech: str | os.PathLike | None) -> Verdict:
+    findings: list[str] = []
+    notes: list[str] = []
+    if not any(_FILE.fullmatch(name) for name in names) or len(names) > _MAX_FILES:
+        raise UserError(f"no file sample_1/CLIP.npz in it; expected {_EXPECTED}")
+    files: dict[str, dict[int, _File]] = defaultdict(dict)
+    with progress_bar("checking", len(names), "file") as bar:
+        for name in names:
+            bar.update()
+            if match := _FILE.fullmatch(name):
+                files[match[2]][int(match[1])] = _check_file(name, path_of, findings)
+            elif name != MANIFEST:
+                findings.append(f"{shown(name)} does not belong to a pack; expected sample_K/CLIP.npz")
+    numbers = {number for each in files.values() for number in each}
+    if numbers == {1}:
+        notes.append(f"one sample of each clip, as of a system without randomness; others need {SAMPLES}")
+    elif numbers != set(range(1, SAMPLES + 1)):
+        findings.append(f"samples {', '.join(map(str, sorted(numbers)))}; expected 1 to {SAMPLES}")
+    for clip, each in files.items():
+        _check_clip(clip, each, numbers, findings)
+    if MANIFEST in names:
+        _check_manifest(_read_manifest(path_of(MANIFEST)), files, findings)
+    else:
+        notes.append(f"no {MANIFEST}: hashes are not checked")
+    if speech is not None:
+        _check_speech(pathlib.Path(speech), files, findings)
+    return Verdict(findings, notes)
+
+
+def _check_file(name: str, path_of: Callable[[str], pathlib.Path], findings: list[str]) -> _File:
+    path = None
+    try:
+        path = path_of(name)
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES)
+    except UserError as error:
+        # A file of a .zip is read from a temporary place, which means nothing to the user.
+        reason = str(error).replace(shown(path), "the file") if path else str(error)
+        findings.append(f"{shown(name)}: {reason}")
+        return _File(0, name, "")
+    wrong = _wrong_arrays(arrays)
+    if not wrong:
+        try:
+            found = smplx.to_motion(
+                smplx_arrays.to_arrays(arrays), load_skeleton("ted_expressive"), template(), fps=1.0
+            )
+            wrong = [] if found.up == "y" else [f"up is {found.up}, expected y"]
+        except UserError as error:
+            wrong = [str(error)]
+    if wrong:
+        findings.append(f"{shown(name)}: {'; '.join(wrong)}")
+        return _File(0, name, digest)
+    motion = hashlib.sha256(arrays["poses"].tobytes() + arrays["trans"].tobytes()).hexdigest()
+    return _File(len(arrays["poses"]), motion, digest)
+
+
+def _wrong_arrays(arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """Return what differs from the layout of BEAT2."""
+    wrong = [f"no array {name}" for name in NAMES if name not in arrays]
+    if wrong:
+        return wrong
+    count = len(arrays["poses"]) if arrays["poses"].ndim else 0
+    shapes = {name: (count, width) for name, width in WIDTHS.items()} | {"betas": (NUM_BETAS,)}
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.shape != shape or not count:
+            wrong.append(f"{name} has shape {array.shape}, expected ({', '.join(map(str, shape))}) of frames")
+        elif array.dtype.kind != "f" or not np.isfinite(array).all():
+            wrong.append(f"{name} has values of {array.dtype} that are not finite floats")
+    rate = arrays["mocap_frame_rate"]
+    if rate.size != 1 or rate.dtype.kind not in "iuf" or float(rate.reshape(())) != FPS:
+        wrong.append(f"mocap_frame_rate is {str(rate)[:40]} of type {rate.dtype}, expected the number {FPS:g}")
+    for name, allowed in {"model": (TEXTS["model"],), "gender": _GENDERS}.items():
+        if str(arrays[name])[:40] not in allowed:
+            wrong.append(f"{name} is {str(arrays[name])[:40]!r}, expected {' or '.join(allowed)}")
+    return wrong
+
+
+def _check_clip(clip: str, files: Mapping[int, _File], numbers: set[int], findings: list[str]) -> None:
+    if missing := sorted(numbers - files.keys()):
+        findings.append(f"sample_{missing[0]} has no {shown(clip)}, which others have")
+    good = [file for file in files.values() if file.frames]
+    if len({file.frames for file in good}) > 1:
+        findings.append(f"the samples of {shown(clip)} have different numbers of frames")
+    if len({file.motion for file in good}) < len(good):
+        findings.append(f"two samples of {shown(clip)} are the same motion; a system without randomness gives one")
+
+
+def _read_manifest(path: pathlib.Path) -> Mapping[str, Any]:
+    with reading(path, "the manifest of a pack"), path.open("rb") as file:
+        content = parse_json(file.read(MAX_RECORD_BYTES))
+    if not isinstance(content, dict) or content.get("format") != FORMAT or not isinstance(content.get("clips"), dict):
+        raise UserError(f"{MANIFEST} is not the manifest of a pack; write the pack again, or leave it out")
+    return content["clips"]
+
+
+def _check_manifest(clips: Mapping[str, Any], files: Mapping[str, Mapping[int, _File]], findings: list[str]) -> None:
+    if set(clips) != set(files):
+        findings.append(f"{MANIFEST} has {len(clips)} clips, and the pack {len(files)}, or others")
+    expected = {}
+    for clip, facts in clips.items():
+        listed = facts.get("samples") if isinstance(facts, dict) else None
+        for each in listed if isinstance(listed, list) else []:
+            if isinstance(each, dict) and isinstance(each.get("file"), str):
+                expected[each.get("file")] = each.get("sha256")
+        for number, file in files.get(clip, {}).items():
+            if expected.get(f"sample_{number}/{clip}.npz") != file.sha256:
+                findings.append(f"sample_{number}/{shown(clip)}.npz is not the file of {MANIFEST}")
+            if isinstance(facts, dict) and file.frames and file.frames != facts.get("frames"):
+                findings.append(f"sample_{number}/{shown(clip)}.npz has {file.frames} frames, not those of {MANIFEST}")
+
+
+def _check_speech(speech: pathlib.Path, files: Mapping[str, Mapping[int, _File]], findings: list[str]) -> None:
+    paths = {path.stem: path for path in find_speech([speech])}
+    findings += [f"{shown(clip)} has no motion" for clip in paths if clip not in files]
+    findings += [f"{shown(clip)} has no speech in {shown(speech)}" for clip in files if clip not in paths]
+    for clip in files.keys() & paths.keys():
+        seconds = read_speech(paths[clip]).duration
+        frames = {file.frames for file in files[clip].values() if file.frames}
+        if wrong := frames - {num_frames(seconds, FPS)}:
+            findings.append(
+                f"{shown(clip)} has {min(wrong)} frames, and {seconds:.3f} s of speech are {num_frames(seconds, FPS)}"
+            )

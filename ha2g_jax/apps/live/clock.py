@@ -1,13 +1,9 @@
 """Time of a live run: the clock of the computer, requests to stop, and the times at which sound is heard."""
 
 import collections
-import contextlib
-import signal
 import time
-from collections.abc import Iterator
 
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.stopping import on_stop_signals
 
 _LONGEST_SLEEP = 0.05  # seconds until a request to stop is noticed
 
@@ -16,11 +12,9 @@ class Clock:
     """The monotonic clock of the computer, in seconds."""
 
     def now(self) -> float:
-        """Return the time."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for some seconds."""
         time.sleep(seconds)
 
 
@@ -36,37 +30,14 @@ class Stop:
         self._is_asked = False
 
     def ask(self, number: int = 0) -> None:
-        """Request the end of the run."""
         self.signal, self._is_asked = self.signal or number, True
 
     def is_asked(self) -> bool:
-        """Return whether the end of the run was requested."""
         return self._is_asked
 
 
-@contextlib.contextmanager
-def stop_signals(stop: Stop) -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into a request to stop; a second Ctrl-C interrupts at once.
-
-    Args:
-        stop: takes the request.
-    """
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    with on_stop_signals(stop.ask, numbers, once=numbers):
-        yield
-
-
 def wait_until(moment: float, clock: Clock, stop: Stop) -> bool:
-    """Wait until a time.
-
-    Args:
-        moment: time of the clock in seconds.
-        clock: clock to wait on.
-        stop: request that ends the wait early.
-
-    Returns:
-        Whether the time has come; False if the run is to stop.
-    """
+    """Wait until a time of the clock; return False if the run is to stop before."""
     while not stop.is_asked():
         if (left := moment - clock.now()) <= 0:
             return True
@@ -75,25 +46,15 @@ def wait_until(moment: float, clock: Clock, stop: Stop) -> bool:
 
 
 class Timeline:
-    """The times at which the samples of a run are heard; it remembers the last ones only."""
+    """The times at which the samples of a run are heard; it remembers the last `seconds` of sound only."""
 
     def __init__(self, seconds: float) -> None:
-        """Start without samples.
-
-        Args:
-            seconds: how much sound is remembered.
-        """
         self._pieces: collections.deque[tuple[int, float]] = collections.deque()
         self._remembered = round(seconds * SAMPLE_RATE)
         self.num_samples = 0
 
     def add(self, num_samples: int, heard: float) -> None:
-        """Append sound.
-
-        Args:
-            num_samples: number of samples at 16 kHz.
-            heard: time of the clock at which the first of them is heard.
-        """
+        """Append samples at 16 kHz, the first of which is heard at a time of the clock."""
         self._pieces.append((self.num_samples, heard))
         self.num_samples += num_samples
         while len(self._pieces) > 1 and self._pieces[1][0] < self.num_samples - self._remembered:

@@ -4,17 +4,16 @@ import contextlib
 import importlib.metadata
 import itertools
 import math
+import signal
 import sys
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.apps.live.clock import Clock, Stop, Timeline, stop_signals
-from ha2g_jax.apps.live.frames import Frame, Rigs
-from ha2g_jax.apps.live.interpolation import Interpolation
-from ha2g_jax.apps.live.meter import Meter
-from ha2g_jax.apps.live.sender import Sender
+from ha2g_jax.apps.live.clock import Clock, Stop, Timeline
+from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
+from ha2g_jax.apps.live.sender import Meter, Sender
 from ha2g_jax.apps.live.sinks import Sinks
 from ha2g_jax.apps.live.sources import Source
 from ha2g_jax.errors import UserError
@@ -22,9 +21,11 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.limits import MAX_MOTION_SECONDS
 from ha2g_jax.motion import control
 from ha2g_jax.progress import progress_bar, stage
+from ha2g_jax.stopping import on_stop_signals
 from ha2g_jax.synthesis import Model, Stream, Style, choose_style
 from ha2g_jax.synthesis.style import RANDOM
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LONGEST_DELAY = 10.0  # seconds
 _METER_SECONDS = 1.0  # between two values of the meter
 _REMEMBERED_SECONDS = 5.0  # of the times of the sound, beyond the latency
@@ -76,7 +77,7 @@ def run(
             f"the delay is {delay:g} s; give {math.ceil(1000 * latency) / 1000:g} s, the latency of this look-ahead, "
             f"hop and frame rate, to {_LONGEST_DELAY:g} s"
         )
-    with stop_signals(stop):
+    with on_stop_signals(stop.ask, _SIGNALS, once=_SIGNALS):  # a second Ctrl-C interrupts at once
         meter = _follow(stream, source, sinks, interpolation, latency if delay is None else delay, stop)
     if meter.sound_seconds == 0:
         if stop.signal:

@@ -1,35 +1,43 @@
-"""Sinks: where the frames of a live run go; JSON over UDP and WebSockets, and recordings."""
+"""Sinks: where the frames of a live run go; JSON over UDP and WebSockets, the VMC protocol, and recordings."""
 
 import contextlib
 import json
 import pathlib
 import queue
+import sys
 import threading
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from tqdm import tqdm
 
-from ha2g_jax.apps.live.addresses import Address, udp_target
 from ha2g_jax.apps.live.frames import Frame
+from ha2g_jax.apps.live.network import Address, read_address, serving, udp_target
+from ha2g_jax.errors import UserError, require
+from ha2g_jax.files.reading import shown
+from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.armature import Animation
 from ha2g_jax.motion.formats.tables import describe_joints, describe_poses
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.rigs import OWN, load_rig
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.viewer.live_page import figure_message, frames_message
+from ha2g_jax.viewer.live_page import figure_message, frames_message, live_page
 
 PAGE = "/page"  # where the page connects that the sink serves
 _WAITING = 30  # messages that a page may be behind before it misses some
 _POLL = 0.1  # seconds until a connection notices that the run has ended
 _AGAIN = 1.0  # seconds between two descriptions of the joints, for receivers that start later
+VMC_PORT, VMC_RIG = 39539, "unity"
+MAX_DATAGRAM = 1400  # bytes; a longer one is cut into packets on most networks, and lost as a whole with any of them
+
+_MIRROR_X = np.array([-1.0, 1.0, 1.0])
+_MIRROR_ROTATION = np.array([1.0, -1.0, -1.0, 1.0])
+_HEADER, _SIZE = 16, 4  # bytes of a bundle, and of the size of a message in it
 
 
 class Sink(Protocol):
-    """A receiver of frames, at their times.
-
-    Attributes:
-        name: its address, for messages.
-        rig: name of the rig that its frames need.
-    """
+    """A receiver of frames, at their times; its name is its address, its rig is what its frames need."""
 
     name: str
     rig: str
@@ -44,18 +52,13 @@ class Sink(Protocol):
 
 
 class UdpSink:
-    """Sender of JSON in datagrams: the joints once a second, and each frame."""
+    """Sender of JSON in datagrams: the joints once a second, and each frame.
+
+    Raises:
+        UserError: the host is not known.
+    """
 
     def __init__(self, address: Address, rig: str) -> None:
-        """Prepare a socket; nothing is sent yet.
-
-        Args:
-            address: where the receiver listens.
-            rig: name of the rig.
-
-        Raises:
-            UserError: the host is not known.
-        """
         self.name, self.rig = str(address), rig
         self._socket, self._target = udp_target(address)
         self._next_joints = 0.0
@@ -68,7 +71,6 @@ class UdpSink:
         self._socket.sendto(frame_message(frame, animation).encode(), self._target)
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
 
@@ -80,12 +82,6 @@ class WebSocketSink:
     """
 
     def __init__(self, address: Address, rig: str) -> None:
-        """Start without pages.
-
-        Args:
-            address: where pages connect.
-            rig: name of the rig.
-        """
         self.name, self.rig = str(address), rig
         self._lock, self._pages = threading.Lock(), list[tuple[queue.Queue[str], bool]]()
         self._greetings, self._is_closed = ("", ""), False
@@ -144,14 +140,9 @@ def _json(message: dict[str, Any]) -> str:
 
 
 class Recording:
-    """All frames of a run, for an `.npz` that is written at its end.
-
-    Attributes:
-        temporary: path that the file is written to, and renamed from when it is complete.
-    """
+    """All frames of a run, for an `.npz` that is written to a temporary path at its end."""
 
     def __init__(self, temporary: pathlib.Path) -> None:
-        """Start without frames."""
         self.temporary = temporary
         self._frames: list[np.ndarray] = []
 
@@ -161,13 +152,6 @@ class Recording:
             self._frames.append(directions.copy())
 
     def save(self, skeleton: Skeleton, fps: float, meta: dict[str, Any]) -> None:
-        """Write the motion of all frames.
-
-        Args:
-            skeleton: skeleton of the frames.
-            fps: frames per second.
-            meta: entries of `Motion.meta`.
-        """
         Motion.from_directions(skeleton, np.concatenate(self._frames), fps, meta).save(self.temporary)
 
 
@@ -176,3 +160,103 @@ class Sinks(NamedTuple):
 
     senders: tuple[Sink, ...]
     recordings: tuple[Recording, ...]
+
+
+class VmcSink:
+    """Sender of frames with the rig `unity` by the VMC protocol: OSC messages over UDP (protocol.vmc.info).
+
+    It moves a VRM or Unity humanoid. Axes are those of Unity: left-handed, metres, y up, the figure faces +z, its left
+    is at -x. Bones have the names of Unity's HumanBodyBones; positions and rotations are relative to the parent, and
+    a rotation is the identity in the T-pose.
+
+    Raises:
+        UserError: the host is not known, or the library is missing.
+    """
+
+    rig = VMC_RIG
+
+    def __init__(self, address: Address) -> None:
+        self._messages = require("pythonosc.osc_message_builder", "live", package="python-osc")
+        self._bundles = require("pythonosc.osc_bundle_builder", "live", package="python-osc")
+        self.name = str(address)
+        self._socket, self._target = udp_target(address)
+
+    def send(self, frame: Frame) -> None:
+        """Send /VMC/Ext/OK, /VMC/Ext/T, /VMC/Ext/Root/Pos and a /VMC/Ext/Bone/Pos for each bone."""
+        for datagram in self._datagrams(frame):
+            self._socket.sendto(datagram, self._target)
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _datagrams(self, frame: Frame) -> Iterator[bytes]:
+        """Yield bundles of at most `MAX_DATAGRAM` bytes."""
+        messages, size = [], _HEADER
+        for message in self._frame_messages(frame):
+            if messages and size + _SIZE + message.size > MAX_DATAGRAM:
+                yield self._bundle(messages)
+                messages, size = [], _HEADER
+            messages.append(message)
+            size += _SIZE + message.size
+        yield self._bundle(messages)
+
+    def _frame_messages(self, frame: Frame) -> Iterator:
+        animation = frame.animations[VMC_RIG]
+        armature = animation.armature
+        yield self._message("/VMC/Ext/OK", 1)
+        yield self._message("/VMC/Ext/T", float(frame.seconds))
+        yield self._message("/VMC/Ext/Root/Pos", "root", *(0.0, 0.0, 0.0), *(0.0, 0.0, 0.0, 1.0))
+        positions = np.concatenate([animation.translation, armature.offsets[1:]]) * _MIRROR_X + 0.0
+        rotations = animation.rotations[0] * _MIRROR_ROTATION + 0.0
+        for name, position, rotation in zip(armature.joints, positions.tolist(), rotations.tolist(), strict=True):
+            yield self._message("/VMC/Ext/Bone/Pos", name, *position, *rotation)
+
+    def _message(self, address: str, *values: int | float | str):
+        builder = self._messages.OscMessageBuilder(address)
+        for value in values:
+            builder.add_arg(value)
+        return builder.build()
+
+    def _bundle(self, messages: list) -> bytes:
+        builder = self._bundles.OscBundleBuilder(self._bundles.IMMEDIATELY)
+        for message in messages:
+            builder.add_content(message)
+        return builder.build().dgram
+
+
+def open_sinks(texts: Sequence[str], stack: contextlib.ExitStack, rig: str = OWN) -> Sinks:
+    """Open sinks.
+
+    Args:
+        texts: vmc://HOST[:PORT], udp://HOST:PORT, ws://HOST:PORT to listen on, or a file .npz to write.
+        stack: closes the sinks; the files are complete if it is left without an exception, and not written otherwise.
+        rig: rig of JSON, one of `motion.rigs.RIGS`.
+
+    Raises:
+        UserError: there is no sink, one is not known or cannot be used, or there is no such rig.
+    """
+    if not texts:
+        raise UserError("no sink; give at least one with --sink, such as vmc://127.0.0.1:39539")
+    load_rig(rig)
+    if len(set(texts)) < len(texts):
+        raise UserError("two sinks are the same; give each once")
+    senders, recordings = list[Sink](), list[Recording]()
+    for text in texts:
+        scheme, separator, _ = text.partition("://")
+        if separator and scheme == "vmc":
+            senders.append(stack.enter_context(contextlib.closing(VmcSink(read_address(text, VMC_PORT)))))
+        elif separator and scheme == "udp":
+            senders.append(stack.enter_context(contextlib.closing(UdpSink(read_address(text), rig))))
+        elif separator and scheme == "ws":
+            address = read_address(text)
+            pages = WebSocketSink(address, rig)
+            stack.enter_context(serving(address, pages.serve, live_page("frames")))
+            tqdm.write(f"watch at {address._replace(scheme='http')}", file=sys.stderr)
+            senders.append(stack.enter_context(contextlib.closing(pages)))
+        elif not separator and pathlib.Path(text).suffix.lower() == ".npz":
+            recordings.append(Recording(stack.enter_context(whole_file(text))))
+        else:
+            raise UserError(
+                f"no sink {shown(text)}; expected vmc://HOST:PORT, udp://HOST:PORT, ws://HOST:PORT or a file .npz"
+            )
+    return Sinks(tuple(senders), tuple(recordings))

@@ -1,26 +1,41 @@
-"""Sources of sound: a file, standard input, the microphone, or a WebSocket that others send to."""
+"""Sources of sound: a file, standard input, the microphone, or a WebSocket that others send to.
 
+Sound that arrives by itself is taken from outside by a thread, which puts it into a queue of bounded length. It is
+opened when the run begins to listen, so that no sound waits for the model to be loaded. A sender that can wait (a pipe,
+a WebSocket) waits while the queue is full; the sound of a microphone is lost then. What is sent is heard from the
+moment it arrives, or after the sound before it; where nothing is sent, silence is heard, so that the motion goes on.
+"""
+
+import contextlib
 import pathlib
-from collections.abc import Generator
-from typing import NamedTuple, Protocol
+import queue
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 import soxr
+from tqdm import tqdm
 
 from ha2g_jax.apps.live.clock import Clock, Stop, wait_until
+from ha2g_jax.apps.live.network import Address, read_address, serving
+from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import MAX_SOUND_RATE, MIN_SOUND_RATE
 
 CHUNK_SECONDS = 0.02
+_QUEUE = 50  # pieces: a second of the microphone, a few of a pipe
+_PIECE = 4096  # bytes of a pipe
+_PATIENCE = 0.06  # seconds after the end of the sound until silence is heard; less than a frame
+_POLL = 0.02  # seconds between two looks at the queue
+_BROKEN = 5.0  # seconds without sound after which a microphone is taken to be unplugged
+_BUSY, _UNSUPPORTED = 1013, 1003  # codes of WebSockets for a second sender, and for text
 
 
 class Chunk(NamedTuple):
-    """A piece of sound.
-
-    Attributes:
-        samples: (samples,) float32 mono samples at 16 kHz.
-        heard: time of the clock, in seconds, at which the first of them is heard.
-    """
+    """Samples (samples,), float32 mono at 16 kHz, and the time of the clock at which the first of them is heard."""
 
     samples: np.ndarray
     heard: float
@@ -48,20 +63,15 @@ class Source(Protocol):
 
 
 class FileSource:
-    """A file with sound, heard in real time or as fast as the computation takes it."""
+    """A file with sound, heard in real time or as fast as the computation takes it.
+
+    Raises:
+        UserError: the file cannot be used, see `features.audio.read_audio`.
+    """
 
     lost_seconds = 0.0
 
     def __init__(self, path: pathlib.Path, is_fast: bool) -> None:
-        """Read the file.
-
-        Args:
-            path: any file with sound.
-            is_fast: whether not to wait until the sound is heard.
-
-        Raises:
-            UserError: the file cannot be used, see `features.audio.read_audio`.
-        """
         self.name = shown(path.name)
         self._samples, self.is_timed = read_audio(path), not is_fast
 
@@ -81,25 +91,17 @@ class Resampler:
     """Conversion of sound that arrives in pieces to 16 kHz."""
 
     def __init__(self, rate: float) -> None:
-        """Start a conversion.
-
-        Args:
-            rate: samples per second of the sound.
-        """
         self._rate = rate
         self._stream = None if rate == SAMPLE_RATE else soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32")
         self._taken = self._given = 0
 
     def resample(self, samples: np.ndarray, heard: float, is_last: bool = False) -> Chunk:
-        """Convert a piece.
+        """Convert a piece; the last milliseconds of it are held back, unless the sound ends here.
 
         Args:
             samples: (samples,) float32 mono; values that are not finite become 0.
             heard: time at which the first of them is heard.
-            is_last: whether the sound ends here, so that the rest of it is returned as well.
-
-        Returns:
-            The samples that are complete; the resampler holds back the last milliseconds of the piece.
+            is_last: whether the sound ends here.
         """
         samples = np.nan_to_num(samples.astype(np.float32, copy=False), nan=0.0, posinf=0.0, neginf=0.0)
         if self._stream is None:
@@ -109,3 +111,210 @@ class Resampler:
         self._taken += len(samples)
         self._given += len(resampled)
         return Chunk(resampled, heard)
+
+
+class Inbox:
+    """Sound that is sent in pieces of any length, on its way from the thread that receives it to the run."""
+
+    def __init__(self, rate: int) -> None:
+        self._rate = rate
+        self._pieces: queue.Queue[np.ndarray | None] = queue.Queue(_QUEUE)
+        self._is_closed = False
+
+    def put(self, piece: np.ndarray | None) -> bool:
+        """Wait for room, append samples or None for the end of the sound, and return whether the run still listens."""
+        while not self._is_closed:
+            with contextlib.suppress(queue.Full):
+                self._pieces.put(piece, timeout=_POLL)
+                return True
+        return False
+
+    def close(self) -> None:
+        """Let the thread that puts samples end."""
+        self._is_closed = True
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        """Yield the sound as it is heard, and silence where there is none."""
+        resampler, end = Resampler(self._rate), clock.now()  # `end`: when the sound so far has been heard
+        silence = np.zeros(round(CHUNK_SECONDS * self._rate), np.float32)
+        is_silent = False
+        while not stop.is_asked():
+            piece = silence
+            with contextlib.suppress(queue.Empty):
+                piece = self._pieces.get_nowait()
+            if piece is None:
+                yield resampler.resample(np.zeros(0, np.float32), end, is_last=True)
+                return
+            if piece is silence:
+                patience = CHUNK_SECONDS if is_silent else _PATIENCE
+                if (left := end + patience - clock.now()) > 0:
+                    clock.sleep(min(left, _POLL))
+                    continue
+            else:
+                end = max(end, clock.now())
+            is_silent = piece is silence
+            chunk = resampler.resample(piece, end)
+            end += len(piece) / self._rate
+            yield chunk
+
+
+class PipeSource:
+    """Standard input, or another file: raw PCM, 16 bits, little-endian, mono.
+
+    Raises:
+        UserError: standard input is a terminal.
+    """
+
+    name, is_timed, lost_seconds = "stdin", True, 0.0
+
+    def __init__(self, rate: int, file: BinaryIO | None = None) -> None:
+        if file is None and (sys.stdin is None or sys.stdin.isatty()):
+            raise UserError("stdin is not a pipe; pipe raw PCM into it: 16 bits, little-endian, mono, at --rate")
+        # Unbuffered: a thread that waits for input in a buffered file would hold its lock when the program ends.
+        self._rate, self._file = rate, file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        with contextlib.closing(Inbox(self._rate)) as inbox:
+            # It may wait for input for ever, and does not keep the program from ending.
+            threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
+            yield from inbox.chunks(clock, stop)
+
+    def _read(self, inbox: Inbox) -> None:
+        decode = _decoder()
+        while data := self._file.read(_PIECE):
+            if not inbox.put(decode(data)):
+                return
+        inbox.put(None)
+
+
+class WebSocketSource:
+    """A WebSocket to which one client at a time sends binary messages of PCM as of `PipeSource`."""
+
+    is_timed, lost_seconds = True, 0.0
+
+    def __init__(self, address: Address, rate: int) -> None:
+        self.name, self._address, self._rate = str(address), address, rate
+        self._sender = threading.Lock()
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        inbox = Inbox(self._rate)
+        with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
+            yield from inbox.chunks(clock, stop)
+
+    def _receive(self, connection: Any, inbox: Inbox) -> None:
+        if not self._sender.acquire(blocking=False):
+            connection.close(_BUSY, "another sender is connected")
+            return
+        try:
+            decode = _decoder()
+            for message in connection:
+                if isinstance(message, str):
+                    connection.close(_UNSUPPORTED, "send sound as binary messages of 16-bit PCM")
+                    return
+                if not inbox.put(decode(message)):
+                    return
+        finally:
+            self._sender.release()
+
+
+def _decoder() -> Callable[[bytes], np.ndarray]:
+    """Return a function from bytes of PCM to samples; half a sample is kept for the next bytes."""
+    rest = b""
+
+    def decode(data: bytes) -> np.ndarray:
+        nonlocal rest
+        data = rest + data
+        whole = len(data) // 2 * 2
+        rest = data[whole:]
+        return np.frombuffer(data[:whole], "<i2").astype(np.float32) / 32768
+
+    return decode
+
+
+class MicrophoneSource:
+    """The default microphone, heard while it is recorded; by default at the rate of the device.
+
+    Raises:
+        UserError: the library is missing, or there is no microphone.
+    """
+
+    name, is_timed = "microphone", True
+
+    def __init__(self, rate: int | None) -> None:
+        self._library = require("sounddevice", "live", package="sounddevice and PortAudio")
+        with self._device_errors():
+            self._rate = rate or round(self._library.query_devices(kind="input")["default_samplerate"])
+        self._pieces: queue.Queue[tuple[np.ndarray, float]] = queue.Queue(_QUEUE)
+        self._num_lost = 0
+
+    @property
+    def lost_seconds(self) -> float:
+        return self._num_lost / self._rate
+
+    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        def take(data: np.ndarray, frames: int, time: Any, status: Any) -> None:
+            del time, status
+            try:
+                self._pieces.put_nowait((data[:, 0].copy(), clock.now() - frames / self._rate))
+            except queue.Full:
+                self._num_lost += frames
+
+        size = round(CHUNK_SECONDS * self._rate)
+        with contextlib.ExitStack() as stack:
+            with self._device_errors():
+                stream = self._library.InputStream(
+                    samplerate=self._rate, channels=1, dtype="float32", blocksize=size, callback=take
+                )
+                stack.enter_context(contextlib.closing(stream))
+                stream.start()
+            yield from self._captured(clock, stop)
+
+    def _captured(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+        resampler, last = Resampler(self._rate), clock.now()
+        while not stop.is_asked():
+            try:
+                piece, heard = self._pieces.get_nowait()
+            except queue.Empty:
+                if clock.now() - last > _BROKEN:
+                    tqdm.write(f"no sound from {self.name} for {_BROKEN:g} s; ending", file=sys.stderr)
+                    return
+                clock.sleep(_POLL / 4)
+                continue
+            last = clock.now()
+            yield resampler.resample(piece, heard)
+
+    @contextlib.contextmanager
+    def _device_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except (self._library.PortAudioError, ValueError) as error:
+            raise UserError(f"no microphone can be used ({shown(str(error))}); connect one, or use stdin") from error
+
+
+def open_source(text: str, rate: int | None = None, is_fast: bool = False) -> Source:
+    """Return a source, whose sound begins when it is asked for.
+
+    Args:
+        text: path of a file with sound, "stdin", "microphone" or ws://HOST:PORT.
+        rate: samples per second of "stdin", "microphone" or the WebSocket; by default that of the microphone, or 16000.
+        is_fast: whether a file is taken as fast as it is computed.
+
+    Raises:
+        UserError: the source is not known, cannot be used or does not take these options, or its library is missing.
+    """
+    if rate is not None and not MIN_SOUND_RATE <= rate <= MAX_SOUND_RATE:
+        raise UserError(f"the rate is {rate}; give {MIN_SOUND_RATE} to {MAX_SOUND_RATE} samples per second")
+    is_arriving = text in ("stdin", "microphone") or "://" in text
+    if is_arriving and is_fast:
+        raise UserError(f"--fast is for files; {shown(text)} is heard as it comes")
+    if not is_arriving and rate is not None:
+        raise UserError("--rate is for stdin, the microphone and WebSockets; a file states its own rate")
+    if text == "stdin":
+        return PipeSource(rate or SAMPLE_RATE)
+    if text == "microphone":
+        return MicrophoneSource(rate)
+    if text.startswith("ws://"):
+        return WebSocketSource(read_address(text), rate or SAMPLE_RATE)
+    if is_arriving:
+        raise UserError(f"no source {shown(text)}; expected a file, stdin, microphone or ws://HOST:PORT")
+    return FileSource(pathlib.Path(text), is_fast)

@@ -3,7 +3,7 @@
 import pathlib
 
 from ha2g_jax.apps.serve.settings import Settings
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import require
 
 __all__ = ["Settings", "serve"]
 
@@ -20,14 +20,8 @@ def serve(checkpoint: str | pathlib.Path, settings: Settings) -> None:
             is taken.
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
-    try:
-        import fastapi  # noqa: F401
-        import prometheus_client  # noqa: F401
-        import python_multipart  # noqa: F401
-        import uvicorn  # noqa: F401
-        import websockets  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise UserError(f"ha2g serve needs {error.name}: pip install 'ha2g-jax[serve]'") from None
+    for module in ("fastapi", "prometheus_client", "python_multipart", "uvicorn", "websockets"):
+        require(module, "serve", by="ha2g serve")
     if settings.workers > 1:
         from ha2g_jax.apps.serve import workers
 

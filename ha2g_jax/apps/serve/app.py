@@ -1,29 +1,70 @@
-"""The application: routes, and errors as one line of JSON."""
+"""The application: its routes of HTTP, and errors as one line of JSON."""
 
-import logging
+import asyncio
+import pathlib
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, BinaryIO
 
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST
+from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from ha2g_jax import __version__
-from ha2g_jax.apps.serve import motions, page, streams
+from ha2g_jax.apps.serve import streams
 from ha2g_jax.apps.serve.guard import Guard, refusal
-from ha2g_jax.apps.serve.messages import one_line
-from ha2g_jax.apps.serve.service import Service
+from ha2g_jax.apps.serve.messages import MotionQuery, one_line
+from ha2g_jax.apps.serve.service import Full, Service, Stopped
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import read_audio
+from ha2g_jax.files.reading import shown
+from ha2g_jax.motion import formats
+from ha2g_jax.synthesis import Audio
+from ha2g_jax.viewer.live_page import live_page
 
-_logger = logging.getLogger(__name__)
+TYPES = {"npz": "application/zip", "json": "application/json", "csv": "text/csv", "bvh": "text/plain"}
+_BINARY = "model/gltf-binary"  # glb and vrma
+_RETRY_SECONDS = 5
+_FORM: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["speech"],
+                    "properties": {"speech": {"type": "string", "format": "binary", "description": "file with sound"}},
+                }
+            }
+        },
+    }
+}
+_ERROR: dict[str, Any] = {
+    "content": {"application/json": {"schema": {"type": "object", "properties": {"error": {"type": "string"}}}}}
+}
+_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"description": "file of the motion", "content": {kind: {} for kind in (*TYPES.values(), _BINARY)}},
+    400: {"description": "the body is not a form with one file", **_ERROR},
+    408: {"description": "the upload took too long", **_ERROR},
+    413: {"description": "the upload is too large", **_ERROR},
+    422: {"description": "the sound or the query cannot be used", **_ERROR},
+    429: {"description": "too many requests of this client, see Retry-After", **_ERROR},
+    503: {"description": "too many requests are running, see Retry-After", **_ERROR},
+}
+
+# The decoder of MP3 is silenced by exchanging the standard error of the process, which one thread may do at a time.
+_reading = threading.Lock()
 
 
 def create_app(service: Service) -> FastAPI:
-    """Return the application of a service, for any server of ASGI.
-
-    Args:
-        service: model and limits.
-    """
+    """Return the application of a service, for any server of ASGI."""
     # The pages of FastAPI load scripts from the network, so that only the description itself is served.
     app = FastAPI(title="ha2g", version=__version__, docs_url=None, redoc_url=None)
 
@@ -39,8 +80,8 @@ def create_app(service: Service) -> FastAPI:
         """Return the counters in the text form of Prometheus."""
         return Response(service.counters.text(), media_type=CONTENT_TYPE_LATEST)
 
-    app.include_router(page.router(service))
-    app.include_router(motions.router(service))
+    _add_page(app, service)
+    _add_motion(app, service)
     app.include_router(streams.router(service))
     app.exception_handler(UserError)(_user_error)
     app.exception_handler(RequestValidationError)(_bad_query)
@@ -67,3 +108,91 @@ async def _http_error(_: Request, error: HTTPException) -> JSONResponse:
 async def _fault(_: Request, error: Exception) -> JSONResponse:
     del error  # the server logs it
     return refusal(500, "a fault of the service; its log has the reason")
+
+
+def _add_page(app: FastAPI, service: Service) -> None:
+    """Add a page that sends the sound of a file or the microphone to `/v1/stream` and shows the frames.
+
+    The page needs no token, as a browser sends none with an address; so it names no speakers where there is one.
+    """
+    spec, assets, needs_token = service.model.spec, service.model.assets, service.settings.token is not None
+    speakers = () if needs_token else tuple(assets.speakers)
+    shown = live_page("sound", assets.skeleton, spec.fps, speakers=speakers, needs_token=needs_token)
+
+    @app.get("/", include_in_schema=False)
+    async def page() -> Response:
+        return Response(shown.content, headers=shown.headers)
+
+
+def _add_motion(app: FastAPI, service: Service) -> None:
+    """Add `POST /v1/motion`: sound in, a file of motion out."""
+
+    @app.post("/v1/motion", response_class=Response, responses=_RESPONSES, openapi_extra=_FORM)
+    async def motion(request: Request, query: Annotated[MotionQuery, Query()]) -> Response:
+        """Generate motion for a file with sound."""
+        try:
+            with service.motions.take():
+                return await service.run(_answer(service, request, query))
+        except Stopped:
+            return refusal(503, "the service has been stopped; try again later", service.settings.grace)
+        except Full:
+            return refusal(503, f"{service.settings.requests} requests are running; try again later", _RETRY_SECONDS)
+
+
+async def _answer(service: Service, request: Request, query: MotionQuery) -> Response:
+    settings, options = service.settings, query.options()
+    limited = Request(request.scope, _limited(request, settings.max_bytes))
+    try:
+        async with asyncio.timeout(settings.upload_seconds):
+            form = await limited.form(max_files=1, max_fields=0)
+    except TimeoutError:
+        raise HTTPException(408, f"the upload took more than {settings.upload_seconds:g} s") from None
+    except ClientDisconnect:
+        raise HTTPException(400, "the client left during its upload") from None
+    try:
+        upload = form.get("speech")
+        if not isinstance(upload, UploadFile):
+            raise HTTPException(422, "the form has no file 'speech'; send one as multipart/form-data")
+        name = shown(pathlib.PurePath(upload.filename or "speech").name or "speech")
+        start = time.monotonic()
+        content = await service.compute(lambda: _file(service, upload.file, name, query.format, options))
+        service.counters.motion_seconds.observe(time.monotonic() - start)
+    finally:
+        await form.close()
+    return Response(content, media_type=TYPES.get(query.format, _BINARY))
+
+
+def _limited(request: Request, max_bytes: int) -> Callable[[], Awaitable[Any]]:
+    """Return the function that receives the body of a request, up to a number of bytes."""
+    error = HTTPException(413, f"the upload has more than {max_bytes} bytes; send less, such as MP3 or mono at 16 kHz")
+    declared = request.headers.get("content-length", "0")
+    if not declared.isascii() or not declared.isdecimal() or int(declared[:20]) > max_bytes:
+        raise error
+    received = 0
+
+    async def receive() -> Any:
+        nonlocal received
+        message = await request.receive()
+        received += len(message.get("body", b""))
+        if received > max_bytes:
+            raise error
+        return message
+
+    return receive
+
+
+def _file(service: Service, sound: BinaryIO, name: str, suffix: str, options: Any) -> bytes:
+    """Return the file of the motion for an uploaded file of sound."""
+    with tempfile.TemporaryDirectory(dir=service.folder) as folder:
+        path = pathlib.Path(folder) / "speech"
+        with path.open("wb") as copy:
+            shutil.copyfileobj(sound, copy)
+        try:
+            with _reading:
+                samples = read_audio(path, max_seconds=service.settings.max_seconds)
+        except UserError as error:
+            raise UserError(str(error).replace(shown(path), name)) from None
+        motion = service.model.generate(Audio(samples, name), **options)
+        out = path.with_suffix(f".{suffix}")
+        formats.export(motion, out)
+        return out.read_bytes()

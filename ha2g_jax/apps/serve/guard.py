@@ -22,11 +22,9 @@ _MAX_CLIENTS = 10_000  # addresses that are remembered
 
 
 def refusal(status: int, text: str, retry_after: float | None = None) -> JSONResponse:
-    """Return the answer to a request that is refused.
+    """Return the answer to a request that is refused, with the reason as one line.
 
     Args:
-        status: status of HTTP.
-        text: reason, one line.
         retry_after: seconds after which the client may try again.
     """
     headers = {} if retry_after is None else {"Retry-After": str(math.ceil(retry_after))}
@@ -36,19 +34,13 @@ def refusal(status: int, text: str, retry_after: float | None = None) -> JSONRes
 
 
 class Guard:
-    """Middleware that refuses a request, or a stream before it is accepted, and counts all answers.
-
-    Args:
-        app: application behind it.
-        service: settings, and whether the process ends.
-    """
+    """Middleware that refuses a request, or a stream before it is accepted, and counts all answers."""
 
     def __init__(self, app: ASGIApp, service: Service):
         self._app, self._service = app, service
         self._rates = Rates(service.settings.rate)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
         answer = self._app if scope["path"] == OPEN else self._refusal(scope) or self._app
         await answer(scope, receive, self._counting(scope["path"], send))
 
@@ -94,11 +86,7 @@ class Rates:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()  # address -> requests left, at a time
 
     def wait(self, address: str) -> float:
-        """Count a request, and return 0, or the seconds after which the next one is allowed.
-
-        Args:
-            address: address of the client.
-        """
+        """Count a request of an address, and return 0, or the seconds after which the next one is allowed."""
         if not self._rate:
             return 0.0
         now = self._clock()
@@ -126,7 +114,6 @@ def _is_allowed(origin: str, host: str, settings: Settings) -> bool:
 
 
 def _name(host: str) -> str:
-    """Return the name of a host without its port."""
     try:
         return urllib.parse.urlsplit(f"//{host}").hostname or ""
     except ValueError:

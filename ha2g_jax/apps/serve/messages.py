@@ -69,7 +69,6 @@ class StyleMessage(_Message):
     variation: float = VARIATION
 
     def style(self) -> Style:
-        """Return the style."""
         return Style(speaker=self.speaker, mixture=self.mixture, seed=self.seed, variation=self.variation)
 
 
@@ -82,7 +81,6 @@ class ControlsMessage(_Message):
     mirror: bool = False
 
     def controls(self) -> Controls:
-        """Return the controls."""
         return Controls(**self.model_dump())
 
 
@@ -111,11 +109,8 @@ class Change(_Message):
 def read_begin(text: str) -> Begin:
     """Parse the first message of a stream.
 
-    Args:
-        text: JSON.
-
     Raises:
-        UserError: the text has another form.
+        UserError: the text is not JSON of this form.
     """
     try:
         return Begin.model_validate_json(text)
@@ -126,11 +121,8 @@ def read_begin(text: str) -> Begin:
 def read_change(text: str) -> Change:
     """Parse a later message of a stream.
 
-    Args:
-        text: JSON.
-
     Raises:
-        UserError: the text has another form.
+        UserError: the text is not JSON of this form.
     """
     try:
         return Change.model_validate_json(text)
@@ -139,11 +131,7 @@ def read_change(text: str) -> Change:
 
 
 def one_line(errors: list) -> str:
-    """Return the first of the errors of pydantic as one line.
-
-    Args:
-        errors: errors, each with "loc" and "msg".
-    """
+    """Return the first of the errors of pydantic as one line."""
     first = errors[0]
     where = ".".join(str(part) for part in first["loc"] if part not in ("query", "body"))
     return shown(f"{where}: {first['msg']}" if where else first["msg"])[: 2 * _MAX_LETTERS]

@@ -1,7 +1,13 @@
-"""The process: it listens when the model is compiled, and ends when its requests are done."""
+"""A process of the service: it listens when the model is compiled, and ends when its requests are done.
+
+The module is also the program of a worker, which takes the connections that its parent gives it, see `workers`. Its
+standard input is JSON: the model, the settings, and a folder for temporary files. On the socket whose number is its
+argument it receives connections, and sends a `Report` as a line of JSON when something has changed.
+"""
 
 import asyncio
 import contextlib
+import json
 import logging
 import os
 import pathlib
@@ -14,18 +20,21 @@ from types import FrameType
 
 import numpy as np
 import uvicorn
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from ha2g_jax.apps.serve.address import bound, url
 from ha2g_jax.apps.serve.app import create_app
 from ha2g_jax.apps.serve.service import Service
-from ha2g_jax.apps.serve.settings import Settings, check
+from ha2g_jax.apps.serve.settings import Settings, bound, check, url
+from ha2g_jax.apps.serve.workers import Report
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.files.reading import reason
 from ha2g_jax.progress import stage
 from ha2g_jax.synthesis.model import Model, load
 
 _TICK = 0.05  # seconds between two looks at what is running
+_REPORT_TICKS = 5  # of 0.1 s, after which a report is sent that has no news
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
@@ -35,10 +44,6 @@ def _is_fault(record: logging.LogRecord) -> bool:
 
 def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """Load and compile a model, then answer requests until SIGTERM or Ctrl-C.
-
-    Args:
-        checkpoint: model, see `synthesis.load`.
-        settings: address, token and limits.
 
     Raises:
         UserError: the settings or the model cannot be used, or the address is taken.
@@ -63,23 +68,14 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
 
 
 def leave(service: Service, code: int = 0) -> None:
-    """End the process if a thread still computes after the grace, as Python would wait for it.
-
-    Args:
-        service: service that was stopped.
-        code: exit code.
-    """
+    """End the process if a thread still computes after the grace, as Python would wait for it."""
     if service.is_computing:
         sys.stderr.flush()
         os._exit(code)
 
 
 def warm_up(model: Model) -> None:
-    """Compile what the first requests would wait for.
-
-    Args:
-        model: model to compile.
-    """
+    """Compile what the first requests would wait for."""
     model.generate(np.zeros(SAMPLE_RATE, np.float32))
     with contextlib.suppress(UserError):  # a model that reads words has no streams
         model.stream()
@@ -91,9 +87,6 @@ class Server(uvicorn.Server):
     Args:
         service: service to run.
         announce: whether to print the address when requests are taken.
-
-    Attributes:
-        service: the same service.
     """
 
     def __init__(self, service: Service, *, announce: bool = False):
@@ -116,7 +109,6 @@ class Server(uvicorn.Server):
         self.service, self._announce = service, announce
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to take requests."""
         await super().startup(sockets)
         self.service.counters.workers.set(1)
         if self._announce and sockets:
@@ -142,3 +134,94 @@ class Server(uvicorn.Server):
         if sig == signal.SIGINT:
             super().handle_exit(sig, frame)
         self.should_exit = True
+
+
+def main() -> int:
+    """Run a worker until SIGTERM or the end of its parent, and return the exit code."""
+    text = sys.stdin.read()
+    if not text:  # the parent was stopped while it started this process
+        return 0
+    job = json.loads(text)
+    settings = Settings(**job["settings"] | {"origins": tuple(job["settings"]["origins"])})
+    # One core for each worker: the parent limits the threads of XLA, and those of BLAS are limited here.
+    with socket.socket(fileno=int(sys.argv[1])) as control, threadpool_limits(1):
+        try:
+            model = load(job["checkpoint"])
+            warm_up(model)
+        except (UserError, OSError) as error:
+            text = str(error) if isinstance(error, UserError) else f"{job['checkpoint']}: {reason(error).lower()}"
+            control.sendall(Report(error=text).line())
+            return 2
+        service = Service(model, settings, job["folder"])
+        control.setblocking(False)
+        Worker(service, control).run()
+    leave(service)
+    return 0
+
+
+class Worker(Server):
+    """Server of the connections that arrive on a socket to the parent."""
+
+    def __init__(self, service: Service, control: socket.socket):
+        super().__init__(service)
+        self._control, self._received = control, 0
+        self._sent = Report()
+        self._accepting: set[asyncio.Task[None]] = set()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        del sockets
+        await super().startup([])
+        asyncio.get_running_loop().add_reader(self._control, self._receive)
+        self.service.sessions.changed = self._report  # before the client hears of it and opens another stream
+
+    async def on_tick(self, counter: int) -> bool:
+        self._report(is_due=counter % _REPORT_TICKS == 0)
+        return await super().on_tick(counter)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Tell the parent to give no more connections, then end as a server does."""
+        self._report()
+        await super().shutdown(sockets)
+        asyncio.get_running_loop().remove_reader(self._control)
+
+    def _report(self, *, is_due: bool = False) -> None:
+        connections = len(self.server_state.connections) + len(self._accepting)
+        report = Report(not self.should_exit, self._received, connections, self.service.sessions.are_taken)
+        if is_due or report != self._sent:
+            with contextlib.suppress(OSError):  # the parent is gone or busy, and hears the next one
+                self._control.send(report.line())
+                self._sent = report
+
+    def _receive(self) -> None:
+        """Take a connection; when the parent is gone, stop."""
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self._control, 1, 1)
+        except BlockingIOError:
+            return
+        except OSError:
+            data, descriptors = b"", []
+        if not data:
+            asyncio.get_running_loop().remove_reader(self._control)
+            self.should_exit = True
+        for descriptor in descriptors:
+            self._received += 1
+            self._report()  # before anything is read: if this process is killed, other workers get the rest
+            task = asyncio.ensure_future(self._accept(socket.socket(fileno=descriptor)))
+            self._accepting.add(task)
+            task.add_done_callback(self._accepting.discard)
+
+    async def _accept(self, connection: socket.socket) -> None:
+        """Serve a connection as one that uvicorn has accepted."""
+        protocol = self.config.http_protocol_class
+
+        def create() -> asyncio.Protocol:
+            return protocol(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)  # pyright: ignore[reportCallIssue]
+
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(create, connection)
+        except OSError:  # the client has closed it
+            connection.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

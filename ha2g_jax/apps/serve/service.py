@@ -1,18 +1,71 @@
-"""What all requests of a service share: the model, the limits, and the threads of the computation."""
+"""What all requests of a service share: the model, the limits, the counters, and the threads of the computation."""
 
 import asyncio
 import contextlib
+import os
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from prometheus_client import Gauge
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client.multiprocess import MultiProcessCollector
 
-from ha2g_jax.apps.serve.counters import Counters
 from ha2g_jax.apps.serve.settings import Settings
-from ha2g_jax.synthesis.model import Model
+
+if TYPE_CHECKING:  # the process that shares connections among workers loads no JAX
+    from ha2g_jax.synthesis.model import Model
 
 Result = TypeVar("Result")
+FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # variable of prometheus_client: folder in which workers share their values
+
+_MOTION_SECONDS = (0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
+_FEED_SECONDS = (0.002, 0.005, 0.01, 0.02, 0.04, 0.0667, 0.1, 0.2, 0.5, 1)
+
+
+class Counters:
+    """Counters of one service in the form of Prometheus; where there are several workers, the sums over them.
+
+    Attributes:
+        requests: requests and streams that were answered, by route and status; a stream that begins has status 101.
+        motion_seconds: time from the upload of sound to its motion.
+        feed_seconds: time of the computation for one piece of sound of a stream, at most 0.2 s of sound.
+        frames: frames sent in streams.
+        errors: streams that ended with an error, by the code of the close.
+        running: requests for motion that are running.
+        sessions: streams that are running.
+        workers: processes that take requests.
+    """
+
+    def __init__(self) -> None:
+        self._registry = registry = CollectorRegistry()
+        labels = ("route", "status")
+        self.requests = Counter("ha2g_requests", "Requests answered", labels, registry=registry)
+        self.motion_seconds = Histogram(
+            "ha2g_motion_seconds", "Time to generate a motion", buckets=_MOTION_SECONDS, registry=registry
+        )
+        self.feed_seconds = Histogram(
+            "ha2g_feed_seconds",
+            "Computation for a piece of sound of a stream",
+            buckets=_FEED_SECONDS,
+            registry=registry,
+        )
+        self.frames = Counter("ha2g_frames", "Frames sent in streams", registry=registry)
+        self.errors = Counter("ha2g_stream_errors", "Streams ended with an error", ("code",), registry=registry)
+        self.running = self._gauge("ha2g_requests_running", "Requests for motion that are running")
+        self.sessions = self._gauge("ha2g_sessions", "Streams that are running")
+        self.workers = self._gauge("ha2g_workers", "Processes that take requests")
+
+    def _gauge(self, name: str, text: str) -> Gauge:
+        """Return a gauge that is summed over the processes that run."""
+        return Gauge(name, text, registry=self._registry, multiprocess_mode="livesum")
+
+    def text(self) -> bytes:
+        """Return all values in the text form of Prometheus."""
+        if FOLDER not in os.environ:
+            return generate_latest(self._registry)
+        registry = CollectorRegistry()
+        MultiProcessCollector(registry)
+        return generate_latest(registry)
 
 
 class Full(Exception):
@@ -26,10 +79,6 @@ class Stopped(Exception):
 class Places:
     """A number of places, one for each request that runs.
 
-    Args:
-        number: number of places.
-        gauge: gauge of those that are taken.
-
     Attributes:
         taken: number of those that are taken.
         changed: function that is called when that number has changed.
@@ -41,7 +90,6 @@ class Places:
 
     @property
     def are_taken(self) -> bool:
-        """Whether no place is free."""
         return self.taken >= self._number
 
     @contextlib.contextmanager
@@ -68,19 +116,15 @@ class Places:
 class Service:
     """A model and the state of the service that generates with it.
 
-    Args:
-        model: trained model.
-        settings: limits.
-        folder: folder of temporary files, that of the system by default.
-
     Attributes:
+        folder: folder of temporary files, that of the system by default.
         counters: what the service counts.
         motions: places of requests for motion.
         sessions: places of streams.
         is_stopping: whether new requests are refused, as the process ends.
     """
 
-    def __init__(self, model: Model, settings: Settings, folder: str | None = None):
+    def __init__(self, model: "Model", settings: Settings, folder: str | None = None):
         self.folder = folder
         self.model, self.settings, self.counters = model, settings, Counters()
         self.motions = Places(settings.requests, self.counters.running)
@@ -93,7 +137,6 @@ class Service:
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing is running."""
         return not (self.motions.taken or self.sessions.taken)
 
     @property
@@ -102,10 +145,7 @@ class Service:
         return any(not work.done() for work in tuple(self._work))
 
     async def run(self, answer: Coroutine[Any, Any, Result]) -> Result:
-        """Return the result of a coroutine, which is cancelled when the service is stopped.
-
-        Args:
-            answer: what a request or a stream does.
+        """Return the result of what a request or a stream does, which is cancelled when the service is stopped.
 
         Raises:
             Stopped: the service was stopped first.
@@ -121,11 +161,7 @@ class Service:
             task.cancel()
 
     async def compute(self, function: Callable[[], Result]) -> Result:
-        """Return the result of a function that runs in a thread.
-
-        Args:
-            function: function without arguments.
-        """
+        """Return the result of a function that runs in a thread."""
         work = self._threads.submit(function)
         self._work.add(work)
         work.add_done_callback(self._work.discard)

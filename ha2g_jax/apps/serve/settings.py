@@ -1,10 +1,14 @@
 """Address, token and limits of the service."""
 
+import contextlib
 import dataclasses
+import ipaddress
 import math
+import socket
+from collections.abc import Iterator
 
-from ha2g_jax.apps.serve.address import is_loopback
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import reason
 
 _MIN_TOKEN = 16  # characters
 
@@ -51,9 +55,6 @@ class Settings:
 def check(settings: Settings) -> None:
     """Check settings.
 
-    Args:
-        settings: settings to check.
-
     Raises:
         UserError: a setting is not valid, or the host is not a loopback address and there is no token.
     """
@@ -72,3 +73,46 @@ def check(settings: Settings) -> None:
         raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")
     if token is None and not is_loopback(settings.host):
         raise UserError(f"other machines reach {settings.host}: give --token, or HA2G_TOKEN in the environment")
+
+
+@contextlib.contextmanager
+def bound(host: str, port: int) -> Iterator[socket.socket]:
+    """Yield a socket bound to an address, at which nothing listens yet; port 0 is a free one.
+
+    Raises:
+        UserError: the name is unknown or the address is taken.
+    """
+    family, address = resolve(host)[0]
+    with socket.socket(family, socket.SOCK_STREAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((address, port))
+        except OSError as error:
+            raise UserError(
+                f"cannot listen at {host}, port {port}: {reason(error).lower()}; give another --port"
+            ) from error
+        yield listener
+
+
+def url(listener: socket.socket) -> str:
+    """Return the address of a socket in the form of a browser."""
+    host, port = listener.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host, given by name or address, is this machine only."""
+    return all(ipaddress.ip_address(address).is_loopback for _, address in resolve(host))
+
+
+def resolve(host: str) -> list[tuple[int, str]]:
+    """Return the families and addresses of a host.
+
+    Raises:
+        UserError: the name is unknown.
+    """
+    try:
+        found = socket.getaddrinfo(host or "0.0.0.0", None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        raise UserError(f"the host {host!r} is unknown; give a name or an address of this machine") from error
+    return [(family, str(address[0]).partition("%")[0]) for family, _, _, _, address in found]

@@ -40,11 +40,7 @@ class _Limit(Exception):
 
 
 def router(service: Service) -> APIRouter:
-    """Return the route of a service.
-
-    Args:
-        service: model and limits.
-    """
+    """Return the route of a service."""
     routes = APIRouter()
 
     @routes.websocket("/v1/stream")
@@ -76,7 +72,6 @@ class Session(NamedTuple):
     """A stream and the sound that goes into it.
 
     Attributes:
-        stream: stream of the model.
         resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
         asked: first message of the client.
     """
@@ -199,7 +194,6 @@ async def _run(service: Service, websocket: WebSocket) -> None:
 
 
 async def _receive(service: Service, websocket: WebSocket) -> str | bytes:
-    """Return the next message."""
     idle = service.settings.idle_seconds
     try:
         async with asyncio.timeout(idle):

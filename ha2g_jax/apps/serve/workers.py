@@ -1,9 +1,13 @@
 """Several workers at one address: this process takes the connections and gives each to the worker with the fewest.
 
-It loads no model. The workers are processes of their own, see `worker`; one that has ended is replaced.
+It loads no model. The workers are processes of their own, see `server.main`; one that has ended is replaced.
 """
 
 import asyncio
+import collections
+import dataclasses
+import json
+import os
 import pathlib
 import signal
 import socket
@@ -11,13 +15,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
+from prometheus_client.multiprocess import mark_process_dead
 from tqdm import tqdm
 
-from ha2g_jax.apps.serve.address import bound, url
-from ha2g_jax.apps.serve.child import Child
-from ha2g_jax.apps.serve.settings import Settings, check
+from ha2g_jax.apps.serve.service import FOLDER
+from ha2g_jax.apps.serve.settings import Settings, bound, check, url
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason
 from ha2g_jax.progress import stage
@@ -27,14 +31,132 @@ _LASTING_SECONDS = 60.0  # after which the next wait is the first again
 _BACKLOG = 2048
 _TICK = 0.1  # seconds between two looks for a worker that takes a connection
 MARGIN = 10.0  # seconds after the grace in which workers end by themselves
+_SILENT_SECONDS = 2.0  # without a report, after which connections go to other workers
+
+
+class Report(NamedTuple):
+    """What a worker tells its parent.
+
+    Attributes:
+        is_ready: whether it takes connections.
+        received: connections that it has received so far.
+        open: connections that are open.
+        is_full: whether all its places for streams are taken.
+        error: reason for which it cannot begin, one line.
+    """
+
+    is_ready: bool = False
+    received: int = 0
+    open: int = 0
+    is_full: bool = False
+    error: str | None = None
+
+    def line(self) -> bytes:
+        return json.dumps(self).encode() + b"\n"
+
+    @classmethod
+    def parse(cls, line: bytes) -> "Report":
+        return cls(*json.loads(line))
+
+
+class Child:
+    """A worker as its parent sees it: its process, and a socket to it.
+
+    Attributes:
+        report: what it told last.
+        unreceived: connections that were given to it, and of which it has not told that it received them.
+    """
+
+    def __init__(self, process: asyncio.subprocess.Process, control: socket.socket, folder: str):
+        self._process, self._control, self._folder = process, control, folder
+        self._heard, self.report = time.monotonic(), Report()
+        self.unreceived: collections.deque[socket.socket] = collections.deque()
+        self._given = 0
+
+    @classmethod
+    async def start(cls, checkpoint: str, settings: Settings, folder: str) -> "Child":
+        """Start a worker.
+
+        Raises:
+            OSError: the system cannot start a process.
+        """
+        control, theirs = socket.socketpair()
+        control.setblocking(False)
+        counts = pathlib.Path(folder) / "counters"
+        counts.mkdir(exist_ok=True)
+        with theirs:
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "ha2g_jax.apps.serve.server", str(theirs.fileno())),
+                stdin=asyncio.subprocess.PIPE,
+                pass_fds=[theirs.fileno()],
+                env=os.environ | {FOLDER: str(counts), "PJRT_NPROC": "1"},
+                start_new_session=True,  # so that Ctrl-C in the terminal reaches the parent alone
+            )
+        job = {"checkpoint": checkpoint, "settings": dataclasses.asdict(settings), "folder": folder}
+        assert process.stdin is not None
+        process.stdin.write(json.dumps(job).encode())
+        process.stdin.close()
+        return cls(process, control, str(counts))
+
+    @property
+    def is_ready(self) -> bool:
+        return self.report.is_ready
+
+    @property
+    def rank(self) -> tuple[bool, bool, int]:
+        """Return its place in the order in which workers are given connections: those that are free come first."""
+        is_silent = time.monotonic() - self._heard > _SILENT_SECONDS
+        return is_silent, self.report.is_full, self.report.open + len(self.unreceived)
+
+    def give(self, connection: socket.socket) -> bool:
+        """Send it a connection, which is closed here when it has been received, and return whether that succeeded."""
+        if not self.is_ready:
+            return False
+        try:
+            socket.send_fds(self._control, [b"c"], [connection.fileno()])
+        except OSError:  # it has ended, or has not read for long
+            return False
+        self._given += 1
+        self.unreceived.append(connection)
+        return True
+
+    async def watch(self) -> str:
+        """Read its reports until it ends, and return how it ended.
+
+        Raises:
+            UserError: it cannot begin.
+        """
+        loop, rest = asyncio.get_running_loop(), b""
+        try:
+            while data := await loop.sock_recv(self._control, 1 << 16):
+                *lines, rest = (rest + data).split(b"\n")
+                if lines:
+                    self.report, self._heard = Report.parse(lines[-1]), time.monotonic()
+                    while len(self.unreceived) > self._given - self.report.received:
+                        self.unreceived.popleft().close()
+        except ConnectionError:  # it was killed with connections that it had not received
+            pass
+        error, self.report = self.report.error, Report()
+        code = await self.end()
+        if error is not None:
+            raise UserError(error)
+        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"has ended with code {code}"
+        return f"worker {self._process.pid} {how}"
+
+    def signal(self, number: int) -> None:
+        if self._process.returncode is None:
+            self._process.send_signal(number)
+
+    async def end(self) -> int:
+        """Wait for its end, and return its exit code."""
+        code = await self._process.wait()
+        self._control.close()
+        mark_process_dead(self._process.pid, self._folder)
+        return code
 
 
 def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """Start the workers, then share the connections among them until SIGTERM or Ctrl-C.
-
-    Args:
-        checkpoint: model, see `synthesis.load`.
-        settings: address, token, limits and number of workers.
 
     Raises:
         UserError: the settings or the model cannot be used, the address is taken, or a first worker has failed.
@@ -63,14 +185,7 @@ def next_wait(wait: float, lasted: float) -> float:
 
 
 class Workers:
-    """The workers of a service.
-
-    Args:
-        checkpoint: model.
-        settings: settings of the service.
-        listener: socket with its address.
-        folder: folder for temporary files.
-    """
+    """The workers of a service, with the bound socket at whose address it listens."""
 
     def __init__(self, checkpoint: str, settings: Settings, listener: socket.socket, folder: str):
         self._checkpoint, self._settings, self._folder = checkpoint, settings, folder

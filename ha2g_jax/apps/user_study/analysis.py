@@ -1,6 +1,5 @@
 """The analysis of a user study: from answer files to numbers of JSON."""
 
-import importlib
 import itertools
 import math
 import pathlib
@@ -11,14 +10,18 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.apps.user_study import bradley_terry
-from ha2g_jax.apps.user_study.agreement import agreement
-from ha2g_jax.apps.user_study.answers import Answers, read_answers
-from ha2g_jax.apps.user_study.crossed import LEVEL, Estimate, mean
-from ha2g_jax.apps.user_study.differences import pairs, system_differences
-from ha2g_jax.apps.user_study.key import KINDS, Key, read_key
-from ha2g_jax.apps.user_study.observations import Choices, Ratings, mismatches_of, preferences_of, ratings_of
-from ha2g_jax.apps.user_study.shares import Share, share
-from ha2g_jax.errors import UserError
+from ha2g_jax.apps.user_study.answers import (
+    Answers,
+    Choices,
+    Ratings,
+    mismatches_of,
+    preferences_of,
+    ratings_of,
+    read_answers,
+)
+from ha2g_jax.apps.user_study.design import KINDS, Key, read_key
+from ha2g_jax.apps.user_study.estimates import LEVEL, Estimate, Share, agreement, mean, pairs, share, system_differences
+from ha2g_jax.errors import require
 from ha2g_jax.evaluation.intervals import number
 from ha2g_jax.metrics.uncertainty import holm
 
@@ -39,30 +42,15 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
         and a bound that has no end is "inf" or "-inf".
 
     Raises:
-        UserError: there is no key or no answer file, or the package of the extra user-study is missing.
+        UserError: there is no key or no answer file, or the package of the extra report is missing.
     """
-    check_extra()
+    require("choix", "report", by="the analysis of a study")
     key = read_study(study)
     return results_of(read_answers(paths, key), key)
 
 
-def check_extra() -> None:
-    """Check that the package of the extra user-study is installed.
-
-    Raises:
-        UserError: it is missing.
-    """
-    try:
-        importlib.import_module("choix")
-    except ImportError as error:
-        raise UserError("the analysis of a study needs choix: pip install 'ha2g-jax[user-study]'") from error
-
-
 def read_study(study: pathlib.Path) -> Key:
-    """Read the key of a study.
-
-    Args:
-        study: folder of `ha2g study make`, or the `key.json` in it.
+    """Read the key of a study from its folder, or from the `key.json` in it.
 
     Raises:
         UserError: there is no key, or it is damaged.
@@ -110,7 +98,6 @@ def _opinion(ratings: Ratings, key: Key) -> dict[str, Any]:
 
 
 def _preference(choices: Choices, key: Key) -> dict[str, Any]:
-    """Compute shares of pairs of systems, and strengths."""
     rows = []
     for first, second in itertools.combinations(range(len(key.systems)), 2):
         mine = choices.where((choices.first == first) & (choices.second == second))
@@ -140,7 +127,6 @@ def _preference(choices: Choices, key: Key) -> dict[str, Any]:
 
 
 def _mismatch(choices: Choices, key: Key) -> dict[str, Any]:
-    """Compute the share of matched motion for each system."""
     rows = []
     for at, name in enumerate(key.systems):
         mine = choices.where(choices.first == at)

@@ -1,4 +1,7 @@
-"""Strict reading of answer files: each is kept whole, or left out with a reason. Nothing in a file is ever run."""
+"""Strict reading of answer files: each is kept whole, or left out with a reason. Nothing in a file is ever run.
+
+What is kept becomes arrays with one row for each answer.
+"""
 
 import datetime
 import math
@@ -8,7 +11,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.apps.user_study.key import ATTENTION, RATING, Item, Key
+import numpy as np
+
+from ha2g_jax.apps.user_study.design import ATTENTION, MISMATCH, PREFERENCE, RATING, Item, Key
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_ANSWER_BYTES, MAX_ANSWER_FILES
@@ -22,13 +27,14 @@ _EXPECTED = "an answer file of a study"
 _ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _CHOICES = ("left", "right", "equal")
 _NAMED = 3  # items that a reason names
+MISMATCHED = "mismatched speech"
+"""What is added to the name of a system whose clips are rated with the speech of another clip."""
 
 
 class Answer(NamedTuple):
     """What a participant answered to an item.
 
     Attributes:
-        item: the item.
         ratings: number for each scale of the key, if it is a rating; the number that was chosen, if it is an attention
             check.
         outcome: for a pair of stimuli: 1 if the first one in the key was preferred, -1 if the second one was, 0 if they
@@ -82,9 +88,6 @@ def read_answers(paths: Sequence[pathlib.Path], key: Key) -> Answers:
         paths: files, and folders of files whose names end in `.json`.
         key: key of the study.
 
-    Returns:
-        Who is kept, and what is excluded and why.
-
     Raises:
         UserError: there is nothing at a path, a folder has no answer file, or there are too many files.
     """
@@ -135,7 +138,6 @@ def _files(paths: Sequence[pathlib.Path]) -> list[pathlib.Path]:
 
 
 def _name_of(content: Any) -> str:
-    """Return the name of the participant if there is a valid one, to report a file by."""
     name = content.get("participant") if isinstance(content, dict) else None
     return name if isinstance(name, str) and _ID.fullmatch(name) else ""
 
@@ -190,7 +192,6 @@ def _answers(content: Mapping[str, Any], key: Key) -> Iterator[Answer]:
 
 
 def _answer(value: Mapping[str, Any], item: Item, key: Key) -> Answer:
-    """Check the answer to one item."""
     where = f"item {item.id}"
     _check(value.get("kind") == item.kind, f"{where} is not of the kind of the study")
     seconds = value.get("seconds", 0)
@@ -241,3 +242,111 @@ def _time(value: Any, what: str) -> datetime.datetime:
 def _check(is_right: bool, what: str) -> None:
     if not is_right:
         raise ValueError(what)
+
+
+class Ratings(NamedTuple):
+    """Ratings, n of them.
+
+    Attributes:
+        systems: names that `system` refers to.
+        participant: (n,) index of the participant.
+        clip: (n,) index of the clip whose sound is heard.
+        system: (n,) index of the system.
+        item: (n,) index of the item.
+        scores: (n, scales) numbers that were chosen.
+    """
+
+    systems: tuple[str, ...]
+    participant: np.ndarray
+    clip: np.ndarray
+    system: np.ndarray
+    item: np.ndarray
+    scores: np.ndarray
+
+
+class Choices(NamedTuple):
+    """Choices between the two stimuli of a pair, n of them.
+
+    Attributes:
+        participant: (n,) index of the participant.
+        clip: (n,) index of the clip whose sound is heard.
+        item: (n,) index of the item.
+        first: (n,) index in `Key.systems` of the system of the first stimulus.
+        second: (n,) index of the system of the second stimulus.
+        outcome: (n,) 1 if the first one was preferred, -1 if the second one was, 0 if they were equal.
+    """
+
+    participant: np.ndarray
+    clip: np.ndarray
+    item: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    outcome: np.ndarray
+
+    def where(self, is_kept: np.ndarray) -> "Choices":
+        """Return the choices at which a mask (n,) is true."""
+        return Choices(*(column[is_kept] for column in self))
+
+
+def ratings_of(participants: Sequence[Participant], key: Key) -> Ratings:
+    """Collect the ratings of all participants."""
+    names = list(key.systems)
+    items = {item.id: number for number, item in enumerate(key.items)}
+    rows, scores = [], []
+    for number, participant in enumerate(participants):
+        for answer in participant.answers:
+            if answer.item.kind == RATING:
+                stimulus = key.stimuli[answer.item.stimuli[0]]
+                name = stimulus.system if stimulus.matched else f"{stimulus.system}, {MISMATCHED}"
+                if name not in names:
+                    names.append(name)
+                rows.append((number, _clip(answer.item, key), names.index(name), items[answer.item.id]))
+                scores.append(answer.ratings)
+    used = sorted({row[2] for row in rows})
+    participant, clip, system, item = np.array(rows, int).reshape(-1, 4).T
+    return Ratings(
+        tuple(names[index] for index in used),
+        participant,
+        clip,
+        np.searchsorted(used, system),
+        item,
+        np.array(scores, float).reshape(-1, len(key.scales)),
+    )
+
+
+def preferences_of(participants: Sequence[Participant], key: Key) -> Choices:
+    """Collect the choices between two systems; the first of a pair is the one that the key names first."""
+    return _choices(participants, key, PREFERENCE)
+
+
+def mismatches_of(participants: Sequence[Participant], key: Key) -> Choices:
+    """Collect the choices between motion with its own speech, the first of a pair here, and motion of another clip."""
+    return _choices(participants, key, MISMATCH)
+
+
+def _choices(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
+    items = {item.id: number for number, item in enumerate(key.items)}
+    systems = {name: number for number, name in enumerate(key.systems)}
+    rows = []
+    for number, participant in enumerate(participants):
+        for answer in participant.answers:
+            if answer.item.kind == kind:
+                pair, outcome = answer.item.stimuli, answer.outcome
+                if _is_turned(answer.item, key, systems):
+                    pair, outcome = pair[::-1], -outcome
+                first, second = (systems[key.stimuli[stimulus].system] for stimulus in pair)
+                rows.append((number, _clip(answer.item, key), items[answer.item.id], first, second, outcome))
+    return Choices(*np.array(rows, int).reshape(-1, 6).T)
+
+
+def _is_turned(item: Item, key: Key, systems: dict[str, int]) -> bool:
+    """Return whether the second stimulus of a pair is the matched one, or the one of the earlier system."""
+    first, second = (key.stimuli[stimulus] for stimulus in item.stimuli)
+    if item.kind == MISMATCH:
+        return second.matched
+    return systems[first.system] > systems[second.system]
+
+
+def _clip(item: Item, key: Key) -> int:
+    stimulus = key.stimuli[item.stimuli[0]]
+    return key.clips.index(stimulus.sound_of or stimulus.clip)

@@ -2,8 +2,8 @@
 
 P(i is preferred to j) = 1 / (1 + exp(-(s_i - s_j))) among the choices that prefer one, with strengths s in logits. This
 holds in Davidson's (1970) model of choices for neither, too, so that the same strengths are estimated without them; as
-half a win of each system they would pull all strengths together. The estimate is
-that of maximum likelihood (Zermelo 1929, Hunter 2004), computed by choix (Maystre and Grossglauser 2015).
+half a win of each system they would pull all strengths together. The estimate is that of maximum likelihood (Zermelo
+1929, Hunter 2004), computed by choix (Maystre and Grossglauser 2015).
 """
 
 import itertools
@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.apps.user_study.crossed import Estimate, crossed, jackknife
-from ha2g_jax.apps.user_study.observations import Choices
+from ha2g_jax.apps.user_study.answers import Choices
+from ha2g_jax.apps.user_study.estimates import Estimate, crossed, jackknife
 
 ELO_CENTRE = 1500
 ELO_PER_LOGIT = 400 / np.log(10)
@@ -25,7 +25,7 @@ class Strengths(NamedTuple):
     Attributes:
         systems: (S,) indices of the systems that were compared.
         strengths: estimates (S,), relative to their mean over `finite`; a bound that does not exist is infinite.
-        differences: estimates (pairs,), first system less second, in the order of `differences.pairs`.
+        differences: estimates (pairs,), first system less second, in the order of `estimates.pairs`.
         finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
         is_connected: whether choices that prefer one connect every system with every other one, directly or not.
     """
@@ -41,8 +41,6 @@ def wins_of(choices: Choices, num_systems: int, groups: np.ndarray | None = None
     """Count how often each system was preferred to each other one; choices for neither do not count.
 
     Args:
-        choices: choices between two systems.
-        num_systems: number of systems S.
         groups: (n,) index of the participant or the clip of each choice; by default there is one group.
 
     Returns:
@@ -56,11 +54,9 @@ def wins_of(choices: Choices, num_systems: int, groups: np.ndarray | None = None
 
 
 def fit(wins: np.ndarray) -> np.ndarray:
-    """Return the strengths of maximum likelihood, which sum to 0.
+    """Return the strengths of maximum likelihood, which sum to 0, from wins (S, S) of the row over the column.
 
-    Args:
-        wins: (S, S) wins of the system of the row over that of the column; whole numbers or not. From each system there
-            has to be a chain of wins to each other one, or else a strength is infinite (Ford 1957).
+    From each system there has to be a chain of wins to each other one, or else a strength is infinite (Ford 1957).
     """
     import choix
 
@@ -68,11 +64,9 @@ def fit(wins: np.ndarray) -> np.ndarray:
 
 
 def standard_errors(wins: np.ndarray, strengths: np.ndarray, contrasts: np.ndarray) -> np.ndarray:
-    """Return the standard errors of contrasts of strengths if all choices were independent.
+    """Return the standard errors of contrasts of strengths (S,) if all choices were independent.
 
     Args:
-        wins: (S, S) wins.
-        strengths: (S,) estimates of maximum likelihood.
         contrasts: (k, S) weights of the strengths, each row with a sum of 0.
     """
     covariance = np.linalg.pinv(_information(wins, strengths), hermitian=True)
@@ -80,16 +74,12 @@ def standard_errors(wins: np.ndarray, strengths: np.ndarray, contrasts: np.ndarr
 
 
 def estimate(choices: Choices, num_systems: int) -> Strengths:
-    """Return strengths and differences with intervals over participants and clips; see `crossed.crossed`.
+    """Return strengths and differences of at least one choice with intervals over participants and clips.
 
     To each two systems that were compared, 1 / S wins of both are added, S being the number of systems. In a balanced
     design this is Firth's (1993) correction of the bias of maximum likelihood, and it keeps the strength of a system
     that was never chosen finite. Where maximum likelihood has no finite difference, the bound to that side is infinite.
     The variance is at least that for independent choices.
-
-    Args:
-        choices: choices between two systems, at least one.
-        num_systems: number of systems in the study.
     """
     used = np.unique([choices.first, choices.second])
     columns = np.ix_(used, used)
@@ -126,13 +116,7 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
 
 
 def _without(wins: np.ndarray, parts: np.ndarray, strengths: np.ndarray) -> np.ndarray:
-    """Return the strengths without the wins of each group (groups, S), by one step of Newton (Pregibon 1981).
-
-    Args:
-        wins: (S, S) wins of all, with those that were added.
-        parts: (groups, S, S) wins of each group.
-        strengths: (S,) strengths of all.
-    """
+    """Return the strengths without the wins of each group (groups, S), by one step of Newton (Pregibon 1981)."""
     left = wins - parts
     expected = 1 / (1 + np.exp(strengths[None, :] - strengths[:, None]))
     scores = (left - (left + left.transpose(0, 2, 1)) * expected).sum(2)
@@ -167,7 +151,6 @@ def _unbounded(beats: np.ndarray, finite: np.ndarray) -> np.ndarray:
 
 
 def _open(found: Estimate, above: np.ndarray, below: np.ndarray) -> Estimate:
-    """Replace the bounds that do not exist by infinite ones."""
     return found._replace(low=np.where(below, -np.inf, found.low), high=np.where(above, np.inf, found.high))
 
 

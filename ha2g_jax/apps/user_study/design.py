@@ -1,19 +1,40 @@
-"""The design of a study: its stimuli, its items, and balanced lists of items for participants.
+"""The design of a study: its items, balanced lists of them for participants, and the key that says what they show.
 
 All choices are functions of the seed. Rows are systems, or pairs of systems, and columns are clips. A list holds the
 same number of clips of every row, taken from the clips in a cycle that starts further on in the next list, so that over
 all lists every item occurs equally often. Rows start at different clips of the cycle, as in a Latin square.
+
+The site of a study names stimuli by opaque ids alone; `key.json`, which is not published, says what they are.
 """
 
+import dataclasses
 import itertools
+import json
 import math
+import pathlib
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.apps.user_study.key import ATTENTION, MISMATCH, POINTS, PREFERENCE, RATING, Item
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import read_json, shown
+from ha2g_jax.files.writing import whole_file
+
+RATING, PREFERENCE, MISMATCH, ATTENTION = "rating", "preference", "mismatch", "attention"
+KINDS = (RATING, PREFERENCE, MISMATCH, ATTENTION)
+"""Kinds of items: one clip rated on scales; two systems compared on a clip; the motion of a clip compared with that of
+another clip, for the same sound; a clip that says which number to choose."""
+
+SCALES = ("naturalness", "smoothness", "synchrony")
+"""Scales of a rating, those of the paper's Table 2."""
+
+POINTS = (1, 5)
+"""Least and greatest number of a rating."""
+
+_FORMAT, _VERSION = "ha2g-study-key", 1
+_EXPECTED = "the key.json of a study, as ha2g study make writes it"
+_MAX_BYTES = 1 << 26
 
 PARTS = (RATING, PREFERENCE, MISMATCH)
 """Parts of a protocol that a study may have, in any combination."""
@@ -22,6 +43,115 @@ _MAX_ITEMS = 20_000
 _MAX_ATTENTION = POINTS[1]
 _ID_BYTES = 8
 _ROUNDING = 0.1  # seconds by which clips may differ and still count as equally long
+
+
+class Stimulus(NamedTuple):
+    """A video that participants see.
+
+    Attributes:
+        clip: clip that the motion was made for.
+        matched: whether the sound is that of the clip.
+        sound_of: clip whose sound the video has; None for an attention check, whose sound says a number.
+        sha256: hash of the file, as 64 hexadecimal digits.
+    """
+
+    system: str
+    clip: str
+    matched: bool
+    sound_of: str | None
+    sha256: str
+
+
+class Item(NamedTuple):
+    """A question of the study.
+
+    Attributes:
+        kind: one of `KINDS`.
+        stimuli: id of the stimulus of a rating or an attention check, ids of both of a preference or a mismatch.
+        expected: number that an attention check asks for, None for other kinds.
+    """
+
+    id: str
+    kind: str
+    stimuli: tuple[str, ...]
+    expected: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """What the owner of a study keeps.
+
+    Attributes:
+        study: id of the study, which the answers repeat.
+        title: title that participants see.
+        created: time in ISO 8601.
+        stimuli: stimuli by opaque id.
+        per_participant: number of items of each kind that a participant answers.
+        scales: names of the scales of ratings.
+        points: least and greatest number of a rating.
+    """
+
+    study: str
+    title: str
+    seed: int
+    created: str
+    systems: tuple[str, ...]
+    clips: tuple[str, ...]
+    stimuli: Mapping[str, Stimulus]
+    items: tuple[Item, ...]
+    per_participant: Mapping[str, int]
+    scales: tuple[str, ...] = SCALES
+    points: tuple[int, int] = POINTS
+
+
+def write_key(path: pathlib.Path, key: Key) -> None:
+    """Write a key, completely or not at all, so that only this user can read it.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    content = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        **dataclasses.asdict(key),
+        "stimuli": {name: stimulus._asdict() for name, stimulus in key.stimuli.items()},
+        "items": [item_as_json(item) for item in key.items],
+    }
+    with whole_file(path) as temporary:
+        temporary.chmod(0o600)
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def item_as_json(item: Item) -> dict[str, Any]:
+    """Return an item as a JSON object, with the expected answer of an attention check."""
+    stimuli = {"pair": list(item.stimuli)} if len(item.stimuli) == 2 else {"stimulus": item.stimuli[0]}
+    expected = {} if item.expected is None else {"expected": item.expected}
+    return {"id": item.id, "kind": item.kind, **stimuli, **expected}
+
+
+def read_key(path: pathlib.Path) -> Key:
+    """Read the key of a study.
+
+    Raises:
+        UserError: the file cannot be read or is not a key.
+    """
+    content = read_json(path, _EXPECTED, _MAX_BYTES)
+    try:
+        form = content.pop("format"), content.pop("version")
+        content |= {name: tuple(content[name]) for name in ("systems", "clips", "scales", "points")}
+        content["stimuli"] = {name: Stimulus(**value) for name, value in content["stimuli"].items()}
+        content["items"] = tuple(_item(value) for value in content["items"])
+        key = Key(**content)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise UserError(f"{shown(path)} is not {_EXPECTED}") from error
+    if form != (_FORMAT, _VERSION):
+        raise UserError(f"{shown(path)} is not {_EXPECTED}")
+    return key
+
+
+def _item(value: dict[str, Any]) -> Item:
+    stimuli = value["pair"] if "pair" in value else [value["stimulus"]]
+    return Item(value["id"], value["kind"], tuple(stimuli), value.get("expected"))
 
 
 class Scene(NamedTuple):
@@ -39,14 +169,7 @@ class Scene(NamedTuple):
 
 
 class Planned(NamedTuple):
-    """A stimulus that is to be rendered: a motion in a scene.
-
-    Attributes:
-        id: opaque name.
-        scene: sound, camera and length.
-        system: system that made the motion.
-        clip: clip that the motion was made for.
-    """
+    """A stimulus that is to be rendered, with its opaque id: the motion of a system for a clip, in a scene."""
 
     id: str
     scene: Scene
@@ -55,14 +178,7 @@ class Planned(NamedTuple):
 
 
 class Design(NamedTuple):
-    """The design of a study.
-
-    Attributes:
-        stimuli: all stimuli, in the order of their ids.
-        items: all items, in the order of their ids.
-        lists: ids of the items of each list; a participant answers one list.
-        per_participant: number of items of each kind in a list.
-    """
+    """Stimuli and items in the order of their ids, lists of ids of items, and how many of each kind a list has."""
 
     stimuli: tuple[Planned, ...]
     items: tuple[Item, ...]
@@ -86,7 +202,7 @@ def make_design(
     attention: int = 2,
     seed: int = 0,
 ) -> Design:
-    """Design a study.
+    """Design a study; equal arguments give equal designs.
 
     Args:
         systems: names of the systems.
@@ -96,9 +212,6 @@ def make_design(
             for every system, or pair of systems, and at least one.
         attention: number of attention checks that every participant answers, 0 to 5.
         seed: seed of all choices.
-
-    Returns:
-        The design, equal for equal arguments.
 
     Raises:
         UserError: the systems or the clips are too few for a part, or the study would have more than 20,000 items.
@@ -125,14 +238,10 @@ def make_design(
 
 
 def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> dict[str, str]:
-    """Choose for each clip another one of about the same length, whose motion is shown with the sound of the first.
+    """Choose for each of two clips or more another one of about the same length, shown with the sound of the first.
 
     The motion of every clip is used once. Neighbours in the order of length are exchanged, and the last three in a
-    circle if the number of clips is odd.
-
-    Args:
-        clips: two clips or more; their order decides among clips of equal length.
-        durations: length in seconds of each clip.
+    circle if the number of clips is odd. The order of `clips` decides among clips of equal length.
     """
     ordered = sorted(clips, key=lambda clip: round(durations[clip] / _ROUNDING))
     pairs = [ordered[start : start + 2] for start in range(0, len(ordered) - len(ordered) % 2, 2)]
@@ -155,7 +264,6 @@ class _Ids:
 
 
 def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str], ids: _Ids) -> list[_Row]:
-    """Return the items of ratings and preferences, which share their stimuli."""
     if not {RATING, PREFERENCE} & set(parts):
         return []
     rows = []

@@ -1,23 +1,56 @@
-"""A study from folders of motion: the site that is published, and the key that is not."""
+"""A study from folders of motion: the site that is published, with its videos, and the key that is not.
+
+There is one folder for each system, with motion of the same clips. One figure, one camera and one length are used for
+all that is compared with each other.
+"""
 
 import datetime
 import hashlib
+import itertools
 import json
 import pathlib
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
-from ha2g_jax.apps.user_study.design import Design, Planned, make_design
-from ha2g_jax.apps.user_study.key import ATTENTION, RATING, Key, Stimulus, item_as_json, write_key
-from ha2g_jax.apps.user_study.site import DEFAULT_TITLE, Wording, read_wording, write_site
-from ha2g_jax.apps.user_study.sources import name_systems, read_sources
-from ha2g_jax.apps.user_study.stimuli import render
+import numpy as np
+
+from ha2g_jax.apps.user_study.design import (
+    ATTENTION,
+    RATING,
+    Design,
+    Key,
+    Planned,
+    Scene,
+    Stimulus,
+    item_as_json,
+    make_design,
+    write_key,
+)
+from ha2g_jax.apps.user_study.pages import DEFAULT_TITLE, Wording, read_wording, write_site
+from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, sound_key
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
+from ha2g_jax.features.espeak import Voice, say
+from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
-from ha2g_jax.motion.formats.video import check_size
+from ha2g_jax.motion.formats.video import VIDEO_FPS, check_size, fit_view, write_video
+from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers import find_skeleton, read_motion
 from ha2g_jax.motion.readers.joint_maps import AUTO
+from ha2g_jax.progress import progress_bar
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 _ID_LETTERS = 16
+MIN_SECONDS, MAX_SECONDS = 1.0, 120.0  # of a clip
+
+_TOLERANCE = 0.5  # seconds by which a motion may be shorter than its sound
+_FADE = 0.03  # seconds at the end of a sound that is cut
+_VOICE = Voice("en-us", "f2", pitch=50, pitch_range=50, rate=140)
+_NUMBERS = ("zero", "one", "two", "three", "four", "five")
+_BAND = 0.15  # metres above the figure for what is written in a check
+_SILENCE = 0.5  # seconds before and after the words of a check
 
 
 def make_study(
@@ -44,19 +77,18 @@ def make_study(
     Args:
         motions: folder of each system, as DIR or NAME=DIR, with motion of the same clips.
         out: folder to write, which does not exist or is empty.
-        speech: folder of the sounds, see `sources.read_sources`.
+        speech: folder of the sounds, see `read_sources`.
         protocol: parts of the study, of `design.PARTS`.
         clips: number of clips, drawn at random; by default all.
         clip_seconds: length in seconds to which longer clips are cut.
-        per_participant: items of each part that a participant answers at most, see `design.make_design`.
+        per_participant: items of each part that a participant answers at most, see `make_design`.
         attention: number of attention checks.
         title: title that participants see.
         consent: text file with what participants agree to, in paragraphs; by default a short text.
         closing: text file with what participants see at the end, such as a completion code.
         post: address that the answers are sent to; without it participants download them.
         size: side of the videos in pixels.
-        joint_map: names of the joints, see `motion.readers.read_motion`.
-        source_fps: frames per second of files that do not say it.
+        joint_map, source_fps: see `motion.readers.read_motion`.
         seed: seed of all choices; drawn by default, so that the ids of the videos cannot be guessed.
 
     Returns:
@@ -116,3 +148,199 @@ def _stimulus(planned: Planned, video: pathlib.Path) -> Stimulus:
     is_check = planned.scene.part == ATTENTION
     sound = None if is_check else planned.scene.clip
     return Stimulus(planned.system, planned.clip, planned.clip == sound, sound, digest)
+
+
+class Sources(NamedTuple):
+    """What a study shows.
+
+    Attributes:
+        motions: motion by system and clip, all of one skeleton with the same lengths of bones.
+        sounds: (samples,) float32 at 16 kHz by clip.
+        durations: length in seconds of each clip, in which there is sound and motion of every system.
+    """
+
+    motions: Mapping[str, Mapping[str, Motion]]
+    sounds: Mapping[str, np.ndarray]
+    durations: Mapping[str, float]
+
+
+def name_systems(folders: Sequence[str]) -> dict[str, pathlib.Path]:
+    """Return the folder of each system from DIR, whose name is that of the system, or NAME=DIR.
+
+    Raises:
+        UserError: two systems have one name, or a name is empty.
+    """
+    systems: dict[str, pathlib.Path] = {}
+    for text in folders:
+        name, equals, folder = text.partition("=")
+        if not equals or pathlib.Path(text).is_dir():
+            name, folder = pathlib.Path(text).resolve().name, text
+        name = shown(name).strip()
+        if not name or not folder:
+            raise UserError(f"{shown(text)} names no system and folder; give DIR or NAME=DIR")
+        if name in systems:
+            raise UserError(f"two systems have the name {name}; give one of them another name with NAME=DIR")
+        systems[name] = pathlib.Path(folder)
+    return systems
+
+
+def read_sources(
+    systems: Mapping[str, pathlib.Path],
+    *,
+    speech: pathlib.Path | None = None,
+    clips: int | None = None,
+    clip_seconds: float | None = None,
+    joint_map: str = AUTO,
+    source_fps: float | None = None,
+    seed: int = 0,
+) -> Sources:
+    """Read the motion of all systems and its sound.
+
+    The sound of a clip is the file of the same name in `speech`, or else beside a motion. Every figure gets the
+    lengths of bones of the skeleton, so that participants cannot tell systems by the build of a person.
+
+    Args:
+        systems: folder of each system.
+        speech: folder of the sounds; by default they lie beside the motion of any system.
+        clips: number of clips, drawn with the seed; by default all.
+        clip_seconds: length in seconds to which longer clips are cut.
+        joint_map, source_fps: see `motion.readers.read_motion`.
+        seed: seed of the choice of clips.
+
+    Raises:
+        UserError: a folder lacks a clip, a clip lacks sound, motion is much shorter than its sound, a clip is shorter
+            than 1 s or longer than 120 s, or a file cannot be read.
+    """
+    if clip_seconds is not None and not MIN_SECONDS <= clip_seconds <= MAX_SECONDS:
+        raise UserError(f"clips of {clip_seconds:g} s; expected {MIN_SECONDS:g} to {MAX_SECONDS:g} s")
+    found = {name: find_motions(folder) for name, folder in systems.items()}
+    names = _choose(_common(found), clips, seed)
+    paths = _find_sounds(systems, found, names, speech)
+    skeleton = _common_skeleton(found, names[0], joint_map)
+    motions: dict[str, dict[str, Motion]] = {name: {} for name in systems}
+    sounds, durations = {}, {}
+    with progress_bar("reading", len(names), "clip") as bar:
+        for clip in names:
+            sounds[clip] = _read_sound(paths[clip], clip_seconds)
+            durations[clip] = len(sounds[clip]) / SAMPLE_RATE
+            for name, files in found.items():
+                motion = _read(files[clip], skeleton, durations[clip], joint_map=joint_map, source_fps=source_fps)
+                motions[name][clip] = motion
+            lengths = (each[clip].num_frames / each[clip].fps for each in motions.values())
+            durations[clip] = min(durations[clip], *lengths)
+            bar.update()
+    return Sources(motions, sounds, durations)
+
+
+def _common(found: Mapping[str, Mapping[str, pathlib.Path]]) -> list[str]:
+    """Return the names of the clips, which every system must have."""
+    names = sorted({clip for files in found.values() for clip in files})
+    for system, files in found.items():
+        if missing := [clip for clip in names if clip not in files]:
+            more = f" and {len(missing) - 1} more" if missing[1:] else ""
+            raise UserError(
+                f"{system} has no motion of {shown(missing[0])}{more}, which another system has; give every folder the "
+                "same clips"
+            )
+    return names
+
+
+def _choose(names: list[str], count: int | None, seed: int) -> list[str]:
+    if count is None:
+        return names
+    if not 1 <= count <= len(names):
+        raise UserError(f"{count} clips of {len(names)}; give --clips of 1 to {len(names)}")
+    chosen = np.random.default_rng([seed, count]).permutation(len(names))[:count]
+    return [names[index] for index in sorted(chosen)]
+
+
+def _find_sounds(
+    systems: Mapping[str, pathlib.Path],
+    found: Mapping[str, Mapping[str, pathlib.Path]],
+    names: Sequence[str],
+    speech: pathlib.Path | None,
+) -> dict[str, pathlib.Path]:
+    if speech is not None and not speech.is_dir():
+        raise UserError(f"no folder at {shown(speech)}; give a folder of sounds to --speech")
+    roots = list(systems.values()) if speech is None else [speech]
+    folders = {(root / clip).parent for root in roots for clip in names}
+    sounds = find_sounds({folder for folder in folders if folder.is_dir()})
+    paths = {}
+    for clip in names:
+        keys = [sound_key(root / f"{clip}.x") for root in roots]
+        if not (at := [sounds[key] for key in keys if key in sounds]):
+            where = shown(speech) if speech is not None else "beside its motion"
+            raise UserError(f"no sound of {shown(clip)} {where}; give the folder of the sounds with --speech")
+        paths[clip] = at[0]
+    return paths
+
+
+def _read_sound(path: pathlib.Path, clip_seconds: float | None) -> np.ndarray:
+    sound = read_audio(path)
+    if clip_seconds is not None and len(sound) > (count := round(clip_seconds * SAMPLE_RATE)):
+        fade = round(_FADE * SAMPLE_RATE)
+        sound = sound[:count].copy()
+        sound[-fade:] *= np.linspace(1, 0, fade, dtype=np.float32)
+    seconds = len(sound) / SAMPLE_RATE
+    if seconds < MIN_SECONDS:
+        raise UserError(f"{shown(path)} has {seconds:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
+    if seconds > MAX_SECONDS:
+        raise UserError(f"{shown(path)} has {seconds:.0f} s of sound; cut the clips with --clip-seconds, such as 10")
+    return sound
+
+
+def _common_skeleton(found: Mapping[str, Mapping[str, pathlib.Path]], clip: str, joint_map: str) -> str:
+    """Return the skeleton with the most joints that the motion of every system has."""
+    fits = {find_skeleton(files[clip], joint_map) for files in found.values()}
+    return max(fits, key=SKELETONS.index)
+
+
+def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motion:
+    motion = read_motion(path, skeleton=skeleton, fps=VIDEO_FPS, **options)
+    has = motion.num_frames / motion.fps
+    if has < seconds - _TOLERANCE:
+        raise UserError(
+            f"{shown(path)} has {has:.1f} s of motion for {seconds:.1f} s of sound; give motion as long as the sound, "
+            f"or cut all clips with --clip-seconds {max(MIN_SECONDS, int(has * 10) / 10):g}"
+        )
+    count = min(motion.num_frames, round(seconds * motion.fps) + 1)
+    return Motion.from_directions(load_skeleton(skeleton), motion.directions[:count], motion.fps)
+
+
+def render(stimuli: Sequence[Planned], sources: Sources, folder: pathlib.Path, *, size: int = 480) -> None:
+    """Write the video of each stimulus as `ID.mp4`, a square of `size` pixels.
+
+    Raises:
+        UserError: espeak-ng cannot be loaded, or a file cannot be written.
+    """
+
+    def scene_of(stimulus: Planned) -> tuple[str, str, int]:
+        return stimulus.scene.part, stimulus.scene.clip, stimulus.scene.number or 0
+
+    # Within a scene in the order of the random ids, so that the times of the files do not tell the system.
+    ordered = sorted(stimuli, key=lambda stimulus: (scene_of(stimulus), stimulus.id))
+    with progress_bar("rendering", len(stimuli), "video") as bar:
+        for _, together in itertools.groupby(ordered, key=scene_of):
+            compared = list(together)
+            motions = [sources.motions[stimulus.system][stimulus.clip] for stimulus in compared]
+            sound, text = _sound(compared[0].scene, motions, sources), _text(compared[0].scene)
+            view = fit_view(motions, len(sound) / SAMPLE_RATE)
+            view = view._replace(top=view.top - _BAND) if text else view
+            for stimulus, motion in zip(compared, motions, strict=True):
+                path = folder / f"{stimulus.id}.mp4"
+                write_video(path, {text: motion}, sound, size=size, view=view, has_progress=False)
+                bar.update()
+
+
+def _sound(scene: Scene, motions: Sequence[Motion], sources: Sources) -> np.ndarray:
+    """Return the sound of a scene, as long as every motion in it lasts."""
+    if scene.number is not None:
+        words = say(f"This is a check. Please choose the number {_NUMBERS[scene.number]}.", _VOICE).audio
+        return np.pad(words, round(_SILENCE * SAMPLE_RATE))
+    seconds = min(sources.durations[scene.clip], *(motion.num_frames / motion.fps for motion in motions))
+    return sources.sounds[scene.clip][: round(seconds * SAMPLE_RATE)]
+
+
+def _text(scene: Scene) -> str:
+    """Return what is written above the figure, which is nothing but in a check."""
+    return f"Please choose {scene.number}" if scene.part == ATTENTION else ""

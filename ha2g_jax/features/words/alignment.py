@@ -105,7 +105,7 @@ def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
 
 def _load(texts: Sequence[str]) -> "Decoder":
     """Load a decoder with only the words of the text, which makes it start 40 times as fast."""
-    pocketsphinx = require("pocketsphinx", "speech", by="aligning a text (a transcript without times)")
+    pocketsphinx = require("pocketsphinx", "import", by="aligning a text (a transcript without times)")
     known = _known_pronunciations(texts, pathlib.Path(pocketsphinx.get_model_path("en-us/cmudict-en-us.dict")))
     with tempfile.TemporaryDirectory() as folder:
         dictionary = pathlib.Path(folder, "words.dict")

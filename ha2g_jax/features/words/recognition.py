@@ -57,7 +57,7 @@ def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None
 
 
 def _load(model: str) -> "WhisperModel":
-    whisper = require("faster_whisper", "speech", by="recognising words (a recording without a transcript)")
+    whisper = require("faster_whisper", "import", by="recognising words (a recording without a transcript)")
     folder = pathlib.Path(model)
     missing = [name for name in ("model.bin", "tokenizer.json") if not (folder / name).is_file()]
     if folder.is_dir() and missing:

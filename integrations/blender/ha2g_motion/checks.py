@@ -3,12 +3,8 @@
 import os
 import pathlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from .motion import Body
 
 MAX_FRAMES, MAX_JOINTS = 1_000_000, 1_000
 MAX_POSES = 10_000_000  # frames times joints; their rotations take a gigabyte while they are read
@@ -79,34 +75,6 @@ def check_values(places: Sequence[np.ndarray], quaternions: Sequence[np.ndarray]
     for values in quaternions:
         if np.abs(np.linalg.norm(values, axis=-1) - 1).max(initial=0) > _UNIT:
             raise ValueError("rotations that are no unit quaternions")
-
-
-def check_body(body: "Body", joints: int) -> None:
-    """Check a skinned mesh.
-
-    Args:
-        body: mesh to check.
-        joints: number of joints of the motion.
-
-    Raises:
-        ValueError: its arrays do not fit together, or a value is out of range.
-    """
-    points, faces = len(body.points), len(body.faces)
-    if points > MAX_POINTS or faces > MAX_FACES:
-        raise ValueError(f"a mesh of {points} points and {faces} faces")
-    check_values([body.points], [])
-    shapes = (body.joints.shape, body.weights.shape, body.faces.shape, body.materials.shape)
-    if shapes != ((points, 4), (points, 4), (faces, 3), (faces,)):
-        raise ValueError(f"a mesh with arrays of shape {', '.join(map(str, shapes))} for {points} points")
-    for values, most in ((body.joints, joints), (body.faces, points), (body.materials, len(body.colours))):
-        if values.size and not (values.min() >= 0 and values.max() < most):
-            raise ValueError("a mesh with an index out of range")
-    if not (np.abs(body.weights) <= 1).all():
-        raise ValueError("a mesh with a weight out of range")
-    for _, colour, roughness in body.colours:
-        numbers = np.array([*colour, roughness], float)
-        if numbers.shape != (5,) or not (np.abs(numbers) <= 1).all():
-            raise ValueError("a material with a colour out of range")
 
 
 def shown(text: str | os.PathLike) -> str:

@@ -107,7 +107,7 @@ def from_local(
         raise ValueError(f"arrays of shape {', '.join(map(str, shapes))} for {frames} frames of {count} joints")
     checks.check_values([offsets, root], [rest, rotated])
     if body is not None:
-        checks.check_body(body, count)
+        _check_body(body, count)
     still, moved, from_rest = np.empty(rest.shape), np.empty(rotated.shape), np.empty(rotated.shape)
     places = np.zeros(offsets.shape)
     for joint, parent in enumerate(parents):
@@ -120,3 +120,23 @@ def from_local(
         turned = rotations.multiply(moved[:, joint], rotations.conjugate(still[joint]))
         from_rest[:, joint] = rotations.continuous(rotations.unit(turned))
     return Motion(checks.shown(name)[:60], joints, parents, places, from_rest, root, fps, body)
+
+
+def _check_body(body: Body, joints: int) -> None:
+    """Raise a ValueError if the arrays of a skinned mesh do not fit together, or a value is out of range."""
+    points, faces = len(body.points), len(body.faces)
+    if points > checks.MAX_POINTS or faces > checks.MAX_FACES:
+        raise ValueError(f"a mesh of {points} points and {faces} faces")
+    checks.check_values([body.points], [])
+    shapes = (body.joints.shape, body.weights.shape, body.faces.shape, body.materials.shape)
+    if shapes != ((points, 4), (points, 4), (faces, 3), (faces,)):
+        raise ValueError(f"a mesh with arrays of shape {', '.join(map(str, shapes))} for {points} points")
+    for values, most in ((body.joints, joints), (body.faces, points), (body.materials, len(body.colours))):
+        if values.size and not (values.min() >= 0 and values.max() < most):
+            raise ValueError("a mesh with an index out of range")
+    if not (np.abs(body.weights) <= 1).all():
+        raise ValueError("a mesh with a weight out of range")
+    for _, colour, roughness in body.colours:
+        numbers = np.array([*colour, roughness], float)
+        if numbers.shape != (5,) or not (np.abs(numbers) <= 1).all():
+            raise ValueError("a material with a colour out of range")

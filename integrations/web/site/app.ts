@@ -1,5 +1,6 @@
 /** Starts the page. */
 
+import { listen } from "./keys.js";
 import { say } from "./news.js";
 import { takeNewVersion, workOffline } from "./offline.js";
 import { Page } from "./page.js";
@@ -15,6 +16,7 @@ const NEWER = "A new version of this page is ready; load the page again to use i
 
 async function start(): Promise<void> {
   const page = (window.site = new Page());
+  listen(page);
   await takeNewVersion(() => page.isBusy || page.take !== null);
   await page.started; // the model comes first
   await workOffline(() => say(NEWER));

@@ -4,7 +4,6 @@ import { Motion } from "../src/motion/motion.js";
 import { fileOf, find, press, show } from "./elements.js";
 import { Energy } from "./energy.js";
 import type { ShownFigure } from "./figure.js";
-import { listen } from "./keys.js";
 import { LiveRun, type Source } from "./live.js";
 import { Microphone } from "./microphone.js";
 import { Model } from "./model.js";
@@ -54,7 +53,6 @@ export class Page {
   private nextFacts = 0;
 
   constructor() {
-    listen(this);
     show(Video.isPossible, '[data-format="webm"]');
     requestAnimationFrame((now) => this.tick(now));
     this.started = this.start();

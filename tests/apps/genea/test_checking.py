@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.apps.genea.checking import check_pack
+from ha2g_jax.apps.genea.pack import check_pack
 from ha2g_jax.errors import UserError
 
 FILE = "sample_2/1_wayne_0_1_1.npz"

@@ -12,8 +12,7 @@ from apps.genea.conftest import FRAMES
 
 from ha2g_jax import cli
 from ha2g_jax.apps.genea import pack as packs
-from ha2g_jax.apps.genea.checking import check_pack
-from ha2g_jax.apps.genea.pack import write_pack
+from ha2g_jax.apps.genea.pack import check_pack, write_pack
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import from_folders
 

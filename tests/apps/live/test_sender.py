@@ -8,8 +8,7 @@ from apps.live.standins import FPS
 
 from ha2g_jax.apps.live.clock import Stop
 from ha2g_jax.apps.live.frames import Frame
-from ha2g_jax.apps.live.meter import Meter
-from ha2g_jax.apps.live.sender import HELD_SECONDS, TOO_LATE, Sender
+from ha2g_jax.apps.live.sender import HELD_SECONDS, TOO_LATE, Meter, Sender
 from ha2g_jax.skeleton import load_skeleton
 
 SKELETON = load_skeleton("ted_expressive")

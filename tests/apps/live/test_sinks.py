@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from ha2g_jax.apps.live import sinks
-from ha2g_jax.apps.live.addresses import read_address, udp_target
 from ha2g_jax.apps.live.clock import Clock, Stop
-from ha2g_jax.apps.live.opening import open_sinks, open_source
+from ha2g_jax.apps.live.network import read_address, udp_target
+from ha2g_jax.apps.live.sinks import open_sinks
+from ha2g_jax.apps.live.sources import open_source
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.armature import world
 from ha2g_jax.viewer.live_page import live_page

@@ -11,9 +11,9 @@ import pytest
 import soundfile
 import soxr
 
-from ha2g_jax.apps.live import arriving
-from ha2g_jax.apps.live.addresses import read_address
+from ha2g_jax.apps.live import sources
 from ha2g_jax.apps.live.clock import Clock, Stop, Timeline
+from ha2g_jax.apps.live.network import read_address
 from ha2g_jax.apps.live.sources import FileSource, Resampler
 from ha2g_jax.errors import UserError
 
@@ -79,14 +79,14 @@ def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
         def read(self, size=-1, /):
             return super().read(min(size or 0, 333))
 
-    source = arriving.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
+    source = sources.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
     sound = joined(list(source.chunks(Clock(), Stop())))
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
 _WAITING = """
 import threading, time
-from ha2g_jax.apps.live.arriving import Inbox, PipeSource
+from ha2g_jax.apps.live.sources import Inbox, PipeSource
 threading.Thread(target=PipeSource(16000)._read, args=(Inbox(16000),), daemon=True).start()
 time.sleep(0.2)
 """
@@ -99,7 +99,7 @@ def test_a_program_ends_while_stdin_sends_nothing():
 
 
 def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
-    source = arriving.Inbox(16000)
+    source = sources.Inbox(16000)
     source.put(tone(16000, 0.5))
     chunks = take(source, clock, 1.0)
     assert chunks[0].heard == 100
@@ -110,7 +110,7 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
 
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
-    source = arriving.Inbox(16000)
+    source = sources.Inbox(16000)
     heard = source.chunks(clock, Stop())
     for _ in range(10):
         next(heard)
@@ -121,14 +121,14 @@ def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
 
 
 def test_sound_that_is_sent_ahead_is_heard_in_its_order(clock):
-    source = arriving.Inbox(16000)
+    source = sources.Inbox(16000)
     for _ in range(3):
         source.put(tone(16000, 0.5))
     assert [chunk.heard for chunk in take(source, clock, 1.5)] == [100, 100.5, 101]
 
 
 def test_a_sender_waits_while_the_queue_is_full():
-    source = arriving.Inbox(16000)
+    source = sources.Inbox(16000)
     count = 0
 
     def send():
@@ -142,7 +142,7 @@ def test_a_sender_waits_while_the_queue_is_full():
     assert thread.is_alive()
     source.close()
     thread.join()
-    assert count == arriving._QUEUE
+    assert count == sources._QUEUE
 
 
 class Device:
@@ -172,14 +172,14 @@ class Device:
 
 
 def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, monkeypatch, capsys):
-    device = Device(clock, arriving._QUEUE + 25)
+    device = Device(clock, sources._QUEUE + 25)
     monkeypatch.setitem(sys.modules, "sounddevice", device)
-    source = arriving.MicrophoneSource(None)
+    source = sources.MicrophoneSource(None)
     chunks = list(source.chunks(clock, Stop()))  # ends, as there is no more sound
     assert source.lost_seconds == pytest.approx(0.5)
-    assert len(chunks) == arriving._QUEUE
-    assert chunks[-1].heard == pytest.approx(100 + 0.02 * (arriving._QUEUE - 1))
-    assert chunks[-1].samples[0] == arriving._QUEUE - 1
+    assert len(chunks) == sources._QUEUE
+    assert chunks[-1].heard == pytest.approx(100 + 0.02 * (sources._QUEUE - 1))
+    assert chunks[-1].samples[0] == sources._QUEUE - 1
     assert device.is_closed
     assert "no sound from microphone" in capsys.readouterr().err
 
@@ -187,17 +187,17 @@ def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, monkeypatch, 
 def test_a_microphone_that_is_missing_is_said_in_one_line(clock, monkeypatch):
     monkeypatch.setitem(sys.modules, "sounddevice", Device(clock, 0, "Error querying device -1"))
     with pytest.raises(UserError, match=r"no microphone can be used \(Error querying device -1\)"):
-        arriving.MicrophoneSource(None)
+        sources.MicrophoneSource(None)
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     with pytest.raises(UserError, match=r"needs sounddevice and PortAudio: pip install 'ha2g-jax\[live\]'"):
-        arriving.MicrophoneSource(None)
+        sources.MicrophoneSource(None)
 
 
 @pytest.fixture
 def listening(free_port):
     """The address of a WebSocket source, and the chunks that a thread takes from it."""
     address, stop, chunks = read_address(f"ws://127.0.0.1:{free_port()}"), Stop(), []
-    source = arriving.WebSocketSource(address, 16000)
+    source = sources.WebSocketSource(address, 16000)
     thread = threading.Thread(target=lambda: chunks.extend(source.chunks(Clock(), stop)), daemon=True)
     thread.start()
     yield address, chunks

@@ -12,8 +12,8 @@ import pytest
 from apps.live.standins import poses
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.apps.live.addresses import read_address
-from ha2g_jax.apps.live.vmc import MAX_DATAGRAM, VmcSink
+from ha2g_jax.apps.live.network import read_address
+from ha2g_jax.apps.live.sinks import MAX_DATAGRAM, VmcSink
 from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import export_axes, world
 from ha2g_jax.skeleton import directions_to_positions

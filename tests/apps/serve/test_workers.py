@@ -12,9 +12,7 @@ from fixtures.service import begin, command, finish, speech
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from ha2g_jax import cli
-from ha2g_jax.apps.serve.child import Child
-from ha2g_jax.apps.serve.report import Report
-from ha2g_jax.apps.serve.workers import next_wait
+from ha2g_jax.apps.serve.workers import Child, Report, next_wait
 from ha2g_jax.checkpoint import model_folder
 
 

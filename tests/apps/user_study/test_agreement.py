@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.apps.user_study.agreement import agreement, fleiss_kappa
+from ha2g_jax.apps.user_study.estimates import agreement, fleiss_kappa
 
 # Fleiss 1971, Table 1: diagnoses of 30 patients by 6 psychiatrists each: depression, personality disorder,
 # schizophrenia, neurosis, other. The article gives the agreement 0.555 and kappa 0.430.

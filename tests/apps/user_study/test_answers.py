@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from fixtures.simulated_study import make_answers, make_key
 
-from ha2g_jax.apps.user_study.answers import read_answers
-from ha2g_jax.apps.user_study.key import PREFERENCE, RATING
-from ha2g_jax.apps.user_study.observations import mismatches_of, preferences_of, ratings_of
+from ha2g_jax.apps.user_study.answers import mismatches_of, preferences_of, ratings_of, read_answers
+from ha2g_jax.apps.user_study.design import PREFERENCE, RATING
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_ANSWER_BYTES
 

@@ -5,8 +5,8 @@ import pytest
 
 pytest.importorskip("choix")
 
+from ha2g_jax.apps.user_study.answers import Choices
 from ha2g_jax.apps.user_study.bradley_terry import estimate, fit, standard_errors, wins_of
-from ha2g_jax.apps.user_study.observations import Choices
 
 # Agresti, Categorical Data Analysis, Table 10.10: the American League of 1987, wins of the row over the column. The
 # estimates relative to Baltimore are printed there to two places, and with standard errors in Turner and Firth 2012

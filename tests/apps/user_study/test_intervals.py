@@ -9,10 +9,8 @@ from scipy import stats
 
 pytest.importorskip("choix")
 
-from ha2g_jax.apps.user_study.crossed import Spread, crossed, mean
-from ha2g_jax.apps.user_study.differences import system_differences
-from ha2g_jax.apps.user_study.observations import Choices
-from ha2g_jax.apps.user_study.shares import interval, share
+from ha2g_jax.apps.user_study.answers import Choices
+from ha2g_jax.apps.user_study.estimates import Spread, crossed, interval, mean, share, system_differences
 
 COVERAGE = runpy.run_path(str(pathlib.Path(__file__).parents[3] / "benchmarks" / "user_study_coverage.py"))
 

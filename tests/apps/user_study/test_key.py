@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ha2g_jax.apps.user_study.key import Item, Key, Stimulus, read_key, write_key
+from ha2g_jax.apps.user_study.design import Item, Key, Stimulus, read_key, write_key
 from ha2g_jax.errors import UserError
 
 HASH = "0" * 64
@@ -46,31 +46,9 @@ def test_a_key_is_read_as_it_was_written_and_is_private(path):
     assert content["items"][3] == {"id": "i004", "kind": "attention", "stimulus": "s4", "expected": 4}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"format": "other"}, "format"),
-        ({"version": 2}, "version 2, expected 1"),
-        ({"systems": ["a"]}, "s3 is of an unknown system"),
-        ({"clips": "cd"}, "clips: no names"),
-        ({"seed": "7"}, "not a whole number"),
-        ({"study": "../x"}, "study is not an id"),
-        ({"points": [5, 1]}, "points"),
-        ({"items": [{"id": "i1", "kind": "rating", "stimulus": "s9"}]}, "unknown stimulus"),
-        ({"items": [{"id": "i1", "kind": "preference", "pair": ["s1", "s2"]}]}, "i1 is no preference"),
-        ({"items": [{"id": "i1", "kind": "mismatch", "pair": ["s1", "s3"]}]}, "i1 is no mismatch"),
-        ({"items": [{"id": "i1", "kind": "attention", "stimulus": "s4", "expected": 6}]}, "out of range"),
-        ({"items": [{"id": "i1", "kind": "preference", "pair": [["s1"], "s2"]}]}, "unhashable"),
-        ({"stimuli": {"s1": {"system": "a"}}}, "no 'clip'"),
-    ],
-)
-def test_a_key_that_is_none_is_refused(path, change, message):
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(UserError, match=message) as caught:
+@pytest.mark.parametrize("content", ["[]", '{"format": "other"}', "{"])
+def test_a_file_that_is_no_key_is_refused(path, content):
+    path.write_text(content)
+    with pytest.raises(UserError, match=r"key\.json") as caught:
         read_key(path)
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_key_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"cannot read .*key\.json"):
-        read_key(tmp_path / "key.json")

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.apps.user_study import make, stimuli
-from ha2g_jax.apps.user_study.key import read_key
-from ha2g_jax.apps.user_study.make import make_study
-from ha2g_jax.apps.user_study.site import SCRIPTS, read_wording
-from ha2g_jax.apps.user_study.sources import name_systems, read_sources
+from ha2g_jax.apps.user_study import make
+from ha2g_jax.apps.user_study.design import read_key
+from ha2g_jax.apps.user_study.make import make_study, name_systems, read_sources
+from ha2g_jax.apps.user_study.pages import SCRIPTS, read_wording
 from ha2g_jax.errors import UserError
 
 from .conftest import CLIPS, SECONDS, SYSTEMS
@@ -84,7 +83,7 @@ def test_videos_of_a_clip_have_one_camera_and_one_build(tmp_path, write_motions,
         views.append((view, len(sound), motion[""].positions.tobytes()))
         path.write_bytes(b"video")
 
-    monkeypatch.setattr(stimuli, "write_video", write)
+    monkeypatch.setattr(make, "write_video", write)
     make_study([*folders, str(tmp_path / "second")], tmp_path / "study", speech=tmp_path / "speech", attention=0)
     assert len(views) == 4
     assert len(set(views)) == 2  # one for each clip
@@ -111,7 +110,7 @@ def test_sound_may_lie_beside_the_motion_of_any_system(tmp_path, write_motions):
 
 
 def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
-    monkeypatch.setattr(stimuli, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
+    monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
     clips = ("</script><b>", "a 'b' \"c\"", "x\ny", "a..%2f", "-o", "\udcff")  # the last is no UTF-8
     systems = ("<img src=x>", "=", "$post")
     folders = write_motions(tmp_path, systems=systems, clips=clips)
@@ -197,7 +196,7 @@ def test_an_interrupt_leaves_nothing(tmp_path, write_motions, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(make, "write_site", interrupt)
-    monkeypatch.setattr(stimuli, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
+    monkeypatch.setattr(make, "write_video", lambda path, *_, **__: path.write_bytes(b"video"))
     assert make_with(tmp_path) == 130
     assert sorted(tmp_path.iterdir()) == before
 

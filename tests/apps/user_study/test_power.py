@@ -11,9 +11,8 @@ pytest.importorskip("choix")
 
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import power
-from ha2g_jax.apps.user_study.differences import system_differences
-from ha2g_jax.apps.user_study.power import Plan, Spreads
-from ha2g_jax.apps.user_study.sample_size import read_pilot
+from ha2g_jax.apps.user_study.estimates import system_differences
+from ha2g_jax.apps.user_study.power import Plan, Spreads, read_pilot
 from ha2g_jax.errors import UserError
 
 

@@ -16,8 +16,8 @@ import pytest
 from fixtures.browser import drive
 
 from ha2g_jax.apps.user_study.answers import read_answers
-from ha2g_jax.apps.user_study.key import read_key
-from ha2g_jax.apps.user_study.site import read_wording, write_site
+from ha2g_jax.apps.user_study.design import read_key
+from ha2g_jax.apps.user_study.pages import read_wording, write_site
 
 
 @pytest.fixture(scope="module")

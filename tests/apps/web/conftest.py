@@ -4,7 +4,7 @@ import pathlib
 
 import pytest
 
-from ha2g_jax.apps.web import write_site
+from ha2g_jax.apps.web.site import write_site
 from ha2g_jax.errors import UserError
 
 

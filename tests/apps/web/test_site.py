@@ -9,8 +9,8 @@ import tomllib
 import pytest
 
 from ha2g_jax import cli
-from ha2g_jax.apps.web import build, sources, write_site
 from ha2g_jax.apps.web import site as site_module
+from ha2g_jax.apps.web.site import write_site
 from ha2g_jax.errors import UserError
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -107,16 +107,16 @@ def test_what_the_build_lacks_is_said_in_a_line(node, npm, message, program, tmp
         if line:
             program(name, line)
     with pytest.raises(UserError, match=message):
-        build.build_scripts()
+        site_module.build_scripts()
     assert [path.name for path in tmp_path.glob("cache/web/*") if path.suffix != ".lock"] == []
 
 
 def test_the_cache_is_of_the_sources(tmp_path):
     """Other sources are built again, and the files that the scripts import are among them."""
-    folder = sources.copy(sources.find_sources(), tmp_path)
-    assert sources.hash_of(folder) == sources.hash_of(sources.find_sources())
+    folder = site_module.copy_sources(site_module.find_sources(), tmp_path)
+    assert site_module.hash_sources(folder) == site_module.hash_sources(site_module.find_sources())
     (folder / "site" / "app.ts").write_text("")
-    assert sources.hash_of(folder) != sources.hash_of(sources.find_sources())
+    assert site_module.hash_sources(folder) != site_module.hash_sources(site_module.find_sources())
     imported = [
         folder / os.path.relpath(path.parent / name, folder)
         for path in (folder / "src").rglob("*.ts")
@@ -135,7 +135,7 @@ def test_the_wheel_has_the_sources_and_grows_little():
         for source, target in inside.items()
         if source.startswith("integrations/web/")
     }
-    assert set(parts) == set(sources.PARTS) and all(source == target for source, target in parts.items())
+    assert set(parts) == set(site_module.PARTS) and all(source == target for source, target in parts.items())
     paths = [ROOT / source for source in inside]
     files = [file for path in paths for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file()]
     assert sum(file.stat().st_size for file in files) < 2e6

@@ -38,7 +38,7 @@ def seen(site, tmp_path_factory):
     shutil.copytree(site, folder / "newer")
     page, worker = folder / "newer" / "index.html", folder / "newer" / "sw.js"
     page.write_text(page.read_text().replace("<title>Speech to gestures", "<title>Newer"))
-    worker.write_text(worker.read_text().replace(builder.hash_of(site / "index.html"), builder.hash_of(page)))
+    worker.write_text(worker.read_text().replace(builder.integrity_of(site / "index.html"), builder.integrity_of(page)))
     model = (site / "model" / "model.onnx").read_bytes()
     (folder / "cut.onnx").write_bytes(model[: len(model) // 2])
     write_speech(folder / "speech.wav", folder / "speech.mp3")

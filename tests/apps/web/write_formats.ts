@@ -3,11 +3,11 @@
 
 import { readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { writeBvh } from "../../web/src/formats/bvh.js";
-import { writeGlb } from "../../web/src/formats/glb.js";
-import { writeNpz } from "../../web/src/formats/npz.js";
-import { Motion } from "../../web/src/motion/motion.js";
-import { LivePoses, localRotations, retarget } from "../../web/src/motion/poses.js";
+import { writeBvh } from "../../../integrations/web/src/formats/bvh.js";
+import { writeGlb } from "../../../integrations/web/src/formats/glb.js";
+import { writeNpz } from "../../../integrations/web/src/formats/npz.js";
+import { Motion } from "../../../integrations/web/src/motion/motion.js";
+import { LivePoses, localRotations, retarget } from "../../../integrations/web/src/motion/poses.js";
 
 const [input, figure, folder] = process.argv.slice(2);
 const { skeleton, directions, fps, meta } = JSON.parse(readFileSync(input, "utf-8"));

@@ -11,9 +11,9 @@ import { createServer } from "node:http";
 import type { AddressInfo } from "node:net";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
-import { Gesturer, type Motion, readSound } from "../../../web/src/index.js";
-import { logMel } from "../../../web/src/sound/mel.js";
-import { Host } from "../../../web/src/synthesis/host.js";
+import { Gesturer, type Motion, readSound } from "../../../../integrations/web/src/index.js";
+import { logMel } from "../../../../integrations/web/src/sound/mel.js";
+import { Host } from "../../../../integrations/web/src/synthesis/host.js";
 
 interface Job {
   sound: string;

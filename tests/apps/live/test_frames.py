@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from apps.live.standins import FPS, poses
 
-from ha2g_jax.apps.live.interpolation import Interpolation
+from ha2g_jax.apps.live.frames import Interpolation
 from ha2g_jax.errors import UserError
 from ha2g_jax.skeleton import normalize
 

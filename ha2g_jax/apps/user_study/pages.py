@@ -9,7 +9,7 @@ import urllib.parse
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ha2g_jax.apps.user_study.key import Key, item_as_json
+from ha2g_jax.apps.user_study.design import Key, item_as_json
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import read_bytes, reading, shown
 
@@ -39,14 +39,7 @@ _CLOSING = "Thank you for taking part."
 
 
 class Wording(NamedTuple):
-    """What the owner of a study sets of its pages.
-
-    Attributes:
-        title: title of the study.
-        consent: paragraphs of what participants agree to.
-        closing: paragraphs at the end.
-        post: address that answers are sent to, None without.
-    """
+    """What the owner of a study sets: texts in paragraphs, and the address that answers are sent to, if any."""
 
     title: str
     consent: tuple[str, ...]
@@ -83,10 +76,9 @@ def read_wording(
 
 
 def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], wording: Wording) -> None:
-    """Write all of a site but its videos.
+    """Write all of a site but its videos to a folder, which exists.
 
     Args:
-        folder: folder of the site, which exists.
         key: key of the study.
         lists: ids of the items of each list.
         wording: texts of the owner.

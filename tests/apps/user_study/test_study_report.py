@@ -12,7 +12,7 @@ from fixtures.simulated_study import make_answers, write_study
 pytest.importorskip("choix")
 
 from ha2g_jax import cli
-from ha2g_jax.apps.user_study import analysis, writing
+from ha2g_jax.apps.user_study import analysis, study_report
 from ha2g_jax.errors import UserError
 
 HOSTILE = (
@@ -55,7 +55,7 @@ class Tags(html.parser.HTMLParser):
 def test_the_page_has_all_parts_and_no_script(folder):
     add(folder, "hostile", comments=HOSTILE)
     (folder / "answers" / "x<script>alert(2)<!--.json").write_text("{")
-    page = writing.write_report(run(folder), folder / "report")
+    page = study_report.write_report(run(folder), folder / "report")
     tags = Tags(page.read_text())
     assert not tags.names & {"script", "iframe", "object", "link", "a"} and tags.names >= {"table", "img", "h2"}
     assert not any(name.startswith("on") for name in tags.attributes)
@@ -81,7 +81,7 @@ def test_the_page_has_all_parts_and_no_script(folder):
 
 def test_markdown_shows_free_text_as_it_is(folder):
     add(folder, "hostile", comments=HOSTILE)
-    text = writing.as_markdown(run(folder))
+    text = study_report.as_markdown(run(folder))
     assert "<script" not in text and "<img" not in text and "\x07" not in text
     (row,) = (line for line in text.splitlines() if line.startswith("| hostile"))
     assert r"\[x\](javascript:alert(1))" in row and r"!\[y\]" in row and r"\| \`a\`" in row and r"\$x\$" in row
@@ -90,7 +90,7 @@ def test_markdown_shows_free_text_as_it_is(folder):
 
 def test_numbers_of_a_report(folder):
     results = run(folder)
-    assert json.loads(writing.as_json(results)) == results
+    assert json.loads(study_report.as_json(results)) == results
     scale = results["opinion"]["scales"]["naturalness"]
     assert scale["means"]["system a"]["value"] > scale["means"]["system c"]["value"]
     (ab, ac, bc) = scale["differences"]
@@ -110,7 +110,7 @@ def test_numbers_of_a_report(folder):
 def test_small_studies(settings, num_participants, tmp_path):
     write_study(tmp_path, num_participants, **settings)
     results = run(tmp_path)
-    page = writing.as_html(results)
+    page = study_report.as_markdown(results)
     assert len(results["participants"]) == num_participants
     if num_participants == 1:
         assert "no intervals" in page and results["opinion"]["scales"]["synchrony"]["means"]["system a"]["low"] is None
@@ -121,7 +121,7 @@ def test_nobody_is_left(folder):
         path.write_text("{}")
     results = run(folder)
     assert not results["participants"] and len(results["excluded"]) == 6
-    assert "nothing to analyse" in writing.as_html(results) and results["opinion"] is None
+    assert "nothing to analyse" in study_report.as_markdown(results) and results["opinion"] is None
 
 
 def test_a_system_that_is_never_chosen(tmp_path):
@@ -133,7 +133,9 @@ def test_a_system_that_is_never_chosen(tmp_path):
     results = run(tmp_path)
     worst = results["preference"]["strengths"]["system c"]
     assert worst["low"] == "-inf" and not worst["is_finite"]
-    assert "no bound" in writing.as_markdown(results) and "Always or never preferred" in writing.as_markdown(results)
+    assert "no bound" in study_report.as_markdown(results) and "Always or never preferred" in study_report.as_markdown(
+        results
+    )
 
 
 def test_choices_for_neither_alone(tmp_path):
@@ -142,7 +144,7 @@ def test_choices_for_neither_alone(tmp_path):
         content = make_answers(key, f"p{number}", np.random.default_rng(number), equal=1.0)
         (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
     results = run(tmp_path)
-    assert results["preference"]["pairs"][0]["value"] is None and "no strengths" in writing.as_markdown(results)
+    assert results["preference"]["pairs"][0]["value"] is None and "no strengths" in study_report.as_markdown(results)
 
 
 def test_command(folder, capsys):

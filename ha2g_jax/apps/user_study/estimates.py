@@ -1,0 +1,343 @@
+"""Intervals of statistics whose answers are crossed: each is by one participant, about one clip, and both are samples.
+
+The variance of a statistic is that over participants plus that over clips, each by the delete-one jackknife (Efron and
+Tibshirani 1993, chapter 11). In a complete design these are the two mean squares of the tests F1 and F2, and their sum
+is the denominator of min F' (Clark 1973). The part of the variance that is due to single answers is in both, so that
+the interval is rather too wide than too narrow.
+"""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special, stats
+
+from ha2g_jax.apps.user_study.answers import Choices
+
+LEVEL = 0.95
+"""Confidence level of every interval of a report."""
+_CHUNK = 256  # participants left out at a time
+_RIDGE = 1e-10
+_TOLERANCE = 1e-5
+
+
+class Estimate(NamedTuple):
+    """A statistic, or an array of them.
+
+    Attributes:
+        low, high: bounds; NaN where they are undefined.
+        error: standard error.
+        freedom: degrees of freedom of the t distribution.
+        p: two-sided p-value of the hypothesis that the statistic is 0.
+    """
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    error: np.ndarray
+    freedom: np.ndarray
+    p: np.ndarray
+
+
+# A variance below the square of this, relative to the statistic, is that of rounding.
+_ROUNDING = 1e-6
+
+
+class Spread(NamedTuple):
+    """Variance of a statistic over participants or over clips, and the number of these."""
+
+    variance: np.ndarray
+    size: np.ndarray
+
+
+def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
+    """Return the delete-one variance, (G - 1) / G sum_g (s_g - mean s)^2.
+
+    Args:
+        parts: (..., G) statistic without each of the G participants or clips.
+        is_used: (..., G) whether there are answers of a participant or clip; by default of all.
+
+    Returns:
+        The variance (...), NaN where fewer than two are used or the statistic without one of them is undefined.
+    """
+    is_used = np.ones(parts.shape, bool) if is_used is None else is_used
+    count = is_used.sum(-1)
+    used = np.where(is_used, parts, 0.0)
+    mean = used.sum(-1) / np.maximum(count, 1)
+    squares = np.where(is_used, np.square(used - mean[..., None]), 0.0).sum(-1)
+    squares = np.where(squares <= np.square(_ROUNDING * np.maximum(1.0, np.abs(mean))), 0.0, squares)
+    return Spread(np.where(count > 1, (count - 1) / np.maximum(count, 1) * squares, np.nan), count)
+
+
+def crossed(
+    value: np.ndarray, participants: Spread, clips: Spread, *, least: np.ndarray | float = 0.0, level: float = LEVEL
+) -> Estimate:
+    """Return the t interval of a statistic over participants and clips.
+
+    The variance is v_p + v_c, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of freedom, as of min F'
+    (Clark 1973). With one clip the interval is about participants alone; with one participant there is none, nor
+    where all answers agree, as nothing is then known of how much others would differ.
+
+    Args:
+        value: (...) statistic of all answers.
+        participants: variance over participants.
+        clips: variance over clips.
+        least: variance that the sum is at least.
+        level: confidence level.
+    """
+    of_clips = np.where(clips.size > 1, clips.variance, 0.0)
+    variance = participants.variance + of_clips
+    freedom = degrees_of_freedom(participants, clips)
+    variance = np.maximum(variance, least)
+    error = np.sqrt(np.where(variance > 0, variance, np.nan))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        half = stats.t.ppf(0.5 + level / 2, freedom) * error
+        ratio = np.abs(value) / error
+        p = np.where(value == 0, 1.0, 2 * stats.t.sf(ratio, freedom))
+    p = np.where(np.isnan(error), np.nan, p)
+    return Estimate(np.asarray(value), value - half, value + half, error, freedom, p)
+
+
+def degrees_of_freedom(participants: Spread, clips: Spread) -> np.ndarray:
+    """Return the degrees of freedom of the sum of two variances; see `crossed`."""
+    of_clips = np.where(clips.size > 1, clips.variance, 0.0)
+    squares = np.square(participants.variance) / np.maximum(participants.size - 1, 1)
+    squares = squares + np.square(of_clips) / np.maximum(clips.size - 1, 1)
+    total = np.square(participants.variance + of_clips)
+    return np.where(squares > 0, total / np.where(squares > 0, squares, 1.0), np.maximum(participants.size - 1, 1))
+
+
+def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:
+    """Return the delete-one variance of sum / count, such as a mean of all answers or a share of them.
+
+    Args:
+        sums: (..., G) sum over the answers of each participant or clip.
+        counts: (..., G) number of these answers.
+    """
+    left = counts.sum(-1, keepdims=True) - counts
+    is_used = counts > 0
+    parts = np.where(is_used & (left > 0), (sums.sum(-1, keepdims=True) - sums) / np.maximum(left, 1), np.nan)
+    return jackknife(np.where(is_used, parts, 0.0), is_used)
+
+
+def mean(values: np.ndarray, participants: np.ndarray, clips: np.ndarray) -> Estimate:
+    """Return the mean of values (n,), at least one, with its interval over the participants and clips of each."""
+    spreads = (ratio(np.bincount(group, values), np.bincount(group)) for group in (participants, clips))
+    return crossed(np.asarray(values.mean()), *spreads)
+
+
+class Share(NamedTuple):
+    """The share of choices that prefer the first stimulus of their pairs.
+
+    Attributes:
+        first: number of choices for the first stimulus.
+        equal: number of choices for neither.
+        second: number of choices for the second stimulus.
+        value: first / (first + second); NaN without such choices.
+        low, high: bounds over participants and clips.
+        p: p-value of the hypothesis that the share is a half, for the same sampling as the interval.
+        exact_low, exact_high: bounds of Clopper and Pearson, as if all choices were independent.
+        exact_p: p-value of the exact binomial test, as if all choices were independent.
+        with_half: (first + equal / 2) / all, the share if equal choices count half.
+    """
+
+    first: int
+    equal: int
+    second: int
+    value: float
+    low: float
+    high: float
+    p: float
+    exact_low: float
+    exact_high: float
+    exact_p: float
+    with_half: float
+
+
+def share(choices: Choices) -> Share:
+    """Return the share of choices for the first stimulus among those that prefer one, with intervals and tests."""
+    first, equal, second = (int((choices.outcome == outcome).sum()) for outcome in (1, 0, -1))
+    decided = first + second
+    if not decided:
+        none = np.nan
+        return Share(first, equal, second, none, none, none, none, none, none, none, 0.5 if equal else none)
+    kept = choices.where(choices.outcome != 0)
+    participants, clips = (
+        ratio(np.bincount(group, kept.outcome == 1), np.bincount(group)) for group in (kept.participant, kept.clip)
+    )
+    low, high, p = interval(np.asarray(first / decided), np.asarray(decided), participants, clips)
+    test = stats.binomtest(first, decided)
+    exact = test.proportion_ci(LEVEL, method="exact")
+    with_half = (first + equal / 2) / (decided + equal)
+    return Share(
+        *(first, equal, second, first / decided, float(low), float(high), float(p)),
+        *(exact.low, exact.high, float(test.pvalue), with_half),
+    )
+
+
+def interval(
+    value: np.ndarray, count: np.ndarray, participants: Spread, clips: Spread, level: float = LEVEL
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the bounds and the p-value of a share, for choices that depend on participants and clips.
+
+    Korn and Graubard 1998: the interval of Clopper and Pearson for n* choices in place of n, with
+    n* = value (1 - value) / variance, and times (t_(n - 1) / t_d)^2, because the variance is estimated with d degrees
+    of freedom. n* is at most n. A share of 0 or 1 has no variance: there n* is the number of participants, as if each
+    of them would always choose the same.
+
+    Args:
+        value: (...) share.
+        count: (...) number of choices n.
+        participants: variance of the share over participants.
+        clips: variance of the share over clips.
+        level: confidence level.
+
+    Returns:
+        Lower bound, upper bound, and the two-sided p-value of a share of a half: twice the smaller tail of the binomial
+        distribution, below 1 - level where the interval excludes a half.
+    """
+    variance = participants.variance + np.where(clips.size > 1, clips.variance, 0.0)
+    freedom = degrees_of_freedom(participants, clips)
+    tail = (1 - level) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        quantiles = stats.t.isf(tail, np.maximum(count - 1, 1)) / stats.t.isf(tail, freedom)
+        effective = value * (1 - value) / variance * np.square(quantiles)
+        effective = np.where((value == 0) | (value == 1), participants.size, np.minimum(effective, count))
+        effective = np.where(np.isnan(variance), np.nan, effective)
+        first, second = value * effective, (1 - value) * effective
+        low = np.where(first > 0, special.betaincinv(first, second + 1, tail), 0.0 * effective)
+        high = np.where(second > 0, special.betaincinv(first + 1, second, 1 - tail), 1.0 + 0.0 * effective)
+        at_least = np.where(first > 0, special.betainc(first, second + 1, 0.5), 1.0)
+        at_most = np.where(second > 0, special.betainc(second, first + 1, 0.5), 1.0)
+        p = np.minimum(1.0, 2 * np.minimum(at_least, at_most) + 0.0 * effective)
+    return low, high, p
+
+
+def system_differences(
+    scores: np.ndarray, participants: np.ndarray, clips: np.ndarray, systems: np.ndarray, num_systems: int
+) -> Estimate:
+    """Return the paired difference of the mean scores of each pair of systems, in the order of `pairs`.
+
+    Least squares with an effect of each system, each participant and each clip: score = system + participant + clip +
+    rest. In a complete design this is the difference of the means; in an incomplete one, participants who rate low or
+    clips that are hard count for no system. An interval has the differences between participants and between clips.
+
+    Args:
+        scores: (n,) ratings.
+        participants, clips, systems: (n,) indices of each.
+        num_systems: number of systems.
+
+    Returns:
+        Estimates (pairs,): first system less second. NaN where no answers connect the two, such as of participants who
+        each rated one system only, and NaN bounds where this is so without one of the participants or clips.
+    """
+    shape = (participants.max() + 1, num_systems, clips.max() + 1)
+    cells = np.ravel_multi_index((participants, systems, clips), shape)
+    counts = np.bincount(cells, minlength=np.prod(shape)).reshape(shape).astype(float)
+    sums = np.bincount(cells, scores, minlength=np.prod(shape)).reshape(shape)
+    is_there = counts.sum((1, 2)) > 0
+    counts, sums = counts[is_there], sums[is_there]
+    used = counts.sum((0, 1)) > 0
+    counts, sums = counts[..., used], sums[..., used]
+    blocks, rights = _normal_equations(counts, sums)
+    block, right = blocks.sum(0), rights.sum(0)
+    value = _solve(block[None], right[None], num_systems)[0]
+    chunks = [slice(start, start + _CHUNK) for start in range(0, len(blocks), _CHUNK)]
+    without_participant = np.concatenate(
+        [_solve(block - blocks[chunk], right - rights[chunk], num_systems) for chunk in chunks]
+    )
+    without_clip = []
+    for clip in range(counts.shape[2]):
+        left = np.arange(counts.shape[2]) != clip
+        blocks, rights = _normal_equations(counts[..., left], sums[..., left])
+        without_clip.append(_solve(blocks.sum(0)[None], rights.sum(0)[None], num_systems)[0])
+    return crossed(value, jackknife(without_participant.T), jackknife(np.array(without_clip).T))
+
+
+def pairs(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return all pairs of systems, in the order of `system_differences`."""
+    return list(itertools.combinations(names, 2))
+
+
+def _normal_equations(counts: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal equations of systems and clips for each participant, whose own effect is eliminated.
+
+    Args:
+        counts: (P, S, C) number of ratings.
+        sums: (P, S, C) sum of ratings.
+
+    Returns:
+        Matrices (P, S + C, S + C) and right sides (P, S + C).
+    """
+    num_systems = counts.shape[1]
+    seen = np.concatenate([counts.sum(2), counts.sum(1)], axis=1)
+    scored = np.concatenate([sums.sum(2), sums.sum(1)], axis=1)
+    total = np.maximum(counts.sum((1, 2)), 1)
+    matrices = seen[:, :, None] * np.eye(seen.shape[1])
+    matrices[:, :num_systems, num_systems:] = counts
+    matrices[:, num_systems:, :num_systems] = counts.transpose(0, 2, 1)
+    matrices -= seen[:, :, None] * seen[:, None, :] / total[:, None, None]
+    return matrices, scored - seen * (sums.sum((1, 2)) / total)[:, None]
+
+
+def _solve(matrices: np.ndarray, rights: np.ndarray, num_systems: int) -> np.ndarray:
+    """Return the differences of all pairs of systems (batch, pairs), NaN where the equations do not determine them."""
+    first, second = np.array(list(itertools.combinations(range(num_systems), 2)), int).reshape(-1, 2).T
+    contrasts = np.zeros((len(first), matrices.shape[-1]))
+    contrasts[np.arange(len(first)), first], contrasts[np.arange(len(first)), second] = 1, -1
+    # The equations are singular, as a constant can move from the systems to the clips; a small ridge fixes it, and
+    # shows in the weights of a contrast that the equations do not determine.
+    ridge = _RIDGE * (1 + matrices.trace(axis1=1, axis2=2)[:, None, None]) * np.eye(matrices.shape[-1])
+    weights = np.linalg.solve(matrices + ridge, contrasts.T).transpose(0, 2, 1)  # (batch, pairs, S + C)
+    is_determined = np.abs(weights @ matrices - contrasts).max(-1, initial=0.0) < _TOLERANCE
+    return np.where(is_determined, (weights @ rights[..., None])[..., 0], np.nan)
+
+
+def fleiss_kappa(table: np.ndarray) -> np.ndarray:
+    """Return Fleiss' kappa, (P - P_e) / (1 - P_e).
+
+    P is the mean over items of the share of pairs of answers that agree, sum_j n_ij (n_ij - 1) / (n_i (n_i - 1)), and
+    P_e = sum_j p_j^2 with p_j the mean over items of n_ij / n_i. Fleiss 1971 has the same number of answers n_i for all
+    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not
+    count.
+
+    Args:
+        table: (..., items, categories) number of answers.
+
+    Returns:
+        Kappa (...): 1 for perfect agreement, 0 for that of chance; NaN if no item has two answers, or if all answers of
+        the table are of one category, where chance agrees perfectly as well.
+    """
+    totals = table.sum(-1)
+    is_used = totals > 1
+    num_items = np.maximum(is_used.sum(-1), 1)
+    agree = (table * (table - 1)).sum(-1) / np.maximum(totals * (totals - 1), 1)
+    agreement = np.where(is_used, agree, 0.0).sum(-1) / num_items
+    shares = np.where(is_used[..., None], table / np.maximum(totals, 1)[..., None], 0.0).sum(-2) / num_items[..., None]
+    chance = np.square(shares).sum(-1)
+    is_defined = is_used.any(-1) & (chance < 1 - 1e-12)
+    return np.where(is_defined, (agreement - chance) / np.where(is_defined, 1 - chance, 1.0), np.nan)
+
+
+def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> Estimate:
+    """Return Fleiss' kappa of answers, which agree if they are equal, with an interval over participants and clips.
+
+    Args:
+        participants, clips, items: (n,) indices of each answer.
+        answers: (n,) answers.
+    """
+    _, item = np.unique(items, return_inverse=True)
+    _, category = np.unique(answers, return_inverse=True)
+    shape = (item.max() + 1, category.max() + 1)
+
+    def table(is_kept: np.ndarray) -> np.ndarray:
+        cells = np.ravel_multi_index((item[is_kept], category[is_kept]), shape)
+        return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape)
+
+    value = fleiss_kappa(table(np.ones(len(item), bool)))
+    spreads = [
+        jackknife(np.array([fleiss_kappa(table(groups != group)) for group in np.unique(groups)]))
+        for groups in (participants, clips)
+    ]
+    return crossed(value, *spreads)
