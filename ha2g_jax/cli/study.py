@@ -168,13 +168,13 @@ def _power(arguments: argparse.Namespace) -> None:
     if (arguments.pilot is None) != (arguments.study is None):
         raise UserError("--pilot and --study belong together: answers, and the folder of their study")
     from ha2g_jax.apps.user_study import power
-    from ha2g_jax.apps.user_study.analysis import read_study
+    from ha2g_jax.apps.user_study.design import read_key
     from ha2g_jax.apps.user_study.power import Plan, Spreads
 
     given = [arguments.sd_participants, arguments.sd_clips, arguments.sd_rest if is_mos else 0.0]
     equal = arguments.equal
     if arguments.pilot is not None:
-        pilot = power.read_pilot(arguments.measure, arguments.pilot, read_study(arguments.study))
+        pilot = power.read_pilot(arguments.measure, arguments.pilot, read_key(arguments.study))
         given = [pilot.spreads[at] if value is None else value for at, value in enumerate(given)]
         equal = pilot.equal if equal is None else equal
     if None in given:

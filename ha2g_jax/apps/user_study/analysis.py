@@ -11,22 +11,17 @@ import numpy as np
 
 from ha2g_jax.apps.user_study import bradley_terry
 from ha2g_jax.apps.user_study.answers import (
-    Answers,
     Choices,
     Ratings,
-    mismatches_of,
-    preferences_of,
+    choices_of,
     ratings_of,
     read_answers,
 )
-from ha2g_jax.apps.user_study.design import KINDS, Key, read_key
-from ha2g_jax.apps.user_study.estimates import LEVEL, Estimate, Share, agreement, mean, pairs, share, system_differences
+from ha2g_jax.apps.user_study.design import KINDS, MISMATCH, PREFERENCE, Key, read_key
+from ha2g_jax.apps.user_study.estimates import LEVEL, Estimate, Share, agreement, mean, share, system_differences
 from ha2g_jax.errors import require
 from ha2g_jax.evaluation.intervals import number
 from ha2g_jax.metrics.uncertainty import holm
-
-KEY_FILE = "key.json"
-"""Name of the key in the folder of a study."""
 
 
 def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any]:
@@ -45,23 +40,11 @@ def analyse(paths: Sequence[pathlib.Path], study: pathlib.Path) -> dict[str, Any
         UserError: there is no key or no answer file, or the package of the extra report is missing.
     """
     require("choix", "report", by="the analysis of a study")
-    key = read_study(study)
-    return results_of(read_answers(paths, key), key)
-
-
-def read_study(study: pathlib.Path) -> Key:
-    """Read the key of a study from its folder, or from the `key.json` in it.
-
-    Raises:
-        UserError: there is no key, or it is damaged.
-    """
-    return read_key(study / KEY_FILE if study.is_dir() else study)
-
-
-def results_of(answers: Answers, key: Key) -> dict[str, Any]:
-    """Compute all statistics of answers that were read; see `analyse`."""
+    key = read_key(study)
+    answers = read_answers(paths, key)
     kept = answers.participants
-    ratings, preferences, mismatches = ratings_of(kept, key), preferences_of(kept, key), mismatches_of(kept, key)
+    ratings = ratings_of(kept, key)
+    preferences, mismatches = (choices_of(kept, key, kind) for kind in (PREFERENCE, MISMATCH))
     kinds = Counter(answer.item.kind for one in kept for answer in one.answers)
     return {
         "study": key.study,
@@ -160,7 +143,7 @@ def _rows(estimates: Estimate, names: Sequence[str], *fields: str) -> list[dict[
     """Return a row for each pair of systems, "first" less "second"."""
     return [
         {"first": first, "second": second, **_json(Estimate(*(column[number] for column in estimates)), *fields)}
-        for number, (first, second) in enumerate(pairs(names))
+        for number, (first, second) in enumerate(itertools.combinations(names, 2))
     ]
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.apps.user_study.design import ATTENTION, MISMATCH, PREFERENCE, RATING, Item, Key
+from ha2g_jax.apps.user_study.design import ATTENTION, MISMATCH, RATING, Item, Key
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_ANSWER_BYTES, MAX_ANSWER_FILES
@@ -27,8 +27,6 @@ _EXPECTED = "an answer file of a study"
 _ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _CHOICES = ("left", "right", "equal")
 _NAMED = 3  # items that a reason names
-MISMATCHED = "mismatched speech"
-"""What is added to the name of a system whose clips are rated with the speech of another clip."""
 
 
 class Answer(NamedTuple):
@@ -290,63 +288,41 @@ class Choices(NamedTuple):
 
 def ratings_of(participants: Sequence[Participant], key: Key) -> Ratings:
     """Collect the ratings of all participants."""
-    names = list(key.systems)
-    items = {item.id: number for number, item in enumerate(key.items)}
     rows, scores = [], []
-    for number, participant in enumerate(participants):
-        for answer in participant.answers:
-            if answer.item.kind == RATING:
-                stimulus = key.stimuli[answer.item.stimuli[0]]
-                name = stimulus.system if stimulus.matched else f"{stimulus.system}, {MISMATCHED}"
-                if name not in names:
-                    names.append(name)
-                rows.append((number, _clip(answer.item, key), names.index(name), items[answer.item.id]))
-                scores.append(answer.ratings)
-    used = sorted({row[2] for row in rows})
+    for number, item, answer in _answers_of(participants, key, RATING):
+        stimulus = key.stimuli[answer.item.stimuli[0]]
+        rows.append((number, key.clips.index(stimulus.clip), key.systems.index(stimulus.system), item))
+        scores.append(answer.ratings)
     participant, clip, system, item = np.array(rows, int).reshape(-1, 4).T
-    return Ratings(
-        tuple(names[index] for index in used),
-        participant,
-        clip,
-        np.searchsorted(used, system),
-        item,
-        np.array(scores, float).reshape(-1, len(key.scales)),
-    )
+    used, system = np.unique(system, return_inverse=True)
+    names = tuple(key.systems[index] for index in used)
+    return Ratings(names, participant, clip, system, item, np.array(scores, float).reshape(-1, len(key.scales)))
 
 
-def preferences_of(participants: Sequence[Participant], key: Key) -> Choices:
-    """Collect the choices between two systems; the first of a pair is the one that the key names first."""
-    return _choices(participants, key, PREFERENCE)
+def choices_of(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
+    """Collect the choices of a kind of pairs.
 
-
-def mismatches_of(participants: Sequence[Participant], key: Key) -> Choices:
-    """Collect the choices between motion with its own speech, the first of a pair here, and motion of another clip."""
-    return _choices(participants, key, MISMATCH)
-
-
-def _choices(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
-    items = {item.id: number for number, item in enumerate(key.items)}
-    systems = {name: number for number, name in enumerate(key.systems)}
+    Args:
+        participants: participants who are kept.
+        key: key of the study.
+        kind: `PREFERENCE`, where the first of a pair is the system that the key names first, or `MISMATCH`, where it is
+            the motion with its own speech.
+    """
     rows = []
-    for number, participant in enumerate(participants):
-        for answer in participant.answers:
-            if answer.item.kind == kind:
-                pair, outcome = answer.item.stimuli, answer.outcome
-                if _is_turned(answer.item, key, systems):
-                    pair, outcome = pair[::-1], -outcome
-                first, second = (systems[key.stimuli[stimulus].system] for stimulus in pair)
-                rows.append((number, _clip(answer.item, key), items[answer.item.id], first, second, outcome))
+    for number, item, answer in _answers_of(participants, key, kind):
+        first, second = (key.stimuli[name] for name in answer.item.stimuli)
+        systems = key.systems.index(first.system), key.systems.index(second.system)
+        outcome = answer.outcome
+        if second.matched if kind == MISMATCH else systems[0] > systems[1]:
+            systems, outcome = systems[::-1], -outcome
+        rows.append((number, key.clips.index(first.sound_of or first.clip), item, *systems, outcome))
     return Choices(*np.array(rows, int).reshape(-1, 6).T)
 
 
-def _is_turned(item: Item, key: Key, systems: dict[str, int]) -> bool:
-    """Return whether the second stimulus of a pair is the matched one, or the one of the earlier system."""
-    first, second = (key.stimuli[stimulus] for stimulus in item.stimuli)
-    if item.kind == MISMATCH:
-        return second.matched
-    return systems[first.system] > systems[second.system]
-
-
-def _clip(item: Item, key: Key) -> int:
-    stimulus = key.stimuli[item.stimuli[0]]
-    return key.clips.index(stimulus.sound_of or stimulus.clip)
+def _answers_of(participants: Sequence[Participant], key: Key, kind: str) -> Iterator[tuple[int, int, Answer]]:
+    """Yield the answers of a kind, each after the indices of its participant and its item."""
+    items = {item.id: number for number, item in enumerate(key.items)}
+    for number, participant in enumerate(participants):
+        for answer in participant.answers:
+            if answer.item.kind == kind:
+                yield number, items[answer.item.id], answer

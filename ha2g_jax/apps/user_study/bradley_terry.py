@@ -25,7 +25,7 @@ class Strengths(NamedTuple):
     Attributes:
         systems: (S,) indices of the systems that were compared.
         strengths: estimates (S,), relative to their mean over `finite`; a bound that does not exist is infinite.
-        differences: estimates (pairs,), first system less second, in the order of `estimates.pairs`.
+        differences: estimates (pairs,), first system less second, in the order of `itertools.combinations`.
         finite: (S,) whether the system belongs to the largest group whose strengths maximum likelihood determines.
         is_connected: whether choices that prefer one connect every system with every other one, directly or not.
     """
@@ -87,12 +87,13 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     added = (wins + wins.T > 0) / len(used)
     beats = _closure(wins > 0)
     is_connected = bool(_closure(wins + wins.T > 0).all())
-    finite = _largest_group(beats)
-    weights = finite / finite.sum()
-    to_mean = np.eye(len(used)) - weights
-    contrasts = np.array([np.eye(len(used))[i] - np.eye(len(used))[j] for i, j in _pairs(len(used))])
+    mutual = beats & beats.T
+    finite = mutual[mutual.sum(1).argmax()]  # the largest group in which each one beats each other one
+    to_mean = np.eye(len(used)) - finite / finite.sum()
+    first, second = np.array(list(itertools.combinations(range(len(used)), 2))).T
+    contrasts = np.eye(len(used))[first] - np.eye(len(used))[second]
     if not is_connected:
-        nothing = [_undefined(len(rows)) for rows in (to_mean, contrasts)]
+        nothing = [Estimate(*np.full((len(Estimate._fields), len(rows)), np.nan)) for rows in (to_mean, contrasts)]
         return Strengths(used, *nothing, finite=finite, is_connected=False)
     strengths = fit(wins + added)
     spreads = []
@@ -104,14 +105,11 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     for rows in (to_mean, contrasts):
         least = np.square(standard_errors(wins + added, strengths, rows))
         found.append(crossed(rows @ strengths, *(jackknife((each @ rows.T).T) for each in spreads), least=least))
-    highest, lowest = (_unbounded(each, finite) for each in (beats, beats.T))
-    found[0] = _open(found[0], highest, lowest)
-    first, second = np.array(_pairs(len(used))).T
-    found[1] = _open(
-        found[1],
-        beats[first, second] & ~beats[second, first],
-        beats[second, first] & ~beats[first, second],
-    )
+    # Those that beat the largest group by a chain of wins and are not beaten by it have no upper bound.
+    above, below = (each[:, finite].all(1) & ~finite for each in (beats, beats.T))
+    found[0] = _open(found[0], above, below)
+    is_ahead, is_behind = beats[first, second], beats[second, first]
+    found[1] = _open(found[1], is_ahead & ~is_behind, is_behind & ~is_ahead)
     return Strengths(used, *found, finite=finite, is_connected=True)
 
 
@@ -139,24 +137,5 @@ def _closure(edges: np.ndarray) -> np.ndarray:
     return reached
 
 
-def _largest_group(beats: np.ndarray) -> np.ndarray:
-    """Return the largest set of systems (S,) in which each one beats each other one by a chain of wins."""
-    mutual = beats & beats.T
-    return mutual[mutual.sum(1).argmax()]
-
-
-def _unbounded(beats: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """Return which systems beat the largest group by a chain of wins and are not beaten by it."""
-    return beats[:, finite].all(1) & ~finite
-
-
 def _open(found: Estimate, above: np.ndarray, below: np.ndarray) -> Estimate:
     return found._replace(low=np.where(below, -np.inf, found.low), high=np.where(above, np.inf, found.high))
-
-
-def _undefined(count: int) -> Estimate:
-    return Estimate(*[np.full(count, np.nan)] * len(Estimate._fields))
-
-
-def _pairs(count: int) -> list[tuple[int, int]]:
-    return list(itertools.combinations(range(count), 2))

@@ -12,7 +12,7 @@ import itertools
 import json
 import math
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ SCALES = ("naturalness", "smoothness", "synchrony")
 POINTS = (1, 5)
 """Least and greatest number of a rating."""
 
+KEY_FILE = "key.json"
 _FORMAT, _VERSION = "ha2g-study-key", 1
 _EXPECTED = "the key.json of a study, as ha2g study make writes it"
 _MAX_BYTES = 1 << 26
@@ -129,12 +130,13 @@ def item_as_json(item: Item) -> dict[str, Any]:
     return {"id": item.id, "kind": item.kind, **stimuli, **expected}
 
 
-def read_key(path: pathlib.Path) -> Key:
-    """Read the key of a study.
+def read_key(study: pathlib.Path) -> Key:
+    """Read the key of a study from its folder, or from the `key.json` in it.
 
     Raises:
         UserError: the file cannot be read or is not a key.
     """
+    path = study / KEY_FILE if study.is_dir() else study
     content = read_json(path, _EXPECTED, _MAX_BYTES)
     try:
         form = content.pop("format"), content.pop("version")
@@ -219,7 +221,7 @@ def make_design(
     _check(systems, durations, parts, per_participant, attention)
     random = np.random.default_rng(seed)
     clips = [str(clip) for clip in random.permutation(np.array(list(durations), dtype=object))]
-    ids = _Ids(random)
+    ids = _draw_ids(random)
     rows = [*_main_rows(systems, clips, parts, ids)]
     if MISMATCH in parts:
         rows += _mismatch_rows(systems, clips, mismatched_clips(clips, durations), ids)
@@ -250,25 +252,21 @@ def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> di
     return {clip: group[(index + 1) % len(group)] for group in pairs for index, clip in enumerate(group)}
 
 
-class _Ids:
-    """Opaque names of stimuli, all different."""
-
-    def __init__(self, random: np.random.Generator) -> None:
-        self._random, self._given = random, set[str]()
-
-    def draw(self) -> str:
-        while (name := self._random.bytes(_ID_BYTES).hex()) in self._given:
-            pass
-        self._given.add(name)
-        return name
+def _draw_ids(random: np.random.Generator) -> Iterator[str]:
+    """Yield opaque names of stimuli, all different."""
+    given = set[str]()
+    while True:
+        if (name := random.bytes(_ID_BYTES).hex()) not in given:
+            given.add(name)
+            yield name
 
 
-def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str], ids: _Ids) -> list[_Row]:
+def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str], ids: Iterator[str]) -> list[_Row]:
     if not {RATING, PREFERENCE} & set(parts):
         return []
     rows = []
     for column, clip in enumerate(clips):
-        stimuli = [Planned(ids.draw(), Scene(RATING, clip), system, clip) for system in systems]
+        stimuli = [Planned(next(ids), Scene(RATING, clip), system, clip) for system in systems]
         if RATING in parts:
             rows += [_Row(RATING, row, column, (stimulus,)) for row, stimulus in enumerate(stimuli)]
         if PREFERENCE in parts:
@@ -277,14 +275,16 @@ def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str
     return rows
 
 
-def _mismatch_rows(systems: Sequence[str], clips: Sequence[str], others: Mapping[str, str], ids: _Ids) -> list[_Row]:
+def _mismatch_rows(
+    systems: Sequence[str], clips: Sequence[str], others: Mapping[str, str], ids: Iterator[str]
+) -> list[_Row]:
     """Return the items of the mismatch; their stimuli are their own, as a shared one would show that it is matched."""
     return [
         _Row(
             MISMATCH,
             row,
             column,
-            tuple(Planned(ids.draw(), Scene(MISMATCH, clip), system, shown) for shown in (clip, others[clip])),
+            tuple(Planned(next(ids), Scene(MISMATCH, clip), system, shown) for shown in (clip, others[clip])),
         )
         for column, clip in enumerate(clips)
         for row, system in enumerate(systems)
@@ -292,13 +292,13 @@ def _mismatch_rows(systems: Sequence[str], clips: Sequence[str], others: Mapping
 
 
 def _checks(
-    systems: Sequence[str], clips: Sequence[str], count: int, random: np.random.Generator, ids: _Ids
+    systems: Sequence[str], clips: Sequence[str], count: int, random: np.random.Generator, ids: Iterator[str]
 ) -> list[_Row]:
     numbers = random.permutation(np.arange(POINTS[0], POINTS[1] + 1))[:count].tolist()
     rows = []
     for number in numbers:
         clip, system = (names[int(random.integers(len(names)))] for names in (clips, systems))
-        rows.append(_Row(ATTENTION, 0, 0, (Planned(ids.draw(), Scene(ATTENTION, clip, number), system, clip),)))
+        rows.append(_Row(ATTENTION, 0, 0, (Planned(next(ids), Scene(ATTENTION, clip, number), system, clip),)))
     return rows
 
 

@@ -7,7 +7,6 @@ the interval is rather too wide than too narrow.
 """
 
 import itertools
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -217,7 +216,7 @@ def interval(
 def system_differences(
     scores: np.ndarray, participants: np.ndarray, clips: np.ndarray, systems: np.ndarray, num_systems: int
 ) -> Estimate:
-    """Return the paired difference of the mean scores of each pair of systems, in the order of `pairs`.
+    """Return the paired differences of mean scores of all pairs of systems, in the order of `itertools.combinations`.
 
     Least squares with an effect of each system, each participant and each clip: score = system + participant + clip +
     rest. In a complete design this is the difference of the means; in an incomplete one, participants who rate low or
@@ -253,11 +252,6 @@ def system_differences(
         blocks, rights = _normal_equations(counts[..., left], sums[..., left])
         without_clip.append(_solve(blocks.sum(0)[None], rights.sum(0)[None], num_systems)[0])
     return crossed(value, jackknife(without_participant.T), jackknife(np.array(without_clip).T))
-
-
-def pairs(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return all pairs of systems, in the order of `system_differences`."""
-    return list(itertools.combinations(names, 2))
 
 
 def _normal_equations(counts: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ha2g_jax.apps.user_study.design import (
     ATTENTION,
+    KEY_FILE,
     RATING,
     Design,
     Key,
@@ -119,7 +120,7 @@ def make_study(
         render(design.stimuli, sources, media, size=size)
         key = _make_key(design, media, list(systems), list(sources.durations), wording, seed)
         write_site(folder / "site", key, design.lists, wording)
-        write_key(folder / "key.json", key)
+        write_key(folder / KEY_FILE, key)
     return out
 
 

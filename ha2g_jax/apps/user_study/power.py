@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize, special
 
-from ha2g_jax.apps.user_study.answers import Choices, Ratings, mismatches_of, preferences_of, ratings_of, read_answers
-from ha2g_jax.apps.user_study.design import MISMATCH, PREFERENCE, Key
+from ha2g_jax.apps.user_study.answers import Choices, Ratings, choices_of, ratings_of, read_answers
+from ha2g_jax.apps.user_study.design import Key
 from ha2g_jax.apps.user_study.estimates import LEVEL, crossed, interval, ratio
 from ha2g_jax.errors import UserError
 from ha2g_jax.progress import progress_bar
@@ -27,9 +27,7 @@ FEWEST = 3
 _GRID = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320, 480, 640, 960)
 _NODES = 61  # of the quadrature over normal logits
 _CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there were this many clips or more
-MOS = "mos"
-MEASURES = (MOS, PREFERENCE, MISMATCH)
-"""What a study can measure: a difference of mean opinion scores, a share of preferences, a share of matched motion."""
+MOS = "mos"  # a difference of mean opinion scores, where other measures are shares of choices
 
 
 class Spreads(NamedTuple):
@@ -60,13 +58,6 @@ class Plan(NamedTuple):
     items: int
     equal: float = 0.0
     comparisons: int = 1
-
-
-class Power(NamedTuple):
-    """Share of simulated studies that find the effect by number of participants, and the least that suffices."""
-
-    rows: dict[int, float]
-    smallest: int | None
 
 
 Simulation = Callable[[np.random.Generator, int, int], np.ndarray]
@@ -137,8 +128,10 @@ def of_share(share: float, spreads: Spreads, plan: Plan) -> Simulation:
     return simulate
 
 
-def find(simulate: Simulation, power: float, *, clips: int, most: int, simulations: int, seed: int) -> Power:
-    """Return powers by number of participants, and the smallest number that reaches a power.
+def find(
+    simulate: Simulation, power: float, *, clips: int, most: int, simulations: int, seed: int
+) -> tuple[dict[int, float], int | None]:
+    """Return powers by number of participants, and the smallest number that reaches a power, None if `most` does not.
 
     Args:
         simulate: simulation of a study.
@@ -171,7 +164,7 @@ def find(simulate: Simulation, power: float, *, clips: int, most: int, simulatio
         while reached is not None and reached - below > 1:
             middle = (below + reached) // 2
             below, reached = (below, middle) if reaches(middle) else (middle, reached)
-    return Power(dict(sorted(rows.items())), reached)
+    return dict(sorted(rows.items())), reached
 
 
 def _sizes(most: int) -> Iterator[int]:
@@ -254,7 +247,7 @@ def required_participants(
     """Return powers by number of participants, and the smallest number that reaches a power.
 
     Args:
-        measure: one of `MEASURES`.
+        measure: `MOS`, `PREFERENCE` or `MISMATCH`.
         effect: expected difference of scores, or expected share.
         spreads: standard deviations.
         plan: clips, items and corrections.
@@ -267,7 +260,7 @@ def required_participants(
         UserError: a number is out of range.
     """
     simulation = (of_difference if measure == MOS else of_share)(effect, spreads, plan)
-    found = find(simulation, target, clips=plan.clips, most=most, simulations=simulations, seed=seed)
+    rows, smallest = find(simulation, target, clips=plan.clips, most=most, simulations=simulations, seed=seed)
     settings = {"power": target, "most": most, "simulations": simulations, "seed": seed, "level": LEVEL}
     return {
         "measure": measure,
@@ -275,8 +268,8 @@ def required_participants(
         "standard_deviations": spreads._asdict(),
         "plan": plan._asdict(),
         **settings,
-        "participants": found.smallest,
-        "powers": {str(count): value for count, value in found.rows.items()},
+        "participants": smallest,
+        "powers": {str(count): value for count, value in rows.items()},
     }
 
 
@@ -320,8 +313,7 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> Pilot:
     if measure == MOS:
         found = _of_ratings(ratings_of(participants, key))
     else:
-        of = preferences_of if measure == PREFERENCE else mismatches_of
-        found = _of_choices(of(participants, key))
+        found = _of_choices(choices_of(participants, key, measure))
     variances, equal = found
     if not variances:
         raise UserError(

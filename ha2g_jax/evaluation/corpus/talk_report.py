@@ -257,7 +257,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib
     except ModuleNotFoundError:
-        raise UserError("the report needs matplotlib, which is missing; pip install 'ha2g-jax[plot]'") from None
+        raise UserError("the report needs matplotlib, which is missing; pip install 'ha2g-jax[report]'") from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

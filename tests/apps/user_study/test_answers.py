@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from fixtures.simulated_study import make_answers, make_key
 
-from ha2g_jax.apps.user_study.answers import mismatches_of, preferences_of, ratings_of, read_answers
-from ha2g_jax.apps.user_study.design import PREFERENCE, RATING
+from ha2g_jax.apps.user_study.answers import choices_of, ratings_of, read_answers
+from ha2g_jax.apps.user_study.design import MISMATCH, PREFERENCE, RATING
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_ANSWER_BYTES
 
@@ -207,7 +207,7 @@ def test_choices_are_about_systems_and_not_about_sides(key, content, tmp_path):
             answer["choice"] = "left" if is_left else "right"
     (tmp_path / "p00.json").write_text(json.dumps(content))
     found = read(tmp_path, key).participants
-    preferences, mismatches = preferences_of(found, key), mismatches_of(found, key)
+    preferences, mismatches = (choices_of(found, key, kind) for kind in (PREFERENCE, MISMATCH))
     assert (preferences.outcome == 1).all() and (preferences.first < preferences.second).all()
     assert (
         (mismatches.outcome == 1).all() and set(mismatches.first) == {0, 1, 2} and set(mismatches.clip) == {0, 1, 2, 3}

@@ -54,22 +54,12 @@ def test_shares_have_the_mean_and_the_spread_that_are_asked_for():
 
 
 def test_power_grows_with_participants_and_the_smallest_number_is_found():
-    found = power.find(
-        power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)), 0.8, clips=10, most=200, simulations=400, seed=0
-    )
-    assert found.smallest is not None and found.rows[found.smallest] >= 0.8 > found.rows[found.smallest - 1]
-    assert found.rows[5] < found.rows[10] < found.rows[found.smallest]
-    assert (
-        power.find(
-            power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10)),
-            0.8,
-            clips=10,
-            most=200,
-            simulations=400,
-            seed=0,
-        )
-        == found
-    )
+    simulate = power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10))
+    options = {"clips": 10, "most": 200, "simulations": 400, "seed": 0}
+    rows, smallest = found = power.find(simulate, 0.8, **options)
+    assert smallest is not None and rows[smallest] >= 0.8 > rows[smallest - 1]
+    assert rows[5] < rows[10] < rows[smallest]
+    assert power.find(simulate, 0.8, **options) == found
 
 
 def test_studies_of_many_clips_are_drawn_in_smaller_parts():
@@ -84,10 +74,10 @@ def test_studies_of_many_clips_are_drawn_in_smaller_parts():
 
 
 def test_more_participants_do_not_replace_clips():
-    found = power.find(
+    rows, smallest = power.find(
         power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4)), 0.8, clips=4, most=60, simulations=200, seed=0
     )
-    assert found.smallest is None and max(found.rows) == 60
+    assert smallest is None and max(rows) == 60
 
 
 def test_corrections_and_equal_choices_cost_power():

@@ -13,6 +13,7 @@ pytest.importorskip("choix")
 
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import analysis, study_report
+from ha2g_jax.apps.user_study.design import read_key
 from ha2g_jax.errors import UserError
 
 HOSTILE = (
@@ -31,7 +32,7 @@ def run(folder):
 
 
 def add(folder, name, **changes):
-    key = analysis.read_study(folder / "study")
+    key = read_key(folder / "study")
     content = make_answers(key, name, np.random.default_rng(99)) | changes
     (folder / "answers" / f"{name}.json").write_text(json.dumps(content))
 
