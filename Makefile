@@ -1,5 +1,6 @@
 # make demo          write a video of a figure that gestures to examples/hello.wav, out/demo.mp4
 # make test          run the tests
+# make test-all      run them with damaged files, the commands of the pages and further networks
 # make fuzz          give every reader damaged files, for an hour (FUZZ_SECONDS)
 # make test-torch    compare the numerics with PyTorch
 # make test-blender  test exports and the add-on in Blender (its wheel needs Python 3.11)
@@ -16,13 +17,16 @@ VENV ?= .venv
 PYTEST_WORKERS ?= 2
 FUZZ_SECONDS ?= 3600
 
-.PHONY: demo test fuzz test-torch test-blender test-web web pose lint docs notebooks clean
+.PHONY: demo test test-all fuzz test-torch test-blender test-web web pose lint docs notebooks clean
 
 demo: $(VENV)/demo
 	mkdir -p out
 	$(VENV)/bin/ha2g generate examples/hello.wav --out out/demo
 
 test: $(VENV)/test
+	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS) --dist worksteal -m "not thorough"
+
+test-all: $(VENV)/test
 	$(VENV)/bin/python -m pytest -n $(PYTEST_WORKERS) --dist worksteal
 
 fuzz: $(VENV)/test
@@ -45,7 +49,7 @@ web: $(VENV)/onnx
 	$(VENV)/bin/ha2g web demo --out out/site
 
 pose: $(VENV)/demo
-	$(VENV)/bin/ha2g data install-pose
+	$(VENV)/bin/ha2g data build-video --install
 
 lint: $(VENV)/test $(VENV)/lint
 	$(VENV)/bin/ruff check .

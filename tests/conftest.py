@@ -41,13 +41,16 @@ SLOW = (
     "importers/video",
     "train",
     "methods",
-    "test_baselines.py",
     "test_extending.py",
     "test_notebooks.py",
     "experiments",
     "evaluation",
-    "apps/user_study",
+    "apps",
 )
+
+# What `make test` leaves to `make test-all`: damaged files by the thousand, commands that parsing has already checked,
+# and further networks, which take half a minute to compile each.
+THOROUGH = ("fuzz/", "test_docs_commands.py::test_commands_of_a_page_run", "test_baselines.py")
 
 pytest_plugins = [
     "fixtures.methods",
@@ -69,13 +72,17 @@ gc.disable()  # until all tests are imported, see `pytest_collection_finish`
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Move slow tests to the beginning, in the order of `SLOW`; all others stay in their order."""
+    """Mark the tests of `THOROUGH`, and move slow tests to the beginning, in the order of `SLOW`."""
 
     def rank(item: pytest.Item) -> int:
         path = item.path.relative_to(ROOT / "tests").as_posix()
         return next((number for number, start in enumerate(SLOW) if path.startswith(start)), len(SLOW))
 
+    for item in items:
+        if item.nodeid.removeprefix("tests/").startswith(THOROUGH):
+            item.add_marker(pytest.mark.thorough)
     items.sort(key=rank)
 
 
