@@ -13,7 +13,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,19 +31,11 @@ _NONE, _ALL_DAMAGED = -1, -2  # sent by the first process to the others in place
 _REMOVALS = 10  # attempts to remove temporary folders
 
 
-class Restored(NamedTuple):
-    """Content of a checkpoint: the number of steps taken, the state, and plain values such as the sums of the log."""
-
-    step: int
-    state: TrainState
-    record: dict[str, Any]
-
-
 class Checkpoints:
     """Checkpoints in one folder, each in a subfolder named after its step.
 
-    If there are several processes, all of them call `save`, `restore` and `restore_newest` at the same steps. Nothing
-    is created or removed before the first `save`, so that the checkpoints of a run can be read while the run continues.
+    If there are several processes, all of them call `save` and `restore_newest` at the same steps. Nothing is created
+    or removed before the first `save`, so that the checkpoints of a run can be read while the run continues.
 
     Args:
         folder: folder of the checkpoints, shared by all processes.
@@ -122,24 +114,6 @@ class Checkpoints:
             self._manager.close()
             self._manager = None
 
-    def restore(self, step: int, like: TrainState) -> tuple[TrainState, dict[str, Any]]:
-        """Read the state and the record of a step.
-
-        Args:
-            step: one of `steps()`.
-            like: tree of arrays, or of shapes with types and shardings, that the restored state is to have. The
-                devices may be other ones than those that the state was saved from.
-
-        Returns:
-            The state and the record.
-
-        Raises:
-            UserError: the checkpoint is damaged or of another model.
-        """
-        self._check(step)
-        path = self._path(step)
-        return orbax_format.read_state(path, like), orbax_format.read_record(path)
-
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
 
@@ -157,17 +131,15 @@ class Checkpoints:
         path = self._path(step)
         return orbax_format.read_variables(path, shapes), orbax_format.read_record(path)
 
-    def restore_newest(self, like: TrainState) -> Restored | None:
-        """Read the newest undamaged checkpoint.
+    def restore_newest(self, like: TrainState) -> tuple[TrainState, dict[str, Any]] | None:
+        """Read the state and the record of the newest undamaged checkpoint; return None if there is no checkpoint.
 
         Newer checkpoints that are damaged are named on stderr and renamed to STEP.damaged, so that the run can write
         these steps again and the files can still be examined.
 
         Args:
-            like: see `restore`.
-
-        Returns:
-            The content of the checkpoint, None if there is no checkpoint at all.
+            like: tree of arrays, or of shapes with types and shardings, that the restored state is to have. The
+                devices may be other ones than those that the state was saved from.
 
         Raises:
             UserError: all checkpoints are damaged, or the newest undamaged one is of another model.
@@ -183,16 +155,7 @@ class Checkpoints:
         if step == _NONE:
             return None
         path = self._path(step)
-        return Restored(step, orbax_format.read_state(path, like), orbax_format.read_record(path))
-
-    def record(self, step: int) -> dict[str, Any]:
-        """Read the record of a step without its state.
-
-        Raises:
-            UserError: the checkpoint is damaged.
-        """
-        self._check(step)
-        return orbax_format.read_record(self._path(step))
+        return orbax_format.read_state(path, like), orbax_format.read_record(path)
 
     def _path(self, step: int | None) -> pathlib.Path:
         return self._folder / str(step)

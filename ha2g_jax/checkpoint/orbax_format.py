@@ -80,7 +80,7 @@ def read_record(path: pathlib.Path) -> dict[str, Any]:
 
 
 def on_one_device(state: Any) -> Any:
-    """Return the shapes of a state on the first device of this process, as `Checkpoints.restore` takes them."""
+    """Return the shapes of a state on the first device of this process, as `read_state` takes them."""
     sharding = jax.sharding.SingleDeviceSharding(jax.local_devices()[0])
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), state)
 

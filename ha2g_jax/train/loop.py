@@ -113,7 +113,7 @@ def _train(
     fresh = functools.partial(init_state, objective, init_key, pretrained)
     found = latest.restore_newest(sharding.whole(mesh, jax.eval_shape(fresh)))
     with _stage("initialising the networks"):
-        state, record = (found.state, found.record) if found else (sharding.replicate(mesh, fresh()), {})
+        state, record = found or (sharding.replicate(mesh, fresh()), {})
     if config.train.init_from and not found and hosts.is_first():
         tqdm.tqdm.write(f"training starts from the weights of {config.train.init_from}", file=sys.stderr)
     step, best_score = int(state.step), record.get("best_score", math.inf)
