@@ -19,10 +19,9 @@ import jax
 import jax.numpy as jnp
 
 from ha2g_jax.cli.parser import positive
-from ha2g_jax.layers import conv
-from ha2g_jax.layers.cpu import winograd
+from ha2g_jax.layers.cpu import convolution, winograd
 from ha2g_jax.layers.cpu.onednn import calls
-from ha2g_jax.layers.cpu.onednn.library import use_onednn, used_version
+from ha2g_jax.layers.cpu.onednn.library import used_version
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of each kind of convolution.
 SHAPES = {
@@ -53,7 +52,6 @@ def main() -> None:
     parser.add_argument("--rounds", type=positive, default=7, help="timed calls of each program (default: 7)")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    use_onednn()
     rows = [row for shape in SHAPES[arguments.size] for row in measure(arguments.batch_size, arguments.rounds, *shape)]
     print(json.dumps(rows, indent=1) if arguments.json else as_table(rows))
 
@@ -71,7 +69,7 @@ def measure(batch: int, rounds: int, height, width, inputs, channels, kernel, st
     convolutions: dict[str, Callable[..., jax.Array]] = {"XLA": native}
     gradients: dict[str, Callable[..., jax.Array]] = {
         "XLA": lambda x, cotangent: jax.linear_transpose(lambda kernel: native(x, kernel), weights)(cotangent)[0],
-        "products": functools.partial(conv.kernel_gradient, size=kernel, stride=stride, padding=padding),
+        "products": functools.partial(convolution.kernel_gradient, size=kernel, stride=stride, padding=padding),
     }
     if kernel == (3, 3) and stride == (1, 1):
         convolutions["Winograd"] = functools.partial(winograd.conv, padding=padding)
@@ -80,8 +78,8 @@ def measure(batch: int, rounds: int, height, width, inputs, channels, kernel, st
         settings = {"stride": stride, "padding": padding}
         convolutions["oneDNN"] = lambda x, weights: calls.conv(x, weights, **settings)
         gradients["oneDNN"] = lambda x, cotangent: calls.conv_kernel_gradient(x, cotangent, kernel, **settings)
-    is_winograd = conv.is_faster_with_winograd(x, weights, stride, padding)
-    is_products = conv.is_faster_with_products(x.shape, weights.shape, cotangent.shape)
+    is_winograd = convolution.is_faster_with_winograd(x, weights, stride, padding)
+    is_products = convolution.is_faster_with_products(x.shape, weights.shape, cotangent.shape)
     used = {
         "convolution": "Winograd" if is_winograd else "XLA",
         "kernel gradient": "Winograd" if is_winograd else "products" if is_products else "XLA",

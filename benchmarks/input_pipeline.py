@@ -30,7 +30,6 @@ from ha2g_jax.data.talk import build
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 
-_TALK = pathlib.Path(__file__).parent.parent / "experiments" / "configs" / "talk.py"
 _LEAST_RATIO = 5
 _STEPS = 3
 _IDENTITIES = ("images", "speakers")
@@ -38,7 +37,7 @@ _IDENTITIES = ("images", "speakers")
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--config", default=f"{_TALK}:paper", metavar="FILE[:SIZE]")
+    parser.add_argument("--config", default="talk", metavar="DATA[:SIZE]")
     parser.add_argument("--data", type=pathlib.Path, help="folder of a corpus (default: six new minutes of Talk)")
     parser.add_argument("--batches", type=positive, default=20, help="batches of each measurement (default: 20)")
     parser.add_argument("--workers", type=positive, default=2, help="number of worker processes (default: 2)")

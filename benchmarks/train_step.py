@@ -35,7 +35,7 @@ from ha2g_jax.cli.parser import positive
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.cpu.memory import keep_memory
-from ha2g_jax.layers.cpu.onednn.library import use_onednn, used_version
+from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.train.measure import TimedStep, gib
 
 _SETTINGS = ("batch_size", "dtype", "accumulate", "devices")
@@ -79,7 +79,6 @@ def measure(config, arguments: argparse.Namespace) -> list[dict]:
     Returns:
         One row for each variant with its settings, medians and memory.
     """
-    use_onednn()
     variants = settings_of_variants(config, arguments)
     steps = []
     for variant in variants:
@@ -135,8 +134,7 @@ def compare(config: Config, arguments: argparse.Namespace) -> list[dict]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     print("compiling", variants[0], file=sys.stderr)
     with jax.default_matmul_precision("tensorfloat32") if device == "cuda" else contextlib.nullcontext():
-        ours = {"ha2g_jax, one pass": TimedStep(config)}
-        use_onednn()  # from here on
+        ours = {"ha2g_jax, one pass": TimedStep(config, onednn=False)}
         if used_version():
             ours = {"ha2g_jax, one pass, oneDNN": TimedStep(config)} | ours
     first = next(iter(ours.values()))

@@ -12,14 +12,11 @@ import ml_collections
 from absl import flags
 from ml_collections import config_flags
 
-from ha2g_jax.config import presets
-from ha2g_jax.config import renames as config_renames
-from ha2g_jax.config.settings import SIZES, Config, check_fps
+from ha2g_jax.config import presets, settings
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reading, reason, shown
-from ha2g_jax.limits import MAX_PROGRAM_BYTES, MAX_SETTING
-
-_PARTS = ("data", "model", "loss", "train")
+from ha2g_jax.limits import MAX_PROGRAM_BYTES
 
 _USAGE = """\
 usage: {program} --config CONFIG --workdir DIR [--config.KEY=VALUE ...] [--profile]
@@ -31,7 +28,7 @@ Train the model of a config. The same command continues a run that was stopped.
       METHOD:DATA[:SIZE]     another method: {methods}
       FILE[:SIZE]            a Python file with a function get_config(size); it is executed
   --workdir DIR          folder for checkpoints, metrics.jsonl and config.json
-  --config.KEY=VALUE     change one setting, such as --config.train.batch_size=64; all are in ha2g_jax/config.py
+  --config.KEY=VALUE     change one setting, such as --config.train.batch_size=64; all are below
   --profile              write a trace of a few steps to DIR/profile
 
 For example: {program} --config talk:small --workdir runs/talk
@@ -42,6 +39,9 @@ To train one model with several processes, start each with the same command and
   --num_processes N         number of processes
   --process_id I            number of this process, from 0
 Under Slurm's srun none of these is needed, see docs/scaling.md.
+
+Settings of HA2G; other methods have other losses and some further settings:
+{settings}
 """
 _MAX_LETTERS = 1000  # of a message of a library, which may quote all of a flag
 
@@ -69,8 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv if argv is None else argv)
     if {"--help", "-help", "-h"} & set(argv[1:]):
         methods = ", ".join(name for name in presets.METHODS if name != "ha2g")
-        data, sizes = ", ".join(presets.DATA), ", ".join(SIZES)
-        sys.stdout.write(_USAGE.format(program=argv[0], sizes=sizes, data=data, methods=methods))
+        data, sizes, rows = ", ".join(presets.DATA), ", ".join(presets.SIZES), settings.as_text()
+        sys.stdout.write(_USAGE.format(program=argv[0], sizes=sizes, data=data, methods=methods, settings=rows))
         return 0
     arguments = _parse(argv)
 
@@ -113,22 +113,19 @@ def _parse(argv: list[str]) -> Arguments:
     try:
         if spec:
             config = _read(spec)
-            argv = _with_new_names(argv, config.get("method", "ha2g"))
             config_flags.DEFINE_config_dict("config", config, flag_values=values, sys_argv=argv)
         rest = values(argv)
     except flags.UnrecognizedFlagError as error:
         raise UserError(f"unknown flag --{shown(error.flagname)}; see {argv[0]} --help") from error
     except (KeyError, AttributeError) as error:  # raised by ml_collections for a key that the config does not have
-        raise UserError(f"unknown setting: {_one_line(error)}; see ha2g_jax/config.py") from error
+        raise UserError(f"unknown setting: {_one_line(error)}; see {argv[0]} --help") from error
     except (flags.Error, TypeError, ValueError, ArithmeticError, RecursionError) as error:
-        if match := re.search(r"--?config\.data\.fps=(\d+\.\d+)\b", str(error)):
-            check_fps(float(match[1]), "config.data.fps")
         raise UserError(_one_line(error)) from error
     if not spec or not values.workdir:
         raise UserError(f"--{'workdir' if spec else 'config'} is missing; see {argv[0]} --help")
     if rest[1:]:
         raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
-    _check_numbers(values.config, "config")
+    settings.check(values.config)
     return Arguments(
         config=values.config,
         workdir=values.workdir,
@@ -174,10 +171,7 @@ def _read(spec: str) -> Config:
         raise UserError(
             f"{shown(path)} has no function get_config(size) that returns a ConfigDict; see experiments/configs"
         )
-    _check_parts(config, path)
-    values, renamed = config_renames.with_new_names(config.to_dict())
-    config_renames.warn(renamed, shown(path))
-    return ml_collections.ConfigDict(values) if renamed else config
+    return config
 
 
 def _of_program(path: str, size: str) -> object:
@@ -197,44 +191,6 @@ def _of_program(path: str, size: str) -> object:
             f"the config {shown(path)} failed{where} with {type(error).__name__}: {reason(error)}; it must be a Python "
             "file, see experiments/configs"
         ) from error
-
-
-def _check_parts(config: Config, path: str) -> None:
-    """Check that a config has the parts that all configs have."""
-    for name in _PARTS:
-        if not isinstance(config.get(name), ml_collections.ConfigDict):
-            raise UserError(f"{shown(path)} returns a config without the part {name}; start from config.settings.paper")
-    for name in ("method", "skeleton"):
-        if not isinstance(config.get(name), str):
-            raise UserError(f"{shown(path)} returns a config without a {name}; start from config.settings.paper")
-
-
-def _check_numbers(part: Config, name: str) -> None:
-    """Check that no number of a config is infinite, NaN or huge; `config.ranges` checks those of the networks."""
-    for key, value in part.items():
-        if isinstance(value, ml_collections.ConfigDict):
-            _check_numbers(value, f"{name}.{key}")
-            continue
-        if key == "seed":  # any number of 63 bits, see `config.checks`
-            continue
-        for number in value if isinstance(value, (tuple, list)) else (value,):
-            if isinstance(number, (int, float)) and not -MAX_SETTING <= number <= MAX_SETTING:
-                text = f"{number:g}" if isinstance(number, float) else "a number of many digits"
-                raise UserError(f"{name}.{key} is {text}; expected a number of at most {MAX_SETTING:,}")
-
-
-def _with_new_names(argv: list[str], method: str) -> list[str]:
-    """Return the arguments with the present names of settings in place of old ones, which are named on stderr."""
-    renamed, arguments = [], []
-    for argument in argv:
-        if match := re.fullmatch(r"(--?config\.)([\w.]+)(.*)", argument, re.DOTALL):
-            new = config_renames.new_name(match[2], method)
-            if new != match[2]:
-                renamed.append((match[2], new))
-            argument = f"{match[1]}{new}{match[3]}"
-        arguments.append(argument)
-    config_renames.warn(renamed, "the command")
-    return arguments
 
 
 def _one_line(error: Exception) -> str:

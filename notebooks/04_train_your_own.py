@@ -48,7 +48,7 @@ for name, split in corpus.metadata["splits"].items():
 # %% [markdown]
 # ## Train
 #
-# A config is a preset, DATA:SIZE, and changes of single settings (`ha2g_jax/config.py` explains all of them). These
+# A config is a preset, DATA:SIZE, and changes of single settings (`ha2g train --help` lists all of them). These
 # two lines are the command
 #
 # ```sh

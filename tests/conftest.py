@@ -128,14 +128,14 @@ def debug_model():
     import numpy as np
 
     from ha2g_jax.checkpoint.assets import Assets
-    from ha2g_jax.config import settings as configs
+    from ha2g_jax.config import presets
     from ha2g_jax.features.text import Vocabulary
     from ha2g_jax.methods.build import build, variable_shapes
     from ha2g_jax.skeleton import load_skeleton, normalize
     from ha2g_jax.synthesis import Model
 
     skeleton = load_skeleton("ted_expressive")
-    config = configs.debug(configs.paper("ted_expressive"))
+    config = presets.sized("ted_expressive", "debug")
     vocabulary = Vocabulary(("one", "two"))
     spec = build(config, skeleton, len(vocabulary), 2)
     shapes = variable_shapes(spec)

@@ -52,7 +52,7 @@ def step_shapes(objective):
 def loss_term():
     _, objective = debug_objective({"loss.ha2g.weights.velocity": 3.0})
     velocity = getattr(losses, "velocity")  # noqa: B009, as a checker of types knows the package without the recipe
-    assert dict(objective.weights)["velocity"] == 3
+    assert objective.weights.velocity == 3
     assert step_shapes(objective)["loss/velocity"].shape == ()
     still, moving = np.zeros((2, 5, 6), np.float32), np.arange(60, dtype=np.float32).reshape(2, 5, 6)
     assert (velocity(moving, moving + 1), velocity(moving, still)) == (0, 6)

@@ -1,6 +1,6 @@
 """HA2G on Talk with the last stage of the pose inferer alone: a config of runs whose subject is not the network.
 
-Half as long to trace and to compile as experiments/configs/talk.py, with images and a discriminator all the same.
+Half as long to trace and to compile as the preset talk, with images and a discriminator all the same.
 """
 
 from ha2g_jax.config import presets

@@ -11,12 +11,11 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.synthesis import generate_files
 
-CONFIGS = pathlib.Path(__file__).parent.parent / "experiments" / "configs"
 METHODS = ("seq2seq", "speech2gesture", "joint_embedding", "trimodal")
 
 
 def train(method: str, corpus: pathlib.Path, workdir: pathlib.Path) -> None:
-    command = ["train", "--config", f"{CONFIGS / method}.py:talk:debug", f"--workdir={workdir}"]
+    command = ["train", "--config", f"{method}:talk:debug", f"--workdir={workdir}"]
     assert cli.main([*command, f"--config.data.path={corpus}", "--config.train.steps=2"]) == 0
 
 

@@ -325,7 +325,7 @@ def constant_validation(objective, mesh):
 
 def terms(objective):
     """Return the names of the terms of an objective with a number."""
-    return {f"loss/{name}": np.float32(1) for name in (*dict(objective.weights), "total")}
+    return {f"loss/{name}": np.float32(1) for name in (*objective.weights._asdict(), "total")}
 
 
 @pytest.fixture

@@ -4,8 +4,9 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from ha2g_jax.layers import discriminator, identity
+from ha2g_jax.layers import identity
 from ha2g_jax.layers.resnet_se import Features
+from ha2g_jax.methods import adversarial
 from ha2g_jax.methods.method import Spec
 from torch_peer.audio import AudioEncoder
 from torch_peer.encoders import ImageIdentity, SpeakerIdentity, TextEncoder
@@ -111,7 +112,7 @@ class Generator(nn.Module):
 class Discriminator(nn.Module):
     """Map poses (B, N, pose_dim) to logits (B,) (HA2G, Table 8)."""
 
-    def __init__(self, ours: discriminator.Discriminator, spec: Spec):
+    def __init__(self, ours: adversarial.Discriminator, spec: Spec):
         super().__init__()
         self.conv_1, self.norm_1 = nn.Conv1d(spec.skeleton.pose_dim, 16, 3), nn.BatchNorm1d(16)
         self.conv_2, self.norm_2 = nn.Conv1d(16, 8, 3), nn.BatchNorm1d(8)

@@ -65,7 +65,7 @@ class TorchStep:
     ):
         check(config)
         self.spec, self.passes, self._device = objective.spec, passes, torch.device(device)
-        self._weights, self._settings, self._gan = dict(objective.weights), objective.settings, objective.gan
+        self._weights, self._settings, self._gan = objective.weights._asdict(), objective.settings, objective.gan
         self._clip_norm = config.train.clip_norm
         with self._device:
             self.generator = Generator(self.spec).to(memory_format=torch.channels_last)

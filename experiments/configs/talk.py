@@ -1,6 +1,8 @@
-"""HA2G on the Talk corpus, which is made on first use.
+"""A config of your own: HA2G on the Talk corpus, as the preset talk:SIZE; copy the file and change settings.
 
-ha2g train --config talk:small --workdir runs/talk
+ha2g train --config experiments/configs/talk.py:small --workdir runs/talk
+
+`ha2g train --help` lists all settings. The kinds of data, methods and rows of tables are in `ha2g_jax.config.presets`.
 """
 
 from ha2g_jax.config import presets
@@ -8,4 +10,8 @@ from ha2g_jax.config.settings import Config
 
 
 def get_config(size: str = "paper") -> Config:
-    return presets.make("talk", size)
+    changes = {
+        # "train.steps": 20_000,
+        # "loss.ha2g.weights.physical": 0.1,
+    }
+    return presets.make("talk", size, method="ha2g", changes=changes)

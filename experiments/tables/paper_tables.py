@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ha2g_jax.config import presets
-from ha2g_jax.config.presets import ablations
 from ha2g_jax.errors import UserError
 
 GROUND_TRUTH = "Ground Truth"
@@ -180,8 +179,8 @@ def table(name: str, data: str) -> Table:
 def _ablations(name: str) -> Table:
     title, numbers = _ABLATIONS[name]
     data = "ted_gesture" if name == "gesture_ablation" else "ted_expressive"
-    settings = ablations.TABLES[name]
+    settings = presets.TABLES[name]
     if name == "table11":
         settings = {f"M = {row}": changes for row, changes in settings.items()}
     rows = tuple(Row(row, "ha2g", changes, numbers[row], row in _COMPARABLE) for row, changes in settings.items())
-    return Table(title, data, TABLE_1[data][GROUND_TRUTH], rows, "M = 4" if name == "table11" else ablations.FULL)
+    return Table(title, data, TABLE_1[data][GROUND_TRUTH], rows, "M = 4" if name == "table11" else presets.FULL)

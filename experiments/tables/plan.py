@@ -309,7 +309,7 @@ def _run(request: Request, plan: Plan, method: str, changes: Mapping[str, Any], 
         config = presets.make(request.data, request.size, method, {**asked, **changes, **more}).lock()
         plain = presets.make(request.data, request.size, method, {**asked, **more})
     except (KeyError, TypeError, ValueError) as error:  # ml_collections' for a key or a type that is not there
-        raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g_jax/config") from error
+        raise UserError(f"--changes do not fit: {' '.join(str(error).split())}; see ha2g train --help") from error
     values = json.loads(config.to_json())
     is_plain = values == json.loads(plain.to_json())
     label = method if is_plain else f"{method}-{re.sub('[^a-z0-9]+', '-', row.lower()).strip('-')}"

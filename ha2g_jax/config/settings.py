@@ -1,137 +1,266 @@
-"""The configuration of a run: the settings of the paper, and smaller sizes.
+"""The settings of a run: one table of names, defaults, ranges and meanings, from which a config is made and checked.
 
-`experiments/configs/*.py` start from `paper()` and change the settings for their data set. A config is one
-`ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that build networks and
-objectives read it; elsewhere modules take their own fields and functions take arguments.
+A config is one `ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that
+build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D19
+are decisions where the paper is silent, see docs/model.md and docs/objective.md.
 """
 
-from typing import Any, TypeAlias
+import reprlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias
 
 import ml_collections
 
-from ha2g_jax.config import renames as config_renames
+from ha2g_jax.config.ranges import FLAG, TEXT, Range, above, below, number, one_of, several, so_that, some_of, whole
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.limits import (
+    MAX_CHANNELS,
+    MAX_IMAGE_SIZE,
+    MAX_LAYERS,
+    MAX_REFERENCE_IMAGES,
+    MAX_SEED,
+    MAX_SETTING,
+    MAX_TEXT_LAYERS,
+    MAX_WHISPER_LAYERS,
+    MAX_WINDOW_FRAMES,
+)
 
 # An ml_collections.ConfigDict, whose settings have no types that a type checker could know.
 Config: TypeAlias = Any
 
 MIN_FPS, MAX_FPS = 15, 30  # frames per second that features and networks can be derived for
+MIN_FRAMES = 17  # of a window, likewise
 
 
-def paper(skeleton: str) -> Config:
-    """Return the config of HA2G with the sizes and settings of the paper.
+class Setting(NamedTuple):
+    """One row of the table: dotted name, value in the paper's HA2G, values that are possible, and meaning."""
+
+    name: str
+    default: Any
+    range: Range
+    meaning: str
+
+
+_FRACTION, _WEIGHT, _COUNT = number(0, 1), number(0), whole(0)
+_SIZE, _LAYERS = whole(1, MAX_CHANNELS), whole(1, MAX_LAYERS)
+_HIDDEN = whole(2, MAX_CHANNELS)  # half of it is a width too
+_LEVELS = ("low", "mid", "high")
+_GAN = one_of("non_saturating", "minimax", "least_squares")
+# Squeeze and excitation divides channels by 8, the pixel shuffles before the heads by 4 and 16.
+_STAGE_CHANNELS = so_that(
+    several(whole(8, MAX_CHANNELS), 4),
+    f"four whole numbers from 8 to {MAX_CHANNELS}, the third a multiple of 4, the fourth of 16",
+    lambda values: values[2] % 4 == 0 and values[3] % 16 == 0,
+)
+# Four stages halve the 128 frequencies three times, and the kernels of the heads are up to 3 wide.
+_STEM_STRIDE = so_that(several(whole(1, 16), 2), "(1 to 16, 1)", lambda values: values[1] == 1)
+_BOUNDS = so_that(several(number(-MAX_SETTING), 2), "a lower and an upper bound", lambda values: values[0] <= values[1])
+
+SETTINGS = (
+    Setting("name", "ha2g", TEXT, "name of the preset, which the progress bar shows"),
+    Setting("method", "ha2g", TEXT, "name of the method, a key of `OF_METHOD`"),
+    Setting("seed", 0, whole(0, MAX_SEED), "seed of all random choices"),
+    Setting("skeleton", "", TEXT, "skeleton of the data, ted_expressive or ted_gesture"),
+    Setting("data.path", "", TEXT, 'folder of records; "talk" builds the Talk corpus in the user\'s cache'),
+    Setting("data.num_frames", 34, whole(MIN_FRAMES, MAX_WINDOW_FRAMES), "frames of a window, N"),
+    Setting("data.num_seed_frames", 4, whole(1, MAX_WINDOW_FRAMES), "frames of the seed pose, M"),
+    Setting("data.num_reference_images", 4, whole(1, MAX_REFERENCE_IMAGES), "images of a speaker; M in the paper"),
+    Setting("data.fps", 15, whole(MIN_FPS, MAX_FPS), "frames per second"),
+    Setting("data.image_size", 224, whole(1, MAX_IMAGE_SIZE), "height and width of the images in pixels"),
+    Setting("data.jitter", 0, _COUNT, "frames by which a training window starts late, at most, at random"),
+    Setting("data.mirror", 0.0, _FRACTION, "fraction of windows mirrored left to right, with another identity"),
+    Setting("data.vocal_tract", 0.0, below(1), "fraction by which a vocal tract is longer or shorter, at most"),
+    Setting("data.equalizer_db", 0.0, _WEIGHT, "dB by which a band is louder or quieter, at most"),
+    Setting("data.reverb", 0.0, _FRACTION, "fraction of windows with the reverberation of a room"),
+    Setting("data.gain_db", 0.0, _WEIGHT, "dB by which a window is quieter, at most"),
+    Setting("data.noise", 0.0, _FRACTION, "fraction of windows with noise in the speech"),
+    Setting("data.noise_snr_db", (10.0, 40.0), _BOUNDS, "signal-to-noise ratio in dB"),
+    Setting("data.lookahead", 0.0, _FRACTION, "fraction of windows whose end is hidden, to generate while one speaks"),
+    Setting("data.workers", 0, _COUNT, "processes that read and decode clips; 0 for threads of this process"),
+    Setting("data.cache_gib", 8.0, _WEIGHT, "GiB for the decoded clips of a split, for all workers of this host"),
+    Setting("model.architecture", "paper", one_of("paper", "release"), "networks of the paper or of the public code"),
+    Setting("model.recompute", False, FLAG, "compute activations of ResNets again for the gradient instead of keeping"),
+    Setting("model.audio.kind", "resnet_se", one_of("resnet_se", "whisper"), "encoder E_a, or that of HA2G-ASR (D5)"),
+    Setting("model.audio.resnet_se.blocks", (3, 4, 6, 3), several(_LAYERS, 4), "blocks of each stage"),
+    Setting("model.audio.resnet_se.channels", (32, 64, 128, 256), _STAGE_CHANNELS, "channels of each stage"),
+    Setting("model.audio.resnet_se.stem_stride", (1, 1), _STEM_STRIDE, "stride along mel and time"),
+    Setting("model.audio.weights", "", TEXT, "for whisper: a Hugging Face folder, such as openai/whisper-tiny.en"),
+    Setting("model.audio.whisper.num_mels", 80, _SIZE, "mel bands; other sizes than those of tiny are possible too"),
+    Setting("model.audio.whisper.d_model", 384, whole(4, MAX_CHANNELS), "channels, an even multiple of the heads"),
+    Setting("model.audio.whisper.layers", 4, whole(1, MAX_WHISPER_LAYERS), "blocks"),
+    Setting("model.audio.whisper.heads", 6, _SIZE, "heads of the attention"),
+    Setting("model.audio.whisper.ffn_dim", 1536, _SIZE, "channels of the hidden layers"),
+    Setting("model.audio.levels", _LEVELS, some_of(*_LEVELS), "levels that the style coordinator blends"),
+    Setting("model.audio.feature_dim", 32, _SIZE, "values of a feature of audio and text"),
+    Setting("model.text.kind", "tcn", one_of("tcn"), "encoder E_t"),
+    Setting("model.text.embedding_dim", 300, _SIZE, "values of a word vector"),
+    Setting("model.text.vectors", "", TEXT, "word vectors to start from: fastText, GloVe or word2vec file"),
+    Setting("model.text.channels", 300, _SIZE, "channels of the blocks"),
+    Setting("model.text.layers", 4, whole(1, MAX_TEXT_LAYERS), "blocks"),
+    Setting("model.text.receptive_field", "centred", one_of("centred", "causal"), "D4: 16 words, or 31 of the past"),
+    Setting("model.text.dropout", 0.3, _FRACTION, "dropout rate"),
+    Setting("model.identity.kind", "images", one_of("images", "speakers"), "E_ID: ResNet-18, or a table of speakers"),
+    Setting("model.identity.images.blocks", (2, 2, 2, 2), several(_LAYERS, 4), "residual blocks of each stage"),
+    Setting("model.identity.images.width", 64, _SIZE, "channels of the first stage"),
+    Setting("model.identity.feature_dim", 18, _SIZE, "values of f_id"),
+    Setting("model.inferer.levels", (), several(whole(1, MAX_LAYERS)), "levels of the motion, from 1; () for all"),
+    Setting("model.inferer.coordinator", "levels", one_of("levels", "tied"), "tied: the same audio for all levels"),
+    Setting("model.inferer.hidden_dim", 300, _HIDDEN, "values of a state of the GRU"),
+    Setting("model.inferer.layers", 4, _LAYERS, "layers of the GRU"),
+    Setting("model.inferer.dropout", 0.3, _FRACTION, "dropout rate between the layers"),
+    Setting("model.discriminator.hidden_dim", 64, _SIZE, "values of a state of the GRU"),
+    Setting("model.discriminator.layers", 4, _LAYERS, "layers of the GRU (D17)"),
+    Setting("model.discriminator.dropout", 0.3, _FRACTION, "dropout rate between the layers"),
+    Setting("train.steps", 200_000, whole(1), "steps of the run"),
+    Setting("train.batch_size", 128, whole(1), "windows of a step, of all devices together"),
+    Setting("train.learning_rate", 1e-4, _WEIGHT, "learning rate of the generator"),
+    Setting("train.discriminator_learning_rate", 1e-4, _WEIGHT, "learning rate of the discriminator"),
+    Setting("train.betas", (0.5, 0.999), several(below(1), 2), "decay rates of the moments of Adam"),
+    Setting("train.schedule", "constant", one_of("constant", "cosine"), "cosine: rates fall to 0 at the end"),
+    Setting("train.clip_norm", 0.0, _WEIGHT, "largest norm of the gradient of a network; 0 for no limit"),
+    Setting("train.ema", 0.0, below(1), "decay of the running average of the generator; 0 for no average"),
+    Setting("train.dtype", "float32", one_of("float32", "bfloat16"), "type of activations; all else stays float32"),
+    Setting("train.accumulate", 1, whole(1), "parts of a batch, a divisor of it: the same update in less memory"),
+    Setting("train.init_from", "", TEXT, 'model to start from: "demo", a folder, or hf://OWNER/NAME@REVISION'),
+    Setting("train.warmup_epochs", 10, _COUNT, "epochs before the GAN term is used (D9)"),
+    Setting("train.log_every", 50, whole(1), "steps between lines of metrics"),
+    Setting("train.validate_every", 1000, whole(1), "steps between validations"),
+    Setting("train.checkpoint_every", 1000, whole(1), "steps between checkpoints"),
+    Setting("train.keep", 2, whole(1), "latest checkpoints to keep, besides the best"),
+    Setting("train.best_by", "loss/huber", TEXT, "least in the best checkpoint, on the validation split"),
+    Setting("train.sample_every", 0, _COUNT, "steps between videos of a validation clip; 0 for no videos"),
+    Setting("train.wandb", "", TEXT, 'project of Weights & Biases; "" for no report'),
+    Setting("train.devices", 0, _COUNT, "devices to use; 0 for all"),
+)
+
+_NO_IDENTITY = Setting("model.identity.kind", "none", one_of("none"), "the method knows no speakers")
+_WAVEFORM = Setting("model.audio.kind", "waveform", one_of("waveform"), "samples of the speech")
+_NO_AUDIO = Setting("model.audio.kind", "none", one_of("none"), "the method hears nothing")
+_PAPER = Setting("model.architecture", "paper", one_of("paper"), "networks of the paper")
+
+
+def _losses(method: str, weights: Mapping[str, float], *settings: Setting) -> tuple[Setting, ...]:
+    """Return the rows of `config.loss.<method>`: the weights of the terms and their settings."""
+    rows = [Setting(f"weights.{name}", weight, _WEIGHT, f"weight of {name}") for name, weight in weights.items()]
+    return tuple(row._replace(name=f"loss.{method}.{row.name}") for row in (*rows, *settings))
+
+
+_GAN_KIND = Setting("gan", "non_saturating", _GAN, "minimax is Eq. 6")
+_HUBER_DELTA = Setting("huber_delta", 0.1, above(0), "difference at which Huber's parabola becomes a line (D8)")
+_STYLE_CLIP = Setting("style_clip", 1000.0, above(0), "epsilon of Eq. 7")
+
+# What a method has beside `SETTINGS` or in place of one of them; weights and settings of its losses.
+OF_METHOD: dict[str, tuple[Setting, ...]] = {
+    "ha2g": _losses(
+        "ha2g",  # weights of the paper, but for "physical" (0.1, D18); that of "huber" is of one level (D14)
+        {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1},
+        _GAN_KIND,
+        _HUBER_DELTA,
+        Setting("temperature", 0.07, above(0), "tau of Eq. 2"),
+        Setting("negatives", _LEVELS, some_of(*_LEVELS), "levels of the audio in the denominator of Eq. 2"),
+        Setting("style_delta", 0.05, above(0), "as huber_delta, of the style term (D15)"),
+        _STYLE_CLIP,
+    ),
+    "seq2seq": (
+        *(_NO_IDENTITY, _NO_AUDIO, _PAPER),
+        *_losses("seq2seq", {"mse": 250.0, "continuity": 0.1, "variance": 25.0}),
+    ),
+    "speech2gesture": (
+        *(_NO_IDENTITY, _PAPER),
+        Setting("model.audio.kind", "spectrogram", one_of("spectrogram"), "log-mel spectrogram"),
+        Setting("model.audio.spectrogram.channels", (64, 128, 256), several(_SIZE, least=1), "channels of each stage"),
+        Setting("model.legacy", False, FLAG, "as HA2G was compared with: swapped axes, second differences"),
+        *_losses("speech2gesture", {"l1": 100.0, "gan": 10.0}, _GAN_KIND._replace(default="least_squares")),
+    ),
+    "joint_embedding": (
+        *(_NO_IDENTITY, _WAVEFORM, _PAPER),
+        Setting("model.context.hidden_dim", 256, _HIDDEN, "values of a state of the GRU that reads the speech"),
+        Setting("model.context.layers", 2, _LAYERS, "its layers"),
+        *_losses("joint_embedding", {"l1": 1.0}),
+    ),
+    "trimodal": (
+        *(_WAVEFORM, Setting("model.identity.kind", "speakers", one_of("speakers"), "a table of speakers")),
+        Setting("model.text.kind", "tcn", one_of("tcn", "none"), "none: gestures from sound alone"),
+        *_losses(
+            "trimodal",
+            {"gan": 5.0, "huber": 500.0, "style": 0.05, "kld": 0.1},
+            *(_GAN_KIND, _HUBER_DELTA, _STYLE_CLIP),
+        ),
+    ),
+    "autoencoder": (
+        *(_NO_IDENTITY, _NO_AUDIO),
+        *_losses("autoencoder", {"reconstruction": 1.0, "velocity": 1.0, "cosine": 0.001}),
+    ),
+}
+
+TRAINING = ("loss", "train")  # parts that the config of a model has not
+# Parts whose settings become the fields of one object, so that there can be no others.
+_CLOSED = ("model.audio.resnet_se", "model.audio.whisper", "model.identity.images", "model.discriminator")
+
+
+def table(method: str) -> tuple[Setting, ...]:
+    """Return the settings of a method, in the order of a config."""
+    own = {row.name: row for row in OF_METHOD.get(method, ())}
+    rows = [own.pop(row.name, row) for row in SETTINGS]
+    first = next(index for index, row in enumerate(rows) if row.name.startswith("train."))
+    return (*rows[:first], *own.values(), *rows[first:])
+
+
+def paper(skeleton: str, method: str = "ha2g") -> Config:
+    """Return the config of a method, of HA2G with the sizes and settings of the paper.
 
     Args:
         skeleton: name of the skeleton of the data, "ted_expressive" or "ted_gesture".
+        method: name of the method, a key of `OF_METHOD`.
     """
     config = ml_collections.ConfigDict()
-    config.name = "ha2g"
-    config.method = "ha2g"  # a name in ha2g_jax.methods.TRAINABLE
-    config.seed = 0
-    config.skeleton = skeleton
-
-    config.data = ml_collections.ConfigDict()
-    config.data.path = ""  # folder of records; "talk" builds the Talk corpus in the user's cache
-    config.data.num_frames = 34  # N
-    config.data.num_seed_frames = 4  # M
-    config.data.num_reference_images = 4  # images of a speaker that E_ID takes; equal to M in the paper
-    config.data.fps = 15
-    config.data.image_size = 224
-    config.data.jitter = 0  # largest number of frames by which a training window starts late, at random
-    config.data.mirror = 0.0  # fraction of training windows that are mirrored left to right, with another identity
-    config.data.vocal_tract = 0.0  # largest fraction by which a vocal tract is made longer or shorter, at random
-    config.data.equalizer_db = 0.0  # largest number of dB by which a band is made louder or quieter, at random
-    config.data.reverb = 0.0  # fraction of training windows with the reverberation of a room
-    config.data.gain_db = 0.0  # largest number of dB by which a training window is made quieter, at random
-    config.data.noise = 0.0  # fraction of training windows with noise in the speech
-    config.data.noise_snr_db = (10.0, 40.0)  # range of the signal-to-noise ratio in dB
-    config.data.lookahead = 0.0  # fraction of training windows whose end is hidden, for generation while someone speaks
-    config.data.workers = 0  # processes that read and decode clips; 0 for threads of this process
-    config.data.cache_gib = 8.0  # GiB of memory for the decoded clips of a split, for all workers of this host
-
-    config.model = ml_collections.ConfigDict()
-    config.model.architecture = "paper"  # or "release": of ha2g, trimodal and autoencoder as in the public code
-    config.model.recompute = False  # compute activations of ResNets again in the backward pass instead of keeping them
-    config.model.audio = ml_collections.ConfigDict()
-    config.model.audio.kind = "resnet_se"  # or "whisper" (D5); baselines have "spectrogram", "waveform" or "none"
-    config.model.audio.resnet_se = ml_collections.ConfigDict(
-        {"blocks": (3, 4, 6, 3), "channels": (32, 64, 128, 256), "stem_stride": (1, 1)}
-    )
-    config.model.audio.weights = ""  # for "whisper": a Hugging Face folder, such as openai/whisper-tiny.en
-    config.model.audio.whisper = ml_collections.ConfigDict(  # sizes of the encoder, by default those of tiny
-        {"num_mels": 80, "d_model": 384, "layers": 4, "heads": 6, "ffn_dim": 1536}
-    )
-    config.model.audio.levels = ("low", "mid", "high")  # levels that the style coordinator blends
-    config.model.audio.feature_dim = 32
-    config.model.text = ml_collections.ConfigDict()
-    config.model.text.kind = "tcn"  # or, in Trimodal, "none": gestures from sound alone
-    config.model.text.embedding_dim = 300
-    config.model.text.vectors = ""  # word vectors to start from: fastText, GloVe or word2vec file
-    config.model.text.channels = 300
-    config.model.text.layers = 4
-    config.model.text.receptive_field = "centred"  # D4: "centred" (16 words) or "causal" (31, past only)
-    config.model.text.dropout = 0.3
-    config.model.identity = ml_collections.ConfigDict()
-    config.model.identity.kind = "images"  # "images" (ResNet-18), "speakers" (a table) or, in baselines, "none"
-    # Residual blocks of each stage of the ResNet, and channels of the first stage.
-    config.model.identity.images = ml_collections.ConfigDict({"blocks": (2, 2, 2, 2), "width": 64})
-    config.model.identity.feature_dim = 18
-    config.model.inferer = ml_collections.ConfigDict()
-    config.model.inferer.levels = ()  # numbers of the levels of the motion, from 1; () for all
-    config.model.inferer.seed_level = "own"  # D7: the seed pose that a stage sees; "below" in older models
-    config.model.inferer.coordinator = "levels"  # or "tied": the same blend of audio for all levels
-    config.model.inferer.hidden_dim = 300
-    config.model.inferer.layers = 4
-    config.model.inferer.dropout = 0.3
-    config.model.discriminator = ml_collections.ConfigDict()
-    config.model.discriminator.hidden_dim = 64
-    config.model.discriminator.layers = 4  # D17
-
-    config.loss = ml_collections.ConfigDict()  # one part, named after the method
-    config.loss.ha2g = ml_collections.ConfigDict()
-    config.loss.ha2g.weights = ml_collections.ConfigDict(  # those of the paper, but for "physical" (0.1, D18)
-        {"gan": 1.0, "huber": 200.0, "physical": 0.01, "style": 0.05, "kld": 0.1, "contrastive": 0.1}
-    )
-    config.loss.ha2g.version = 2  # of the scales of the terms, docs/objective.md; runs of version 1 cannot be continued
-    config.loss.ha2g.gan = "non_saturating"  # or "minimax", Eq. 6, or "least_squares"
-    config.loss.ha2g.huber_delta = 0.1  # D8; the weight of the Huber term is that of one level of the motion, D14
-    config.loss.ha2g.temperature = 0.07
-    config.loss.ha2g.negatives = ("low", "mid", "high")  # audio levels in the denominator of Eq. 2
-    config.loss.ha2g.style_delta = 0.05  # D15
-    config.loss.ha2g.style_clip = 1000.0
-
-    config.train = ml_collections.ConfigDict()
-    config.train.steps = 200_000
-    config.train.batch_size = 128
-    config.train.learning_rate = 1e-4
-    config.train.discriminator_learning_rate = 1e-4
-    config.train.betas = (0.5, 0.999)
-    config.train.schedule = "constant"  # or "cosine": both rates fall to 0 at the last step
-    config.train.clip_norm = 0.0  # largest norm of the gradient of a network; 0 for no limit
-    config.train.ema = 0.0  # decay of the running average of the generator; 0 for no average
-    config.train.dtype = "float32"  # of activations, or "bfloat16"; parameters, statistics and losses stay float32
-    config.train.accumulate = 1  # number of parts of a batch; the same update in less memory
-    config.train.init_from = (
-        ""  # model whose weights training starts from: "demo", a folder, or hf://OWNER/NAME@REVISION
-    )
-    config.train.warmup_epochs = 10  # D9: epochs before the GAN term is used
-    config.train.log_every = 50
-    config.train.validate_every = 1000
-    config.train.checkpoint_every = 1000
-    config.train.keep = 2  # number of latest checkpoints to keep, besides the best
-    config.train.best_by = "loss/huber"  # the best checkpoint has the least mean of this over the validation split
-    config.train.sample_every = 0  # steps between videos of a validation clip; 0 for no videos
-    config.train.wandb = ""  # project of Weights & Biases; "" for no report
-    config.train.devices = 0  # number of devices to use; 0 for all
+    for row in table(method):
+        *path, last = row.name.split(".")
+        part: Any = config
+        for name in path:
+            if name not in part:
+                part[name] = ml_collections.ConfigDict()
+            part = part[name]
+        part[last] = row.default
+    config.skeleton, config.method = skeleton, method
     return config
 
 
-def from_json(values: Any) -> Config:
-    """Return a stored config, locked; settings that were added later have the values of `paper`.
+def change(config: Config, changes: Mapping[str, Any]) -> Config:
+    """Change settings of a config in place, and return it.
 
-    Old names of settings are read, see `config_renames`. A model folder stores neither losses nor settings of training,
-    so that its config has neither. Sizes are checked where networks are built from them.
+    Args:
+        config: settings.
+        changes: dotted name of a setting -> value.
+
+    Raises:
+        UserError: there is no such setting, or the value has another type.
+    """
+    for name, value in changes.items():
+        *path, last = name.split(".")
+        part = value_of(config, ".".join(path)) if path else config
+        if not isinstance(part, ml_collections.ConfigDict) or last not in part:
+            raise UserError(f"no setting {name!r}; `ha2g train --help` lists all")
+        try:
+            part[last] = value
+        except TypeError as error:
+            raise UserError(f"{name} cannot be {value!r}; expected a value like {part[last]!r}") from error
+    return config
+
+
+def value_of(config: Config, name: str) -> Any:
+    """Return the value of a setting by its dotted name, None if there is none."""
+    value = config
+    for key in name.split("."):
+        value = value.get(key) if isinstance(value, ml_collections.ConfigDict) else None
+    return value
+
+
+def from_json(values: Any) -> Config:
+    """Return a stored config, locked; settings that are not stored have their defaults.
+
+    A model folder stores neither losses nor settings of training, so that its config has neither. Values are checked
+    where networks are built from them.
 
     Args:
         values: plain values of config.json.
@@ -140,25 +269,53 @@ def from_json(values: Any) -> Config:
         ValueError: `values` are not a config.
     """
     try:
-        return _from_json(values)
+        config = paper(values["skeleton"], values.get("method", "ha2g"))
+        config.update(values)
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(str(error)) from error
-
-
-def _from_json(values: Any) -> Config:
-    if not isinstance(values, dict) or not isinstance(values.get("skeleton"), str):
-        raise TypeError("no skeleton" if isinstance(values, dict) else "not an object of JSON")
-    values = config_renames.with_new_names(values)[0]
-    config = paper(values["skeleton"])
-    stored = values.get("loss", {})
-    for method in set(config.loss) - set(stored):
-        del config.loss[method]
-    for method in config.loss:
-        config.loss[method].weights = ml_collections.ConfigDict()  # a term that is not stored did not exist
-    config.update(values)
-    if "train" not in values:
-        del config.train
+    for part in set(TRAINING) - set(values):
+        del config[part]
     return config.lock()
+
+
+def check(config: Config, *, is_trained: bool = True) -> None:
+    """Check that every setting of a config is there and has a possible value.
+
+    Whether it fits the data and the machine is another question, see `ha2g_jax.train.fits`.
+
+    Args:
+        config: settings.
+        is_trained: whether to check losses and settings of training too, which the config of a model has not.
+
+    Raises:
+        UserError: a setting is missing, unknown, of another type or outside its range.
+    """
+    method = value_of(config, "method")
+    _check("method", method, one_of(*OF_METHOD))
+    rows = [row for row in table(method) if is_trained or row.name.split(".")[0] not in TRAINING]
+    for row in rows:
+        _check(row.name, value_of(config, row.name), row.range)
+    known = {row.name for row in rows} | {f"loss.{method}.weights"}
+    for part in _CLOSED + (f"loss.{method}", f"loss.{method}.weights") * is_trained:
+        if unknown := [key for key in value_of(config, part) if f"{part}.{key}" not in known]:
+            raise UserError(f"unknown setting config.{part}.{reprlib.repr(unknown[0])}; `ha2g train --help` lists all")
+    data, whisper = config.data, config.model.audio.whisper
+    _check("data.num_seed_frames", data.num_seed_frames, whole(1, data.num_frames // 2))  # half of a window
+    channels = so_that(_SIZE, "an even multiple of the heads", lambda size: size % whisper.heads == size % 2 == 0)
+    _check("model.audio.whisper.d_model", whisper.d_model, channels)
+    if is_trained:
+        size = config.train.batch_size
+        divisor = so_that(whole(1), f"a divisor of config.train.batch_size, {size}", lambda parts: size % parts == 0)
+        _check("train.accumulate", config.train.accumulate, divisor)
+        terms = (f"loss/{name}" for name in (*config.loss[method].weights, "total"))
+        _check("train.best_by", config.train.best_by, one_of(*terms))
+
+
+def _check(name: str, value: Any, range_: Range) -> None:
+    if value is None:
+        raise UserError(f"config.{name} is missing, expected {range_.expected}: set --config.{name}")
+    if not range_.contains(value):
+        raise UserError(f"config.{name} is {reprlib.repr(value)}, expected {range_.expected}: set --config.{name}")
 
 
 def check_fps(fps: float, name: str) -> None:
@@ -178,87 +335,10 @@ def check_fps(fps: float, name: str) -> None:
         )
 
 
-def small(config: Config) -> Config:
-    """Return the config with sizes that two CPU cores train in about an hour."""
-    config.data.image_size = 32
-    config.model.audio.resnet_se.blocks = (1, 1, 1, 1)
-    config.model.audio.resnet_se.channels = (16, 32, 64, 128)
-    config.model.audio.resnet_se.stem_stride = (4, 1)
-    config.model.text.embedding_dim = 64
-    config.model.text.channels = 64
-    config.model.identity.images.width = 8
-    config.model.inferer.hidden_dim = 64
-    config.model.inferer.layers = 2
-    config.model.inferer.dropout = 0.0
-    config.train.steps = 8000
-    config.train.batch_size = 64
-    config.train.learning_rate = 5e-4
-    config.train.log_every = 20
-    config.train.validate_every = 500
-    config.train.checkpoint_every = 500
-    return config
-
-
-def medium(config: Config) -> Config:
-    """Return the config with the sizes of the demo model; a step takes more than twice as long as a small one."""
-    config = small(config)
-    config.model.audio.resnet_se.blocks = (2, 2, 2, 1)
-    config.model.audio.resnet_se.channels = (32, 64, 128, 192)
-    config.model.inferer.hidden_dim = 128
-    return config
-
-
-def study(config: Config) -> Config:
-    """Return the config with sizes for dozens of runs in some hours on two CPU cores, to compare methods."""
-    config = small(config)
-    config.model.inferer.layers = 1
-    config.train.steps = 1000
-    config.train.warmup_epochs = 1  # ten epochs are longer than a run
-    config.train.batch_size = 32
-    config.train.learning_rate = 3e-3
-    config.train.schedule = "cosine"
-    config.train.validate_every = 200
-    config.train.checkpoint_every = 500
-    return config
-
-
-def debug(config: Config) -> Config:
-    """Return the config with the smallest sizes, for tests."""
-    config = small(config)
-    config.data.image_size = 32
-    config.model.audio.resnet_se.channels = (8, 8, 16, 32)
-    config.model.text.embedding_dim = 8
-    config.model.text.channels = 8
-    config.model.text.layers = 1
-    config.model.identity.images.blocks = (1, 1, 1, 1)
-    config.model.identity.images.width = 4
-    config.model.inferer.hidden_dim = 8
-    config.model.inferer.layers = 1
-    config.model.discriminator.hidden_dim = 8
-    config.model.discriminator.layers = 1
-    config.train.steps = 2
-    config.train.batch_size = 4
-    config.train.warmup_epochs = 0
-    config.train.log_every = 1
-    config.train.validate_every = 2
-    config.train.checkpoint_every = 2
-    config.train.devices = 1
-    return config
-
-
-SIZES = {"paper": lambda config: config, "medium": medium, "small": small, "study": study, "debug": debug}
-
-
-def sized(config: Config, size: str) -> Config:
-    """Return the config at one of `SIZES`.
-
-    Args:
-        config: settings of the paper, which are changed.
-        size: name of the size; "" for that of the paper.
-
-    Raises:
-        UserError: there is no such size.
-    """
-    if size and size not in SIZES:
-        raise UserError(f"the config has no size '{shown(size)}'; expected one of {', '.join(SIZES)}")
-    return SIZES[size or "paper"](config)
+def as_text(method: str = "ha2g") -> str:
+    """Return the table of a method as text, one line for each setting."""
+    rows = table(method)
+    width = max(len(row.name) for row in rows)
+    return "\n".join(
+        f"{row.name:{width}}  {row.meaning} ({row.range.expected}; {row.default!r} in the paper)" for row in rows
+    )

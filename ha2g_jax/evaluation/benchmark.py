@@ -14,7 +14,6 @@ import numpy as np
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.layers.cpu.onednn.library import without_onednn
 from ha2g_jax.synthesis import Model, load
 from ha2g_jax.train.measure import TimedStep, examine_machine
 
@@ -101,8 +100,7 @@ def measure(config: Config, checkpoint: str, precisions: Sequence[str] | None, s
             reason = str(error).splitlines()[0]
             raise UserError(f"the step in {precision} fails ({reason}): lower --batch-size") from error
     sys.stderr.write(f"generating {_SPEECH_SECONDS} s of motion {_ROUNDS + 1} times\n")
-    with without_onednn():  # as `ha2g generate` does
-        generation = _measure_generation(model)
+    generation = _measure_generation(model)
     return {
         "config": name,
         "machine": {finding.name: finding.found for finding in examine_machine()},

@@ -1,24 +1,14 @@
-"""Two-dimensional convolutions with faster programs than those of XLA on CPUs.
-
-With the extra `ha2g-jax[onednn]`, training computes them with oneDNN (`onednn`). Without it, wide convolutions of
-3 x 3 are Winograd's, with their gradients (`winograd`). For other wide kernels the gradient of the kernel is a matrix
-product: XLA computes it as a convolution whose window is a whole image, which is 1.5 to 10 times slower at the size of
-the paper (docs/performance.md). Small kernels, and accelerators, keep the programs of XLA.
-"""
-
-import functools
-import math
+"""Convolutions and batch normalisation of images, and the recomputation of both in the backward pass."""
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.cpu import chunks, winograd
-from ha2g_jax.layers.cpu.onednn import calls, library
+from ha2g_jax.layers.cpu.convolution import conv
 
-_LAYOUT = ("NHWC", "HWIO", "NHWC")
-_ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
+EPSILON = 1e-5
+_MOMENTUM = 0.1
 
 
 class Conv(nn.Module):
@@ -48,134 +38,62 @@ class Conv(nn.Module):
         return y
 
 
-def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
-    """Convolve images with a kernel.
+class BatchNorm(nn.Module):
+    """Normalise each channel (last axis) over all other axes, as `torch.nn.BatchNorm*d`.
 
-    It is `jax.lax.conv_general_dilated` with other programs on CPUs, so that it has gradients of any order in reverse
-    mode, but none in forward mode.
+    Training normalises by the biased variance of the batch, and moves the running statistics by a tenth towards the
+    mean and the *unbiased* variance of the batch; the layer of Linen keeps the biased variance. Statistics are float32.
+    Under `jit` with the batch split over devices they are those of the global batch.
+    """
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Map (..., channels) to the same shape; in training the collection "batch_stats" must be mutable."""
+        channels = x.shape[-1]
+        scale = self.param("scale", nn.initializers.ones, (channels,))
+        bias = self.param("bias", nn.initializers.zeros, (channels,))
+        running_mean = self.variable("batch_stats", "mean", jnp.zeros, (channels,), jnp.float32)
+        running_variance = self.variable("batch_stats", "variance", jnp.ones, (channels,), jnp.float32)
+
+        def expand(values):
+            return jnp.expand_dims(values, tuple(range(x.ndim - 1)))
+
+        values = x.astype(jnp.float32)
+        if train:
+            axes = tuple(range(x.ndim - 1))
+            mean = jnp.mean(values, axis=axes)
+            variance = jnp.mean(jnp.square(values - expand(mean)), axis=axes)
+            if not self.is_initializing():
+                count = x.size // channels
+                unbiased = variance * (count / max(count - 1, 1))
+                running_mean.value = (1 - _MOMENTUM) * running_mean.value + _MOMENTUM * mean
+                running_variance.value = (1 - _MOMENTUM) * running_variance.value + _MOMENTUM * unbiased
+        else:
+            mean, variance = running_mean.value, running_variance.value
+        factor = scale * jax.lax.rsqrt(variance + EPSILON)
+        return ((values - expand(mean)) * expand(factor) + expand(bias)).astype(x.dtype)
+
+
+def run_block(
+    block: nn.Module, x: jax.Array, *, train: bool, is_recomputed: bool, method: str = "__call__"
+) -> jax.Array:
+    """Run a module; if `is_recomputed`, keep only its input for the gradient and compute the activations again.
+
+    This is meant for modules with BatchNorm over the whole batch, which cannot take the batch in parts. On CPUs it
+    saves no memory, because XLA merges the second computation with the first.
 
     Args:
-        x: (B, H, W, inputs).
-        kernel: (height, width, inputs, channels), of the type of `x`.
-        stride: stride along height and width.
-        padding: number of zeros before and after each row and column.
+        block: module.
+        x: input of the method.
+        train: whether to run in training mode.
+        is_recomputed: whether to compute the activations again in the backward pass.
+        method: name of the method to run.
 
     Returns:
-        (B, (H + 2 padding - height) // stride + 1, ..., channels).
+        The output of the method.
     """
-    edges = [edge + 2 * padding - width for edge, width in zip(x.shape[1:3], kernel.shape[:2], strict=True)]
-    if x.size and min(edges) >= 0 and library.is_used_for(x, kernel):
-        return calls.conv(x, kernel, stride, padding)
-    return _conv(x, kernel, stride, padding)
 
+    def call(block: nn.Module, x: jax.Array) -> jax.Array:
+        return getattr(block, method)(x, train=train)
 
-def _native(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
-    pairs = ((padding, padding), (padding, padding))
-    return jax.lax.conv_general_dilated(x, kernel, stride, pairs, dimension_numbers=_LAYOUT)
-
-
-@functools.partial(jax.custom_vjp, nondiff_argnums=(2, 3))
-def _conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> jax.Array:
-    native = functools.partial(_native, stride=stride, padding=padding)
-    if not is_faster_with_winograd(x, kernel, stride, padding):
-        return native(x, kernel)
-    return jax.lax.platform_dependent(x, kernel, cpu=functools.partial(winograd.conv, padding=padding), default=native)
-
-
-def _forward(x, kernel, stride, padding):
-    return _conv(x, kernel, stride, padding), (x, kernel)
-
-
-def _backward(stride, padding, residuals, cotangent):
-    x, kernel = residuals
-    native = functools.partial(_native_kernel_gradient, kernel=kernel, stride=stride, padding=padding)
-    if is_faster_with_winograd(x, kernel, stride, padding):
-        x_gradient = _conv(cotangent, kernel[::-1, ::-1].swapaxes(2, 3), (1, 1), 2 - padding)
-        program = functools.partial(winograd.kernel_gradient, padding=padding)
-    else:
-        (x_gradient,) = jax.linear_transpose(lambda x: _native(x, kernel, stride, padding), x)(cotangent)
-        if not is_faster_with_products(x.shape, kernel.shape, cotangent.shape):
-            return x_gradient, native(x, cotangent)
-        program = functools.partial(kernel_gradient, size=kernel.shape[:2], stride=stride, padding=padding)
-    return x_gradient, jax.lax.platform_dependent(x, cotangent, cpu=program, default=native)
-
-
-_conv.defvjp(_forward, _backward)
-
-
-def is_faster_with_winograd(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int) -> bool:
-    """Decide by the arguments of `conv` whether Winograd's convolution is faster on a CPU than that of XLA.
-
-    Its matrix products need 32 channels, and enough positions to outweigh the transform of the kernel. Its sums are
-    exact enough in float32 but not in narrower types. `benchmarks/conv.py` measures both.
-    """
-    is_3x3 = kernel.shape[:2] == (3, 3) and stride == (1, 1) and padding <= 2
-    is_wide = min(kernel.shape[2:]) >= 32 and math.prod(x.shape[:3]) >= 1 << 11
-    return is_3x3 and is_wide and x.dtype.itemsize >= 4 and x.size * kernel.shape[3] >= 1 << 22
-
-
-def is_faster_with_products(x: tuple[int, ...], kernel: tuple[int, ...], cotangent: tuple[int, ...]) -> bool:
-    """Decide by the shapes of `conv` whether `kernel_gradient` is faster on a CPU than the gradient of XLA.
-
-    Products need wide matrices, and XLA small images; `benchmarks/conv.py` measures both.
-    """
-    rows, columns, inputs, channels = kernel
-    if math.prod(cotangent[:-1]) * inputs * channels < 1 << 22:
-        return False  # either takes a few milliseconds, and XLA's compiles sooner
-    is_pointwise = rows == columns == 1
-    return is_pointwise or inputs * channels >= 1 << 11 or math.prod(x[1:]) >= 1 << 17
-
-
-def _native_kernel_gradient(
-    x: jax.Array, cotangent: jax.Array, *, kernel: jax.Array, stride: tuple[int, int], padding: int
-) -> jax.Array:
-    return jax.linear_transpose(lambda kernel: _native(x, kernel, stride, padding), kernel)(cotangent)[0]
-
-
-def kernel_gradient(
-    x: jax.Array, cotangent: jax.Array, *, size: tuple[int, int], stride: tuple[int, int], padding: int
-) -> jax.Array:
-    """Return the gradient of a kernel as matrix products, one for each row of the kernel and chunk of images.
-
-    The columns that a row of the kernel covers lie side by side on the channels, so that each product is that of
-    (width inputs, positions) and (positions, channels). Sums are float32.
-
-    Args:
-        x: (B, H, W, inputs) input of the convolution.
-        cotangent: (B, H', W', channels) gradient of its output.
-        size: height and width of the kernel.
-        stride, padding: those of the convolution.
-
-    Returns:
-        (height, width, inputs, channels), of the type of `cotangent`.
-    """
-    inputs, (_, height, width, channels) = x.shape[-1], cotangent.shape
-    rows, columns = size
-    padded = jnp.pad(x, ((0, 0), (padding, padding), (padding, padding), (0, 0)))
-    parts, cotangents = (chunks.split(array, math.ceil(_ROWS / (height * width))) for array in (padded, cotangent))
-
-    def add(total: jax.Array, index: jax.Array) -> tuple[jax.Array, None]:
-        image, out = chunks.take(parts, index), chunks.take(cotangents, index).reshape(-1, channels)
-        # Updates in place copy faster than a concatenation, which XLA computes value by value.
-        covered = jnp.zeros((*image.shape[:2], width, columns * inputs), image.dtype)
-        for first in range(columns):
-            column = _every(image, 2, first, width, stride[1])
-            covered = jax.lax.dynamic_update_slice_in_dim(covered, column, first * inputs, axis=3)
-        products = [
-            jax.lax.dot_general(
-                out,
-                _every(covered, 1, first, height, stride[0]).reshape(-1, columns * inputs),
-                (((0,), (0,)), ((), ())),
-                preferred_element_type=jnp.float32,
-            )
-            for first in range(rows)
-        ]
-        return total + jnp.stack(products), None
-
-    start = jnp.zeros((rows, channels, columns * inputs), jnp.float32)
-    total, _ = jax.lax.scan(add, start, jnp.arange(parts.shape[1]))
-    return total.reshape(rows, channels, columns, inputs).transpose(0, 2, 3, 1).astype(cotangent.dtype)
-
-
-def _every(x: jax.Array, axis: int, first: int, count: int, stride: int) -> jax.Array:
-    return jax.lax.slice_in_dim(x, first, first + (count - 1) * stride + 1, stride, axis)
+    return nn.remat(call)(block, x) if is_recomputed else call(block, x)

@@ -1,6 +1,6 @@
 """Gated recurrent units of one or two directions, with the parameters of PyTorch: the only recurrence of the project.
 
-Rows of the stacked weights are in the order reset r, update z, new n. `gru_scan` has the equations.
+Rows of the stacked weights are in the order reset r, update z, new n. `gru_cell` has the equations.
 """
 
 import jax
@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.gru_scan import Gates, gru_cell, gru_scan, sequence_scan
+from ha2g_jax.layers.cpu.recurrence import gru_scan
+from ha2g_jax.layers.gru_cell import Gates, gru_cell, sequence_scan
 
 
 def _weights(module: nn.Module, inputs: int, hidden_dim: int, suffix: str) -> tuple[jax.Array, ...]:
@@ -152,3 +153,30 @@ class GRUCells(nn.Module):
             gates, bias = _gates(x[None], weights)
             after.append(gru_cell(state, jax.tree.map(lambda gate: gate[0], gates), _kernels(weights), bias))
         return tuple(after)
+
+
+class FrameDecoder(nn.Module):
+    """Decoder of the features of each frame to a pose: a bidirectional GRU and two linear maps.
+
+    Joint Embedding, Trimodal and the release of HA2G share it (Yoon et al. 2020).
+
+    Attributes:
+        pose_dim: number of values of a flat pose.
+        hidden_dim, layers, dropout: settings of the GRU, see `BiGRU`; the first linear map has half its width.
+        slope: slope of the activation for negative values. The release of Trimodal passes True in its place, which
+            makes it 1 and the activation the identity.
+    """
+
+    pose_dim: int
+    hidden_dim: int
+    layers: int
+    dropout: float
+    slope: float = 0.01
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Map features (B, N, inputs) to poses (B, N, pose_dim)."""
+        hidden = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
+        hidden = nn.Dense(self.hidden_dim // 2, kernel_init=initializers.LINEAR, name="linear_1")(hidden)
+        hidden = nn.leaky_relu(hidden, self.slope)
+        return nn.Dense(self.pose_dim, kernel_init=initializers.LINEAR, name="linear_2")(hidden)

@@ -1,11 +1,13 @@
-"""Speaker identity encoders E_ID: mean and log-variance of f_id, from images or from a table of speakers."""
+"""Speaker identity encoders E_ID: mean and log-variance of f_id, from images by ResNet-18 or from a table."""
+
+import functools
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.resnet import ResNet
+from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
 
 
 class ImageIdentity(nn.Module):
@@ -17,7 +19,7 @@ class ImageIdentity(nn.Module):
         blocks: number of residual blocks of each stage of the ResNet; those of ResNet-18 in the paper.
         width: channels of the first stage of the ResNet.
         feature_dim: number of values of f_id.
-        is_recomputed: see `recompute.run`.
+        is_recomputed: see `conv.run_block`.
     """
 
     blocks: tuple[int, int, int, int] = (2, 2, 2, 2)
@@ -62,6 +64,58 @@ class SpeakerIdentity(nn.Module):
         if self.has_hidden:
             x = nn.Dense(self.feature_dim, kernel_init=initializers.LINEAR, name="linear")(x)
         return _heads(x, self.feature_dim)
+
+
+class ResNet(nn.Module):
+    """ResNet of basic blocks (He et al. 2016) without the global average pool and the classifier, by default ResNet-18.
+
+    Attributes:
+        blocks: number of residual blocks of each stage.
+        width: channels of the first stage, doubled at each following stage; 64 in the paper.
+        is_recomputed: see `conv.run_block`.
+    """
+
+    blocks: tuple[int, int, int, int] = (2, 2, 2, 2)
+    width: int = 64
+    is_recomputed: bool = False
+
+    @nn.compact
+    def __call__(self, images: jax.Array, *, train: bool) -> jax.Array:
+        """Map images (B, S, S, 3) to features (B, S / 32, S / 32, 8 * width), sizes rounded up."""
+        run = functools.partial(run_block, train=train, is_recomputed=self.is_recomputed)
+        x = run(self, images, method="_stem")
+        for stage, blocks in enumerate(self.blocks):
+            for block in range(blocks):
+                stride = 2 if stage and not block else 1
+                name = f"stage_{stage + 1}_block_{block}"
+                x = run(ResidualBlock(self.width * 2**stage, stride, name=name), x)
+        return x
+
+    def _stem(self, images: jax.Array, *, train: bool) -> jax.Array:
+        x = Conv(self.width, (7, 7), (2, 2), 3, use_bias=False, name="conv")(images)
+        x = nn.relu(BatchNorm(name="norm")(x, train=train))
+        # Flax declares the padding as a string but also accepts pairs.
+        return nn.max_pool(x, (3, 3), strides=(2, 2), padding=((1, 1), (1, 1)))  # pyright: ignore[reportArgumentType]
+
+
+class ResidualBlock(nn.Module):
+    """Residual block: conv, BN, ReLU, conv, BN, add, ReLU; the shortcut is a 1x1 conv and BN if the shape changes."""
+
+    channels: int
+    stride: int
+
+    @nn.compact
+    def __call__(self, x: jax.Array, *, train: bool) -> jax.Array:
+        """Map (B, H, W, C) to (B, H / stride, W / stride, channels), rounded up."""
+        strides = (self.stride, self.stride)
+        y = Conv(self.channels, (3, 3), strides, 1, use_bias=False, name="conv_1")(x)
+        y = nn.relu(BatchNorm(name="norm_1")(y, train=train))
+        y = Conv(self.channels, (3, 3), padding=1, use_bias=False, name="conv_2")(y)
+        y = BatchNorm(name="norm_2")(y, train=train)
+        if self.stride != 1 or x.shape[-1] != self.channels:
+            x = Conv(self.channels, (1, 1), strides, use_bias=False, name="shortcut_conv")(x)
+            x = BatchNorm(name="shortcut_norm")(x, train=train)
+        return nn.relu(x + y)
 
 
 def _heads(x: jax.Array, feature_dim: int) -> tuple[jax.Array, jax.Array]:

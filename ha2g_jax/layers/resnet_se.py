@@ -11,9 +11,8 @@ from flax import linen as nn
 
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.spectrum import HOP_LENGTH, window_columns
-from ha2g_jax.layers import initializers, recompute
-from ha2g_jax.layers.conv import Conv
-from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.conv import BatchNorm, Conv, run_block
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _REDUCTION = 8
@@ -119,7 +118,7 @@ class Stage(nn.Module):
         for index in range(self.blocks):
             stride = self.stride if index == 0 else 1
             block = BasicBlock(self.channels, stride, name=f"block_{index}")
-            x = recompute.run(block, x, train=train, is_recomputed=self.is_recomputed)
+            x = run_block(block, x, train=train, is_recomputed=self.is_recomputed)
         return x
 
 
@@ -179,7 +178,7 @@ class AudioEncoder(nn.Module):
         feature_dim: number of values per frame and level.
         num_frames: frames of a window, N.
         fps: frames per second.
-        is_recomputed: see `recompute.run`.
+        is_recomputed: see `conv.run_block`.
         reads_decibels: whether the network sees the dB themselves and not dB / 80 + 1 (D3), as the release.
     """
 
@@ -207,7 +206,7 @@ class AudioEncoder(nn.Module):
                 f"a mel of {mel.shape[-1]} columns; expected {expected} for {self.num_frames} frames at {self.fps} fps"
             )
         x = (mel if self.reads_decibels else mel / MEL_RANGE + 1)[..., None]  # D3
-        run = functools.partial(recompute.run, train=train, is_recomputed=self.is_recomputed)
+        run = functools.partial(run_block, train=train, is_recomputed=self.is_recomputed)
         x = run(Stem(self.channels[0], self.stem_stride, name="stem"), x)
         maps = []
         for index, (blocks, channels) in enumerate(zip(self.blocks, self.channels, strict=True)):

@@ -5,7 +5,7 @@ from flax import linen as nn
 
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.resampling import frame_centres, interpolate
 
 _KERNEL = 15

@@ -1,9 +1,63 @@
-"""The adversarial loss of the generator and of the discriminator, for logits of any shape (B, ...)."""
+"""The adversary: the discriminator of HA2G and Trimodal (Table 8), and the losses of both players (Eq. 6)."""
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+from flax import linen as nn
 
-GAN_KINDS = ("non_saturating", "minimax", "least_squares")
+from ha2g_jax.layers import initializers
+from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.layers.gru import BiGRU
+from ha2g_jax.methods.method import FLOAT32, Compute, Spec, Variables
+from ha2g_jax.methods.networks import apply
+
+
+class Discriminator(nn.Module):
+    """Discriminator of the poses of a window: three convolutions, a bidirectional GRU, two linear maps.
+
+    At the size of the paper 34 x 126 poses become 28 x 8, then 28 x 64 (directions summed), 28 and 1.
+
+    Attributes:
+        hidden_dim: number of values of the state of the GRU in one direction.
+        layers: number of layers of the GRU; Table 8 states none, the configs and the authors' release have 4.
+        dropout: dropout rate between the layers of the GRU.
+        slope: slope of the activations for negative values; the release of HA2G has 0.01, that of Trimodal 1.
+    """
+
+    hidden_dim: int = 64
+    layers: int = 4
+    dropout: float = 0.3
+    slope: float = 0.2
+
+    @nn.compact
+    def __call__(self, poses: jax.Array, *, train: bool) -> jax.Array:
+        """Map mean-subtracted poses (B, N, pose_dim) to logits (B,); the loss applies the sigmoid."""
+        x = _conv(16, name="conv_1")(poses)
+        x = nn.leaky_relu(BatchNorm(name="norm_1")(x, train=train), self.slope)
+        x = _conv(8, name="conv_2")(x)
+        x = nn.leaky_relu(BatchNorm(name="norm_2")(x, train=train), self.slope)
+        x = _conv(8, name="conv_3")(x)
+        x = BiGRU(self.hidden_dim, self.layers, self.dropout, name="gru")(x, train=train)
+        x = nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_1")(x)[..., 0]
+        return nn.Dense(1, kernel_init=initializers.LINEAR, name="linear_2")(x)[..., 0]
+
+
+def _conv(channels: int, *, name: str) -> nn.Conv:
+    return nn.Conv(channels, (3,), padding="VALID", kernel_init=initializers.LINEAR, name=name)
+
+
+def discriminate(
+    spec: Spec,
+    variables: Variables,
+    poses: jax.Array,
+    key: jax.Array,
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
+) -> tuple[jax.Array, Any]:
+    """Return logits (B, ...) of poses (B, N, pose_dim), and the batch statistics after this pass."""
+    return apply(spec.discriminator, variables, key, poses, train=train, compute=compute)
 
 
 def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:
@@ -14,7 +68,7 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
     Args:
         fake_logits: (B, ...) outputs of the discriminator for generated poses, before the sigmoid, which the least
             squares (Mao et al. 2017) do not use.
-        kind: one of `GAN_KINDS`.
+        kind: of the loss, one of the three.
 
     Returns:
         () loss.
@@ -37,7 +91,7 @@ def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array, *, kind: s
     Args:
         real_logits, fake_logits: (B, ...) outputs of the discriminator for true and generated poses, before the
             sigmoid.
-        kind: one of `GAN_KINDS`.
+        kind: of the loss, one of the three.
 
     Returns:
         () loss, the mean over the batch.

@@ -8,18 +8,28 @@ between restored vectors, as angles are everywhere here; selected on the validat
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import ARCHITECTURES, choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.forward import Poses, apply
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, subtract_mean
+from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.methods.method import (
+    FLOAT32,
+    Batch,
+    Compute,
+    Poses,
+    Run,
+    Spec,
+    Variables,
+    make_spec,
+    restore,
+    subtract_mean,
+)
+from ha2g_jax.methods.networks import apply
 from ha2g_jax.skeleton import Skeleton, normalize
 
 # Values of the latent per skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
@@ -142,19 +152,31 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
 
 
 keys: tuple[str, ...] = ("dropout",)
-term_names: tuple[str, ...] = ("reconstruction", "velocity", "cosine")
 reconstruction_term = "reconstruction"
 has_parts = False
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the auto-encoder of a skeleton, without other settings, as values of different ones cannot be compared.
+class Terms(NamedTuple):
+    """Terms of the objective, each () and unweighted, or their weights."""
 
-    Raises:
-        UserError: an unknown choice.
-    """
+    reconstruction: Any
+    velocity: Any
+    cosine: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective."""
+    return (
+        weights.reconstruction * terms.reconstruction
+        + weights.velocity * terms.velocity
+        + weights.cosine * terms.cosine
+    )
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the auto-encoder of a skeleton, without other settings, as values of different ones cannot be compared."""
     del vocabulary_size, num_speakers
-    is_release = choice("model.architecture", config.model.architecture, ARCHITECTURES) == "release"
+    is_release = config.model.architecture == "release"
     generator = PoseAutoencoder(
         skeleton.pose_dim,
         LATENT_DIMS[skeleton.name],
@@ -178,11 +200,11 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> tuple[Poses, tuple[Any, None]]:
+) -> Run[Poses, None]:
     """Encode and decode the windows of a batch; see `Method.run`."""
     (poses,) = init_arguments(spec, batch)
     poses, batch_stats = apply(spec.generator, variables, keys["dropout"], poses, train=train, compute=compute)
-    return Poses((poses,)), (batch_stats, None)
+    return Run(Poses((poses,)), None, batch_stats)
 
 
 def loss_settings(settings: Mapping[str, Any]) -> None:
@@ -190,12 +212,12 @@ def loss_settings(settings: Mapping[str, Any]) -> None:
     del settings
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del settings, aux
+    del settings, contrast, gan
     (poses,) = outputs.poses
-    return {
-        "reconstruction": reconstruction(poses, targets),
-        "velocity": velocity(poses, targets),
-        "cosine": cosine(restore(spec, poses), restore(spec, targets)),
-    }
+    return Terms(
+        reconstruction=reconstruction(poses, targets),
+        velocity=velocity(poses, targets),
+        cosine=cosine(restore(spec, poses), restore(spec, targets)),
+    )

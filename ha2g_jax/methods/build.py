@@ -6,16 +6,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.config.choices import choice
-from ha2g_jax.config.ranges import check_ranges
-from ha2g_jax.config.settings import Config, check_fps
+from ha2g_jax.config import settings
+from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.limits import MAX_SPEAKERS, MAX_VOCABULARY, MAX_WINDOW_FRAMES
+from ha2g_jax.limits import MAX_SPEAKERS, MAX_VOCABULARY
 from ha2g_jax.methods import METHODS, TRAINABLE
-from ha2g_jax.methods.method import IDENTITIES, GeneratingMethod, Method, Spec, Variables, example_batch
+from ha2g_jax.methods.ha2g import release
+from ha2g_jax.methods.method import GeneratingMethod, Method, Spec, Variables, example_batch
 from ha2g_jax.skeleton import Skeleton
-
-MIN_FRAMES = 17  # of a window, that features and networks can be derived for
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -29,36 +27,20 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
             as many rows again for their mirror images, in the same order.
 
     Raises:
-        UserError: an unknown choice, or a setting that the method cannot use.
+        UserError: a setting that is not possible, or that the method cannot use.
     """
-    check_ranges(config)
-    method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
-    _check_window(config.data)
-    choice("model.identity.kind", config.model.identity.kind, tuple(IDENTITIES))
+    settings.check(config, is_trained=False)
     for kind, count, most in (("words", vocabulary_size, MAX_VOCABULARY), ("speakers", num_speakers, MAX_SPEAKERS)):
         if count > most:
             raise UserError(f"a model of {count} {kind}, expected at most {most}: choose a smaller corpus")
+    is_release = config.method == "ha2g" and config.model.architecture == "release"
+    method = release if is_release else TRAINABLE[config.method]
     return method.build(config, skeleton, vocabulary_size, num_speakers)
-
-
-def _check_window(data: Config) -> None:
-    """Check the sizes of a window, from which all networks and features derive theirs."""
-    check_fps(data.fps, "config.data.fps")
-    if not MIN_FRAMES <= data.num_frames <= MAX_WINDOW_FRAMES:
-        raise UserError(
-            f"config.data.num_frames is {data.num_frames}, expected {MIN_FRAMES} to {MAX_WINDOW_FRAMES}: set "
-            "--config.data.num_frames"
-        )
-    if not 1 <= data.num_seed_frames <= data.num_frames // 2:
-        raise UserError(
-            f"config.data.num_seed_frames is {data.num_seed_frames}, expected 1 to {data.num_frames // 2}, half of a "
-            "window: set --config.data.num_seed_frames"
-        )
 
 
 def method_of(spec: Spec) -> Method:
     """Return the functions with which a spec is trained."""
-    return TRAINABLE[spec.method]
+    return release if isinstance(spec.generator, release.ReleaseHA2G) else TRAINABLE[spec.method]
 
 
 def generating_method_of(spec: Spec) -> GeneratingMethod:
@@ -67,7 +49,7 @@ def generating_method_of(spec: Spec) -> GeneratingMethod:
     Raises:
         KeyError: the method generates none, as the pose auto-encoder.
     """
-    return METHODS[spec.method]
+    return release if isinstance(spec.generator, release.ReleaseHA2G) else METHODS[spec.method]
 
 
 @functools.partial(jax.jit, static_argnums=0)

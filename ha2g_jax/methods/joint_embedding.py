@@ -1,33 +1,32 @@
 """Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.frame_decoder import FrameDecoder
-from ha2g_jax.layers.gru import GRU
-from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.layers.gru import GRU, FrameDecoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods.autoencoder import PoseEncoder
-from ha2g_jax.methods.encoders import no_identity, text_encoder, waveform_encoder
-from ha2g_jax.methods.forward import Poses, apply
 from ha2g_jax.methods.method import (
     FLOAT32,
     Batch,
     Compute,
+    Poses,
+    Run,
     Spec,
     Variables,
     make_spec,
     speech_arguments,
     subtract_mean,
 )
+from ha2g_jax.methods.networks import apply, no_identity, text_encoder, waveform_encoder
 from ha2g_jax.skeleton import Skeleton
 
 _SEED_DIM = 32
@@ -175,23 +174,26 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 
 
 keys: tuple[str, ...] = ("dropout", "latent", "coin")
-term_names: tuple[str, ...] = ("l1",)
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
 encode_identity = no_identity
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of `config.model`; see `Method.build`.
+class Terms(NamedTuple):
+    """The term of the objective, () and unweighted, or its weight."""
 
-    Raises:
-        UserError: an unknown choice.
-    """
+    l1: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective."""
+    return weights.l1 * terms.l1
+
+
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
+    """Build the networks of `config.model`; see `Method.build`."""
     del num_speakers
-    choice("model.architecture", config.model.architecture, ("paper",))
-    choice("model.identity.kind", config.model.identity.kind, ("none",))
-    choice("model.audio.kind", config.model.audio.kind, ("waveform",))
     context, inferer = config.model.context, config.model.inferer
     generator = JointEmbedding(
         audio=waveform_encoder(config),
@@ -235,7 +237,7 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> tuple[Poses, tuple[Any, None]]:
+) -> Run[Poses, None]:
     """Decode the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
 
     There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
@@ -248,9 +250,6 @@ def run(
         keys: keys "dropout", "latent" and "coin".
         train: whether to run in training mode; evaluation mode takes the latent of the speech.
         compute: precision of the activations.
-
-    Returns:
-        The outputs, and (batch statistics after the run, None).
     """
     speech, _, seed = speech_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
@@ -266,7 +265,7 @@ def run(
         compute=compute,
         method=_encode_and_decode,
     )
-    return Poses((decoded,)), (batch_stats, None)
+    return Run(Poses((decoded,)), None, batch_stats)
 
 
 def _encode_and_decode(
@@ -289,7 +288,7 @@ def loss_settings(settings: Mapping[str, Any]) -> None:
     del settings
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
     """Return the one term; see `Method.terms`."""
-    del spec, settings, aux
-    return {"l1": l1(outputs.poses[-1], targets)}
+    del spec, settings, contrast, gan
+    return Terms(l1(outputs.poses[-1], targets))

@@ -6,7 +6,7 @@ everything that generation needs; weights of losses, optimisers and schedules ar
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,8 @@ from ha2g_jax.skeleton import Skeleton, normalize
 
 Batch = Mapping[str, Any]
 Variables = dict[str, Any]
+Outputs = TypeVar("Outputs")
+Contrast = TypeVar("Contrast")
 
 # The batch key that identities are read from, for each kind of `config.model.identity`.
 IDENTITIES = {"images": "images", "speakers": "speaker", "none": ""}
@@ -65,13 +67,36 @@ class Compute(NamedTuple):
     Attributes:
         dtype: type of the activations. Parameters, statistics and losses are float32 in any case.
         num_parts: parts of the batch that go through the pose decoder one after the other.
+        onednn: whether oneDNN computes convolutions and GRUs on a CPU, see `ha2g_jax.layers.cpu`.
     """
 
     dtype: Any = jnp.dtype(jnp.float32)
     num_parts: int = 1
+    onednn: bool = False
 
 
 FLOAT32 = Compute()
+
+
+class Run(NamedTuple, Generic[Outputs, Contrast]):
+    """The generator on a training batch.
+
+    Attributes:
+        outputs: a NamedTuple by which the objective is differentiated; each array of its field `poses`, the last one
+            (B, N, pose_dim), is mean-subtracted.
+        contrast: a NamedTuple of what else the terms need, without a gradient; None where they need nothing.
+        batch_stats: statistics of the BatchNorm layers after the run.
+    """
+
+    outputs: Outputs
+    contrast: Contrast
+    batch_stats: Any
+
+
+class Poses(NamedTuple):
+    """Outputs of a method whose objective looks at poses alone: one level, (B, N, pose_dim), mean-subtracted."""
+
+    poses: tuple[jax.Array]
 
 
 class Method(Protocol):
@@ -79,7 +104,8 @@ class Method(Protocol):
 
     Attributes:
         keys: names of the random streams of `run`.
-        term_names: names of the terms of the objective; "gan" is among them if and only if there is a discriminator.
+        Terms: NamedTuple of the terms of the objective, or of their weights; it has a field `gan` if and only if there
+            is a discriminator.
         reconstruction_term: name of the term that measures the distance to the true poses.
         has_parts: whether `run` can take the batch in `Compute.num_parts` parts.
     """
@@ -88,7 +114,7 @@ class Method(Protocol):
     def keys(self) -> tuple[str, ...]: ...
 
     @property
-    def term_names(self) -> tuple[str, ...]: ...
+    def Terms(self) -> Any: ...
 
     @property
     def reconstruction_term(self) -> str: ...
@@ -123,7 +149,7 @@ class Method(Protocol):
         *,
         train: bool = True,
         compute: Compute = FLOAT32,
-    ) -> tuple[Any, tuple[Any, Any]]:
+    ) -> Run[Any, Any]:
         """Run the generator on a training batch.
 
         Args:
@@ -133,30 +159,29 @@ class Method(Protocol):
             keys: a key for each name in `keys`.
             train: whether to run in training mode; False is evaluation mode.
             compute: precision and number of parts.
-
-        Returns:
-            (outputs, (batch statistics after the run, aux)). The objective is differentiated by `outputs`, a
-            NamedTuple whose field `poses` ends with (B, N, pose_dim), mean-subtracted, but not by `aux`.
         """
         ...
 
     def loss_settings(self, settings: Mapping[str, Any]) -> Any:
-        """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`.
-
-        Raises:
-            UserError: an unknown choice.
-        """
+        """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`."""
         ...
 
-    def terms(self, spec: Spec, settings: Any, outputs: Any, aux: Any, targets: jax.Array) -> dict[str, jax.Array]:
-        """Return the unweighted terms of the objective but "gan", by the names in `term_names`.
+    def terms(
+        self, spec: Spec, settings: Any, outputs: Any, contrast: Any, targets: jax.Array, gan: jax.Array | None
+    ) -> Any:
+        """Return the unweighted `Terms` of the objective.
 
         Args:
             spec: static.
             settings: value of `loss_settings`.
-            outputs, aux: results of `run`.
+            outputs, contrast: those of `run`.
             targets: (B, N, pose_dim) true poses, mean-subtracted.
+            gan: () value of the adversarial term; None for a method without a discriminator.
         """
+        ...
+
+    def total(self, weights: Any, terms: Any) -> jax.Array:
+        """Return the objective, the weighted sum of `Terms`."""
         ...
 
 

@@ -11,14 +11,12 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
+from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU, GRUCells
-from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.encoders import no_identity
-from ha2g_jax.methods.forward import Poses, run_generator
-from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.method import Batch, Poses, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.networks import no_identity, run_generator
 from ha2g_jax.skeleton import Skeleton
 
 # W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
@@ -236,25 +234,33 @@ def variance(poses: jax.Array) -> jax.Array:
 
 
 keys: tuple[str, ...] = ("dropout",)
-term_names: tuple[str, ...] = ("mse", "continuity", "variance")
 reconstruction_term = "mse"
 has_parts = False
 init_arguments = speech_arguments
 run = run_generator
 encode_identity = no_identity
+
+
+class Terms(NamedTuple):
+    """Terms of the objective, each () and unweighted, or their weights."""
+
+    mse: Any
+    continuity: Any
+    variance: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective."""
+    return weights.mse * terms.mse + weights.continuity * terms.continuity + weights.variance * terms.variance
+
+
 # The marks of a sentence's start and end, which follow the words of the vocabulary.
 _NUM_MARKS = 2
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the network of `config.model`; there is no discriminator. See `Method.build`.
-
-    Raises:
-        UserError: an unknown choice.
-    """
+    """Build the network of `config.model`; there is no discriminator. See `Method.build`."""
     del num_speakers
-    choice("model.architecture", config.model.architecture, ("paper",))
-    choice("model.identity.kind", config.model.identity.kind, ("none",))
     inferer = config.model.inferer
     generator = Seq2Seq(
         num_words=vocabulary_size + _NUM_MARKS,
@@ -287,8 +293,8 @@ def loss_settings(settings: Mapping[str, Any]) -> None:
     del settings
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
+def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:
     """Return the unweighted terms; see `Method.terms`."""
-    del spec, settings, aux
+    del spec, settings, contrast, gan
     (poses,) = outputs.poses
-    return {"mse": mse(poses, targets), "continuity": continuity(poses), "variance": variance(poses)}
+    return Terms(mse(poses, targets), continuity(poses), variance(poses))

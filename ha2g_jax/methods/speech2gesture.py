@@ -5,21 +5,19 @@ bottom.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.methods.encoders import no_identity
-from ha2g_jax.methods.forward import Poses, run_generator
-from ha2g_jax.methods.method import Batch, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.layers.conv import BatchNorm
+from ha2g_jax.methods.method import Batch, Poses, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.networks import no_identity, run_generator
 from ha2g_jax.skeleton import Skeleton
 
 _SLOPE = 0.2
@@ -222,12 +220,23 @@ def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
 
 
 keys: tuple[str, ...] = ("dropout",)
-term_names: tuple[str, ...] = ("gan", "l1")
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
 run = run_generator
 encode_identity = no_identity
+
+
+class Terms(NamedTuple):
+    """Terms of the objective, each () and unweighted, or their weights."""
+
+    gan: Any
+    l1: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective of the generator."""
+    return weights.l1 * terms.l1 + weights.gan * terms.gan
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
@@ -237,12 +246,9 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     discriminator sees differences of differences, as the authors of HA2G compared with it.
 
     Raises:
-        UserError: an unknown choice.
+        UserError: there are more stages than the spectrogram of a window has room for.
     """
     del vocabulary_size, num_speakers
-    choice("model.architecture", config.model.architecture, ("paper",))
-    choice("model.identity.kind", config.model.identity.kind, ("none",))
-    choice("model.audio.kind", config.model.audio.kind, ("spectrogram",))
     legacy = config.model.legacy
     _check_stages(config)
     generator = Speech2Gesture(
@@ -287,7 +293,7 @@ def loss_settings(settings: Mapping[str, Any]) -> None:
     del settings
 
 
-def terms(spec: Spec, settings: None, outputs: Poses, aux: None, targets: jax.Array) -> dict[str, jax.Array]:
-    """Return the terms but the adversarial one; see `Method.terms`."""
-    del spec, settings, aux
-    return {"l1": l1(outputs.poses[-1], targets)}
+def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: jax.Array) -> Terms:
+    """Return the unweighted terms; see `Method.terms`."""
+    del spec, settings, contrast
+    return Terms(gan, l1(outputs.poses[-1], targets))

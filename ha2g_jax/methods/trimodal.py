@@ -7,17 +7,15 @@ import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import ARCHITECTURES, choice
 from ha2g_jax.config.settings import Config
-from ha2g_jax.layers.discriminator import Discriminator
-from ha2g_jax.layers.frame_decoder import FrameDecoder
+from ha2g_jax.layers.gru import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
-from ha2g_jax.methods.encoders import speaker_table, text_encoder, waveform_encoder
-from ha2g_jax.methods.forward import apply
+from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, speech_arguments
+from ha2g_jax.methods.networks import apply, speaker_table, text_encoder, waveform_encoder
 from ha2g_jax.skeleton import Skeleton
 
 
@@ -85,30 +83,32 @@ class Trimodal(nn.Module):
 
 
 keys: tuple[str, ...] = ("dropout", "identity", "permutation")
-term_names: tuple[str, ...] = ("gan", "huber", "style", "kld")
 reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments
 
 
-class _Slopes(NamedTuple):
-    """Slopes of activations for negative values."""
-
-    decoder: float
-    discriminator: float
+# Slopes of the decoder and of the discriminator for negative values. The release passes True, which makes them 1 and
+# the activations the identity.
+_SLOPES = {"paper": (0.01, 0.2), "release": (1.0, 1.0)}
 
 
-# The release passes True for the slope, which makes it 1 and the activation the identity.
-_SLOPES = {"paper": _Slopes(0.01, 0.2), "release": _Slopes(1.0, 1.0)}
+class Terms(NamedTuple):
+    """Terms of the objective, each () and unweighted, or their weights."""
+
+    gan: Any
+    huber: Any
+    style: Any
+    kld: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective of the generator."""
+    return weights.huber * terms.huber + weights.style * terms.style + weights.kld * terms.kld + weights.gan * terms.gan
 
 
 class LossSettings(NamedTuple):
-    """Settings of the terms, `config.loss.trimodal`.
-
-    Attributes:
-        huber_delta: where Huber's parabola becomes a line.
-        style_clip: epsilon of the style diverging term.
-    """
+    """Settings of the terms, `config.loss.trimodal`; the table of settings explains them."""
 
     huber_delta: float
     style_clip: float
@@ -142,16 +142,9 @@ class Contrast(NamedTuple):
 
 
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-    """Build the networks of `config.model`; the discriminator is that of HA2G with more layers. See `Method.build`.
-
-    Raises:
-        UserError: an unknown choice.
-    """
-    architecture = choice("model.architecture", config.model.architecture, ARCHITECTURES)
-    choice("model.identity.kind", config.model.identity.kind, ("speakers",))
-    choice("model.audio.kind", config.model.audio.kind, ("waveform",))
-    has_words = choice("model.text.kind", config.model.text.kind, ("tcn", "none")) == "tcn"
-    inferer, slopes = config.model.inferer, _SLOPES[architecture]
+    """Build the networks of `config.model`; the discriminator is that of HA2G with more layers. See `Method.build`."""
+    has_words = config.model.text.kind == "tcn"
+    inferer, (slope, discriminator_slope) = config.model.inferer, _SLOPES[config.model.architecture]
     generator = Trimodal(
         audio=waveform_encoder(config),
         text=text_encoder(config, vocabulary_size) if has_words else None,
@@ -160,9 +153,9 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
-        slope=slopes.decoder,
+        slope=slope,
     )
-    discriminator = Discriminator(**config.model.discriminator, slope=slopes.discriminator)
+    discriminator = Discriminator(**config.model.discriminator, slope=discriminator_slope)
     return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words") if has_words else ("audio",))
 
 
@@ -194,7 +187,7 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> tuple[Outputs, tuple[Any, Contrast]]:
+) -> Run[Outputs, Contrast]:
     """Run the generator on one batch, for its own speakers and, in the same run, for a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
@@ -206,9 +199,6 @@ def run(
         keys: keys "dropout", "identity" and "permutation".
         train: whether to run in training mode; evaluation mode takes the mean of each style instead of a sample.
         compute: precision of the activations.
-
-    Returns:
-        The outputs, and (batch statistics after the run, the run with the other styles).
     """
     speech, speaker, seed = speech_arguments(spec, batch)
     (features, (mean, log_variance)), batch_stats = apply(
@@ -229,7 +219,7 @@ def run(
         spec.generator, variables, keys["dropout"], *twice, train=train, compute=compute, method=Trimodal.infer
     )
     pairs = poses.reshape(len(z), 2, *poses.shape[1:])
-    return Outputs((pairs[:, 0],), mean, log_variance), (batch_stats, Contrast(pairs[:, 1], z, other_z))
+    return Run(Outputs((pairs[:, 0],), mean, log_variance), Contrast(pairs[:, 1], z, other_z), batch_stats)
 
 
 def _encode(model: Trimodal, speech: dict[str, jax.Array], speaker: jax.Array, *, train: bool) -> Any:
@@ -242,13 +232,14 @@ def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
 
 
 def terms(
-    spec: Spec, settings: LossSettings, outputs: Outputs, aux: Contrast, targets: jax.Array
-) -> dict[str, jax.Array]:
-    """Return the unweighted terms but the adversarial one; see `Method.terms`."""
+    spec: Spec, settings: LossSettings, outputs: Outputs, contrast: Contrast, targets: jax.Array, gan: jax.Array
+) -> Terms:
+    """Return the unweighted terms; see `Method.terms`."""
     del spec
     (poses,) = outputs.poses
-    return {
-        "huber": huber((poses,), (targets,), settings.huber_delta),
-        "style": style(poses, *aux, clip=settings.style_clip),
-        "kld": kld(outputs.mean, outputs.log_variance),
-    }
+    return Terms(
+        gan=gan,
+        huber=huber((poses,), (targets,), settings.huber_delta),
+        style=style(poses, *contrast, clip=settings.style_clip),
+        kld=kld(outputs.mean, outputs.log_variance),
+    )

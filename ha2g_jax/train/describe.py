@@ -9,9 +9,8 @@ from flax import linen as nn
 from flax import traverse_util
 
 from ha2g_jax.config.settings import Config
-from ha2g_jax.layers.conv import Conv
-from ha2g_jax.layers.norm import BatchNorm
-from ha2g_jax.layers.resnet import ResNet
+from ha2g_jax.layers.conv import BatchNorm, Conv
+from ha2g_jax.layers.identity import ResNet
 from ha2g_jax.layers.resnet_se import Head, Stage, Stem
 from ha2g_jax.methods.autoencoder import LATENT_DIMS, PoseAutoencoder
 from ha2g_jax.methods.build import build, method_of

@@ -9,8 +9,7 @@ from typing import Any
 import jax
 import tqdm
 
-from ha2g_jax.config import settings as configs
-from ha2g_jax.config.checks import check_settings
+from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk.build import talk_folder
@@ -19,6 +18,7 @@ from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.espeak import Voice
 from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
+from ha2g_jax.train.fits import check_machine
 from ha2g_jax.train.measure import Finding, TimedStep, examine_machine, gib, host_memory
 
 _STEPS = 5
@@ -40,7 +40,7 @@ def examine(config: Config | None = None, *, has_step: bool = True) -> list[Find
         return findings
     corpus = None
     if config is None:
-        config = configs.debug(configs.paper("ted_expressive"))
+        config = presets.sized("ted_expressive", "debug")
         findings.append(Finding("data", "not checked; name a config with --config FILE[:SIZE]"))
     else:
         settings, (data, corpus) = _settings(config), _data(config)
@@ -83,7 +83,7 @@ def _settings(config: Config) -> Finding:
     train = config.train
     found = f"{config.name} on {config.skeleton}, batches of {train.batch_size} in {train.dtype}, {train.steps} steps"
     try:
-        check_settings(config)
+        check_machine(config)
     except UserError as error:
         return Finding("config", found, str(error))
     return Finding("config", found)

@@ -23,8 +23,7 @@ from ha2g_jax.methods.ha2g.losses import is_rigid
 from ha2g_jax.methods.method import Batch, subtract_mean
 from ha2g_jax.train import inputs
 from ha2g_jax.train.objective import Objective, build_objective, init_state
-from ha2g_jax.train.step import run_generator, step_keys
-from ha2g_jax.train.terms import loss_terms
+from ha2g_jax.train.step import loss_terms, run_generator, step_keys
 
 
 class TermGradients(NamedTuple):
@@ -53,11 +52,11 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
     """
     keys = step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
-    outputs, pull_back, (_, aux) = run_generator(objective, state.generator, batch, keys)
+    (outputs, contrast, _), pull_back = run_generator(objective, state.generator, batch, keys)
 
     def terms(outputs: Any) -> jax.Array:
-        values = loss_terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=True)
-        return jnp.stack([values[name] for name, _ in objective.weights])
+        values = loss_terms(objective, state.discriminator, outputs, contrast, targets, keys["gan"], train=True)
+        return jnp.stack(values)
 
     def norms(weights: jax.Array) -> tuple[jax.Array, jax.Array]:
         (cotangent,) = pull_terms(weights)
@@ -65,7 +64,7 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
         return optax.tree.norm(gradient), optax.tree.norm(cotangent.poses[-1])
 
     values, pull_terms = jax.vjp(terms, outputs)
-    weights = jnp.array([weight for _, weight in objective.weights])
+    weights = jnp.array(objective.weights)
     # One term after the other, so that memory and compilation are those of one gradient.
     found = jax.lax.map(norms, jnp.concatenate([jnp.diag(weights), weights[None]]))
     return TermGradients(jnp.append(values, weights @ values), *found)
@@ -99,13 +98,14 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
             own.model = model.config.model
         models.append({"name": source} | _measure(own, corpus, (source, model.variables)))
     objective = _build(config, corpus)
+    weights = objective.weights._asdict() | {"total": 1.0}
     return {
         "config": config.name,
         "batch_size": config.train.batch_size,
         "reconstruction": method_of(objective.spec).reconstruction_term,
         "rigid_pairs": int(is_rigid(corpus.skeleton.angle_variance).sum()),
         "pairs": len(corpus.skeleton.angle_pairs),
-        "terms": [{"name": name, "weight": weight} for name, weight in (*objective.weights, ("total", 1.0))],
+        "terms": [{"name": name, "weight": weight} for name, weight in weights.items()],
         "models": models,
     }
 

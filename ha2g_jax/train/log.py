@@ -20,7 +20,7 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.files.writing import writing
 from ha2g_jax.train import run_record
-from ha2g_jax.train.terms import Metrics
+from ha2g_jax.train.step import Metrics
 from ha2g_jax.train.workdir import CONTINUE, METRICS, append_metrics, start_metrics
 
 EVENTS = "tensorboard"
@@ -291,7 +291,11 @@ class StepLog:
     def _write(self, step: int) -> None:
         if not self._num_steps:
             return
-        line = {name: value / self._num_steps for name, value in self._sums.items()}
+        # A ratio is that of the step of the line, and 0 in all others.
+        line = {
+            name: value / (1 if name.startswith("gradient_ratio/") else self._num_steps)
+            for name, value in self._sums.items()
+        }
         shown = f"{self._shown} {line[f'loss/{self._shown}']:.4f}"
         now = time.perf_counter()
         if self._compile_seconds is not None and not self._is_compile_reported:

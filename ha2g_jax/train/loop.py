@@ -20,7 +20,6 @@ from ha2g_jax.checkpoint import ASSETS, BEST, FAILED, LATEST, model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.state import TrainState
-from ha2g_jax.config import checks
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.batches import batch_names
 from ha2g_jax.data.corpus import TRAIN, Corpus
@@ -31,7 +30,7 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.methods.method import Spec
 from ha2g_jax.progress import stage
 from ha2g_jax.stopping import Stop, stop_after_step
-from ha2g_jax.train import hosts, inputs, run_record, sharding
+from ha2g_jax.train import fits, hosts, inputs, run_record, sharding
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
 from ha2g_jax.train.measure import Profile
 from ha2g_jax.train.objective import Objective, build_objective, init_state
@@ -78,13 +77,13 @@ def _train(
     profile: bool,
     draw_sample: Callable[..., None] | None,
 ) -> None:
-    checks.check_settings(config)
-    checks.check_workdir(workdir, config)
+    fits.check_machine(config)
+    fits.check_workdir(workdir, config)
     corpus = inputs.open_corpus(config)
     vocabulary, speakers = corpus.vocabulary(), list(corpus.speakers_of(TRAIN))
     objective = build_objective(config, corpus.skeleton, len(vocabulary), len(speakers))
     spec = objective.spec
-    checks.check_augmentation(config, spec)
+    fits.check_augmentation(config, spec)
     windows = inputs.open_windows(config, spec, corpus, vocabulary, TRAIN)
     held_out = inputs.open_validation(config, spec, corpus, vocabulary)
     if held_out is None and hosts.is_first():
@@ -214,7 +213,7 @@ def _assets(config: Config, workdir: pathlib.Path, corpus: Corpus, windows: Wind
     """Return the assets that the run started with, or new ones; each checkpoint stores the styles of the speakers."""
     if (workdir / ASSETS).exists():
         assets = model_folder.read_description(workdir)[1]
-        checks.check_corpus(workdir, assets, corpus)
+        fits.check_corpus(workdir, assets, corpus)
         return assets
     starts = inputs.calm_starts(windows, corpus.skeleton.mean_directions, config.data.num_seed_frames)
     named = corpus.speakers_of(TRAIN) if config.model.identity.kind != "none" else ()

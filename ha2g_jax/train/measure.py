@@ -154,6 +154,7 @@ class TimedStep:
     Args:
         config: settings of the run.
         corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
+        onednn: as in `build_objective`.
 
     Attributes:
         objective: networks and terms of the step.
@@ -168,11 +169,11 @@ class TimedStep:
         UserError: a setting cannot be used, or the batch does not split over the devices.
     """
 
-    def __init__(self, config: Config, corpus: Corpus | None = None):
+    def __init__(self, config: Config, corpus: Corpus | None = None, *, onednn: bool | None = None):
         skeleton = corpus.skeleton if corpus else load_skeleton(config.skeleton)
         num_words = len(corpus.vocabulary()) if corpus else NUM_WORDS
         num_speakers = len(corpus.speakers_of(TRAIN)) if corpus else NUM_SPEAKERS
-        self.objective = objective = build_objective(config, skeleton, num_words, num_speakers)
+        self.objective = objective = build_objective(config, skeleton, num_words, num_speakers, onednn=onednn)
         self._mesh = sharding.data_mesh(jax.devices()[: config.train.devices or None])
         self.batch_size, self.num_devices = config.train.batch_size, self._mesh.size
         data = random_batch(objective.spec, self.batch_size, num_words, num_speakers)

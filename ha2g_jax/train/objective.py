@@ -1,6 +1,7 @@
 """The objective of a training run: weights, optimisers, warm-up and accumulation, and the state that it starts from.
 
-This module alone reads `config.loss` and those settings of `config.train` that define the update.
+This module alone reads `config.loss` and those settings of `config.train` that define the update. The same settings
+give the same optimisers, so that objectives built from them are equal static arguments of `jax.jit`.
 """
 
 import dataclasses
@@ -13,16 +14,13 @@ import jax.numpy as jnp
 import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
-from ha2g_jax.config.choices import choice
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.adversarial import GAN_KINDS
+from ha2g_jax.layers.cpu.onednn.library import is_available
 from ha2g_jax.methods.build import build, method_of
 from ha2g_jax.methods.method import Compute, Spec, example_batch
 from ha2g_jax.skeleton import Skeleton
-from ha2g_jax.train.optimizers import SCHEDULES, adam, learning_rate
 
-_DTYPES = ("float32", "bfloat16")
 # Settings of `config.loss.<method>` that every method has or may have; the others are the method's own.
 _COMMON_LOSS_SETTINGS = ("weights", "gan")
 
@@ -33,19 +31,20 @@ class Objective:
 
     Attributes:
         spec: networks and sizes.
-        weights: (name, weight) of each term of the loss.
+        weights: weight of each term of the loss, `Method.Terms`.
         settings: settings of the terms, as `Method.terms` takes them.
-        gan: kind of the adversarial loss, one of `GAN_KINDS`.
+        gan: kind of the adversarial loss; "" for a method without a discriminator.
         generator_optimizer, discriminator_optimizer: Adam, after clipping of the gradient's norm; their `update` takes
             `step=`.
         generator_rate, discriminator_rate: learning rate at a step.
         warmup_steps: steps before the GAN term is used (D9).
         average_decay: largest decay of the running average of the generator in a step; 0 for no average.
         compute: precision of the activations, and number of parts of a batch.
+        log_every, num_steps: a line of metrics is written for every step that `log_every` divides, and for the last.
     """
 
     spec: Spec
-    weights: tuple[tuple[str, float], ...]
+    weights: Any
     settings: Any
     gan: str
     generator_optimizer: optax.GradientTransformation
@@ -55,10 +54,18 @@ class Objective:
     warmup_steps: int
     average_decay: float
     compute: Compute
+    log_every: int
+    num_steps: int
 
 
 def build_objective(
-    config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, *, steps_per_epoch: int = 0
+    config: Config,
+    skeleton: Skeleton,
+    vocabulary_size: int,
+    num_speakers: int,
+    *,
+    steps_per_epoch: int = 0,
+    onednn: bool | None = None,
 ) -> Objective:
     """Build the networks of a config and the objective that trains them.
 
@@ -66,13 +73,12 @@ def build_objective(
         config: settings, with the fields of `ha2g_jax.config.settings.paper`.
         skeleton, vocabulary_size, num_speakers: see `ha2g_jax.methods.build.build`.
         steps_per_epoch: number of steps in an epoch, by which `config.train.warmup_epochs` becomes a number of steps.
+        onednn: whether oneDNN computes convolutions and GRUs; None for yes where it is available.
 
     Raises:
-        UserError: a loss weight that names no term, a term without a weight, an unknown choice, or a number outside
-            its range.
+        UserError: a setting that is not possible, or that the method cannot use.
     """
     train = config.train
-    _check_numbers(train)
     if train.accumulate > 1 and not config.model.recompute:
         config = config.copy_and_resolve_references()
         config.unlock()
@@ -84,41 +90,64 @@ def build_objective(
             f"config.train.accumulate is {train.accumulate}, but {config.method} cannot take a batch in parts: "
             "set --config.train.accumulate=1"
         )
-    loss = loss_config(config)
-    schedule = choice("train.schedule", train.schedule, SCHEDULES)
-    generator_rate = learning_rate(schedule, train.learning_rate, train.steps)
-    discriminator_rate = learning_rate(schedule, train.discriminator_learning_rate, train.steps)
+    loss = config.loss[config.method]
+    generator_rate = learning_rate(train.schedule, train.learning_rate, train.steps)
+    discriminator_rate = learning_rate(train.schedule, train.discriminator_learning_rate, train.steps)
     own = {name: value for name, value in loss.items() if name not in _COMMON_LOSS_SETTINGS}
     return Objective(
         spec=spec,
-        weights=_weights(config.method, loss.weights, method.term_names),
+        weights=method.Terms(**{name: float(weight) for name, weight in loss.weights.items()}),
         settings=method.loss_settings(own),
-        gan=choice(f"loss.{config.method}.gan", loss.gan, GAN_KINDS) if "gan" in method.term_names else "",
+        gan=loss.get("gan", ""),
         generator_optimizer=adam(generator_rate, tuple(train.betas), train.clip_norm),
         discriminator_optimizer=adam(discriminator_rate, tuple(train.betas), train.clip_norm),
         generator_rate=generator_rate,
         discriminator_rate=discriminator_rate,
         warmup_steps=train.warmup_epochs * steps_per_epoch,
         average_decay=train.ema,
-        compute=Compute(jnp.dtype(choice("train.dtype", train.dtype, _DTYPES)), train.accumulate),
+        compute=Compute(jnp.dtype(train.dtype), train.accumulate, is_available() if onednn is None else onednn),
+        log_every=train.log_every,
+        num_steps=train.steps,
     )
 
 
-def loss_config(config: Config) -> Config:
-    """Return `config.loss.<method>`.
+@functools.cache
+def learning_rate(schedule: str, start: float, num_steps: int) -> optax.Schedule:
+    """Return the learning rate as a function of the step.
 
     Args:
-        config: settings of the run.
-
-    Raises:
-        UserError: the config has no losses of its method.
+        schedule: "constant" or "cosine", which falls from `start` to 0 at the last step.
+        start: learning rate at step 0.
+        num_steps: number of steps of the run.
     """
-    if config.method not in config.loss:
-        raise UserError(
-            f"the config has no losses of {config.method}, only of {', '.join(config.loss) or 'no method'}: start from "
-            f"its preset, {config.method}:DATA"
-        )
-    return config.loss[config.method]
+    return optax.cosine_decay_schedule(start, num_steps) if schedule == "cosine" else optax.constant_schedule(start)
+
+
+@functools.cache
+def adam(
+    rate: optax.Schedule, betas: tuple[float, float], clip_norm: float = 0.0
+) -> optax.GradientTransformationExtraArgs:
+    """Return Adam, whose `update` takes `step=`, the step of the run.
+
+    The optimiser's own count of updates is not used for the schedule, because the discriminator is first updated after
+    the warm-up while its learning rate falls together with that of the generator.
+
+    Args:
+        rate: learning rate at a step.
+        betas: decay rates of the first and second moments.
+        clip_norm: largest norm of the gradient; larger gradients are scaled down to it; 0 for no limit.
+    """
+
+    def descend(updates: Any, state: Any, params: Any = None, **extra: Any) -> tuple[Any, Any]:
+        del params
+        factor = -jnp.asarray(rate(extra["step"]))
+        return jax.tree.map(lambda update: factor * update, updates), state
+
+    return optax.chain(
+        optax.clip_by_global_norm(clip_norm) if clip_norm else optax.identity(),
+        optax.scale_by_adam(b1=betas[0], b2=betas[1]),
+        optax.GradientTransformationExtraArgs(lambda params: optax.EmptyState(), descend),
+    )
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -172,26 +201,3 @@ def _merge(tree: Any, part: Any) -> Any:
 def _network(variables: Mapping[str, Any], optimizer: optax.GradientTransformation) -> Network:
     params = variables["params"]
     return Network(params=params, batch_stats=variables.get("batch_stats", {}), opt_state=optimizer.init(params))
-
-
-def _weights(method: str, weights: Config, names: tuple[str, ...]) -> tuple[tuple[str, float], ...]:
-    if odd := sorted(set(weights) ^ set(names)):
-        raise UserError(
-            f"config.loss.{method}.weights and the terms of the objective differ in {', '.join(odd)}: give a weight to "
-            f"{', '.join(names)}"
-        )
-    return tuple((name, float(weights[name])) for name in names)
-
-
-def _check_numbers(train: Config) -> None:
-    expected = {
-        "ema": ("from 0 to below 1", 0 <= train.ema < 1),
-        "clip_norm": ("0 or more", train.clip_norm >= 0),
-        "accumulate": (
-            f"a divisor of config.train.batch_size, {train.batch_size}",
-            train.accumulate >= 1 and train.batch_size % train.accumulate == 0,
-        ),
-    }
-    for name, (range_, is_met) in expected.items():
-        if not is_met:
-            raise UserError(f"config.train.{name} is {train[name]}, expected {range_}: set --config.train.{name}")

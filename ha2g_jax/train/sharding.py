@@ -17,8 +17,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
 from ha2g_jax.train.objective import Objective
-from ha2g_jax.train.step import train_step, validation_step
-from ha2g_jax.train.terms import Metrics
+from ha2g_jax.train.step import Metrics, train_step, validation_step
 
 AXIS = "data"
 

@@ -15,11 +15,14 @@ import optax
 
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.methods import adversarial
+from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.build import method_of
-from ha2g_jax.methods.forward import discriminate
-from ha2g_jax.methods.method import Batch, Spec, subtract_mean
+from ha2g_jax.methods.method import Batch, Run, Spec, subtract_mean
 from ha2g_jax.train.objective import Objective
-from ha2g_jax.train.terms import Metrics, loss_terms, output_gradient, total
+
+Metrics = dict[str, jax.Array]
+
+_MIN_NORM = 1e-12  # least norm of a gradient that another is divided by
 
 
 def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> tuple[TrainState, Metrics]:
@@ -56,14 +59,14 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         "grad_norm/generator" (before clipping) and "learning_rate/generator"; with a discriminator also
         "loss/discriminator", "grad_norm/discriminator", "learning_rate/discriminator" and "gradient_ratio/gan": the
         norm of the weighted gradient of the GAN term with respect to the poses of the last level, divided by that of
-        the reconstruction term; 0 during warm-up.
+        the reconstruction term; 0 during warm-up and in steps without a line of metrics, see `Objective.log_every`.
     """
     spec = objective.spec
     keys = step_keys(spec, key, state.step)
     targets = subtract_mean(spec, batch["directions"])
     is_warm = state.step >= objective.warmup_steps
 
-    outputs, pull_back, (generator_stats, aux) = run_generator(objective, state.generator, batch, keys)
+    (outputs, contrast, generator_stats), pull_back = run_generator(objective, state.generator, batch, keys)
     discriminator, discriminator_metrics = state.discriminator, {}
     if discriminator is not None:
         discriminator, discriminator_metrics = _update_discriminator(
@@ -76,7 +79,9 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
         )
         discriminator = _where(is_warm, discriminator, state.discriminator)
 
-    cotangent, metrics = output_gradient(objective, discriminator, outputs, aux, targets, keys["gan"], is_warm)
+    cotangent, metrics = output_gradient(
+        objective, discriminator, outputs, contrast, targets, keys["gan"], state.step, is_warm
+    )
     (gradient,) = pull_back(cotangent)
     generator = _update(state.generator, gradient, objective.generator_optimizer, state.step)
     generator = generator.replace(batch_stats=generator_stats)
@@ -104,10 +109,10 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
         "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
     """
     spec, keys = objective.spec, step_keys(objective.spec, key, jnp.zeros((), jnp.int32))
-    targets = subtract_mean(spec, batch["directions"])
-    outputs, (_, aux) = method_of(spec).run(spec, state.model, batch, keys, train=False, compute=objective.compute)
-    terms = loss_terms(objective, state.discriminator, outputs, aux, targets, keys["gan"], train=False)
-    return {f"loss/{name}": term for name, term in terms.items()} | {"loss/total": total(objective, terms)}
+    method, targets = method_of(spec), subtract_mean(spec, batch["directions"])
+    outputs, contrast, _ = method.run(spec, state.model, batch, keys, train=False, compute=objective.compute)
+    terms = loss_terms(objective, state.discriminator, outputs, contrast, targets, keys["gan"], train=False)
+    return _loss_metrics(terms, method.total(objective.weights, terms))
 
 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
@@ -124,7 +129,7 @@ def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Arra
 
 def run_generator(
     objective: Objective, generator: Network, batch: Batch, keys: dict[str, jax.Array]
-) -> tuple[Any, Callable[[Any], tuple[Any]], tuple[Any, Any]]:
+) -> tuple[Run[Any, Any], Callable[[Any], tuple[Any]]]:
     """Run the generator in training mode, ready to be differentiated.
 
     Args:
@@ -134,16 +139,109 @@ def run_generator(
         keys: keys of `step_keys`.
 
     Returns:
-        (outputs, pull_back, (batch statistics after the run, aux)) with outputs and aux as of `Method.run`; `pull_back`
-        takes the gradient with respect to the outputs to (the gradient with respect to the parameters,).
+        The run, and a function that takes the gradient with respect to its outputs to (that of the parameters,).
     """
     spec, compute = objective.spec, objective.compute
 
-    def run(params: Any) -> tuple[Any, Any]:
+    def run(params: Any) -> tuple[Any, Run[Any, Any]]:
         variables = generator.variables | {"params": params}
-        return method_of(spec).run(spec, variables, batch, keys, train=True, compute=compute)
+        result = method_of(spec).run(spec, variables, batch, keys, train=True, compute=compute)
+        return result.outputs, result
 
-    return jax.vjp(run, generator.params, has_aux=True)
+    _, pull_back, result = jax.vjp(run, generator.params, has_aux=True)
+    return result, pull_back
+
+
+def loss_terms(
+    objective: Objective,
+    discriminator: Network | None,
+    outputs: Any,
+    contrast: Any,
+    targets: jax.Array,
+    key: jax.Array,
+    *,
+    train: bool,
+) -> Any:
+    """Return the unweighted terms of the objective, `Method.Terms`.
+
+    Args:
+        objective: static.
+        discriminator: network of the adversarial loss, None for a method without one.
+        outputs, contrast: those of `Method.run`.
+        targets: (B, N, pose_dim) true poses, mean-subtracted.
+        key: key of the dropout of the discriminator.
+        train: whether the discriminator runs in training mode.
+    """
+    gan = None if discriminator is None else _gan_term(objective, discriminator, outputs.poses[-1], key, train=train)
+    return method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets, gan)
+
+
+def output_gradient(
+    objective: Objective,
+    discriminator: Network | None,
+    outputs: Any,
+    contrast: Any,
+    targets: jax.Array,
+    key: jax.Array,
+    step: jax.Array,
+    is_warm: jax.Array,
+) -> tuple[Any, Metrics]:
+    """Return the gradient of the objective with respect to the outputs of the generator, and the metrics of its terms.
+
+    The gradient of the GAN term is taken by itself and chained, so that its norm can be compared with that of the
+    reconstruction.
+
+    Args:
+        objective, discriminator, outputs, contrast, targets, key: as in `loss_terms`, in training mode.
+        step: () number of the step.
+        is_warm: () bool, whether the warm-up is over, so that the GAN term counts.
+
+    Returns:
+        The gradient, as `outputs`, and the metrics "loss/<term>", "loss/total" and, with a discriminator,
+        "gradient_ratio/gan" of `train_step`.
+    """
+    spec, weights, method = objective.spec, objective.weights, method_of(objective.spec)
+    gan = pull = None
+    if discriminator is not None:
+        weights = weights._replace(gan=jnp.where(is_warm, weights.gan, 0.0))
+        gan, pull = jax.value_and_grad(_gan_term, argnums=2)(
+            objective, discriminator, outputs.poses[-1], key, train=True
+        )
+
+    def objective_of(outputs: Any, gan: jax.Array | None) -> tuple[jax.Array, Any]:
+        terms = method.terms(spec, objective.settings, outputs, contrast, targets, gan)
+        return method.total(weights, terms), terms
+
+    (total, terms), (gradient, gan_slope) = jax.value_and_grad(objective_of, argnums=(0, 1), has_aux=True)(outputs, gan)
+    metrics = _loss_metrics(terms, total)
+    if discriminator is None:
+        return gradient, metrics
+
+    def ratio() -> jax.Array:
+        def reconstruction(poses: jax.Array) -> jax.Array:
+            changed = outputs._replace(poses=(*outputs.poses[:-1], poses))
+            return getattr(objective_of(changed, gan)[1], method.reconstruction_term)
+
+        norm = optax.tree.norm(jax.grad(reconstruction)(outputs.poses[-1]))
+        weight = getattr(weights, method.reconstruction_term)
+        return weights.gan * optax.tree.norm(pull) / jnp.maximum(weight * norm, _MIN_NORM)
+
+    is_logged = ((step + 1) % objective.log_every == 0) | (step + 1 == objective.num_steps)
+    metrics["gradient_ratio/gan"] = jax.lax.cond(is_logged, ratio, lambda: jnp.zeros(()))
+    *coarse, last = gradient.poses
+    return gradient._replace(poses=(*coarse, last + gan_slope * pull)), metrics
+
+
+def _loss_metrics(terms: Any, total: jax.Array) -> Metrics:
+    return {f"loss/{name}": term for name, term in terms._asdict().items()} | {"loss/total": total}
+
+
+def _gan_term(
+    objective: Objective, discriminator: Network, poses: jax.Array, key: jax.Array, *, train: bool
+) -> jax.Array:
+    variables, compute = discriminator.variables, objective.compute
+    logits, _ = discriminate(objective.spec, variables, poses, key, train=train, compute=compute)
+    return adversarial.gan_generator(logits, kind=objective.gan)
 
 
 def _update_discriminator(

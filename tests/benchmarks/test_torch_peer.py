@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from ha2g_jax.config import settings as configs
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.skeleton import load_skeleton
@@ -33,7 +33,7 @@ def torch_peer(torch):
 @pytest.fixture
 def config():
     """TED-Expressive at debug size with a coarse and the finest level, without dropout."""
-    config = configs.debug(configs.paper("ted_expressive"))
+    config = presets.sized("ted_expressive", "debug")
     config.model.identity.kind = "speakers"
     config.model.inferer.levels = (1, 6)
     config.model.inferer.layers = 2
@@ -91,7 +91,7 @@ def test_outputs_in_evaluation_mode_are_ours(torch, torch_peer, config, draw_sta
     objective = _objective(config)
     spec, state, batch = objective.spec, draw_state(objective), make_batch(objective, 2)
     keys = step_keys(spec, jax.random.key(0), state.step)
-    run = jax.jit(lambda variables, batch: method_of(spec).run(spec, variables, batch, keys, train=False)[0])
+    run = jax.jit(lambda variables, batch: method_of(spec).run(spec, variables, batch, keys, train=False).outputs)
     outputs = run(state.generator.variables, batch)
 
     step = torch_peer.TorchStep(config, objective)
@@ -135,7 +135,7 @@ def test_three_passes_give_the_same_terms_and_change_both_networks(torch, torch_
     step = torch_peer.TorchStep(config, objective, passes=3)
     before = [parameter.clone() for parameter in (step.generator.pose_1.linear.bias, step.discriminator.conv_1.bias)]
     terms = step.step(step.tensors(make_batch(objective, 2)))
-    assert terms.keys() == {*dict(objective.weights), "total", "discriminator"}
+    assert terms.keys() == {*objective.weights._asdict(), "total", "discriminator"}
     assert all(bool(torch.isfinite(term)) for term in terms.values())
     after = [step.generator.pose_1.linear.bias, step.discriminator.conv_1.bias]
     assert not any(torch.equal(a, b) for a, b in zip(before, after, strict=True))

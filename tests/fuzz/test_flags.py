@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax import launch
-from ha2g_jax.config import checks
+from ha2g_jax.config import settings
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_SEED, MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 from ha2g_jax.synthesis.style import read_mixture
@@ -43,7 +43,7 @@ def answered(read, *arguments):
 def test_any_flag_gives_a_config_or_one_line(flag):
     config = answered(launch.load_config, "talk:debug", [flag])
     if config is not None:
-        answered(checks.check_settings, config)
+        answered(settings.check, config)
 
 
 @FUZZ
@@ -110,4 +110,4 @@ def test_a_talk_corpus_of_no_possible_size_is_refused(option, value, refused, tm
 )
 def test_a_setting_that_breaks_a_run_is_named(flag, line):
     with pytest.raises(UserError, match=line):
-        checks.check_settings(launch.load_config("talk:debug", [f"--config.{flag}"]))
+        settings.check(launch.load_config("talk:debug", [f"--config.{flag}"]))

@@ -19,10 +19,10 @@ from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint.checkpoints import Checkpoints
 from ha2g_jax.checkpoint.orbax_format import CHECKSUMS
 from ha2g_jax.checkpoint.state import Network, TrainState
-from ha2g_jax.config import checks
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.synthesis.files import generate_files
+from ha2g_jax.train import fits
 from ha2g_jax.train.workdir import read_metrics
 
 # Orbax reads arrays at once in tasks of asyncio, and leaves those behind that fail after the first.
@@ -83,14 +83,14 @@ def test_every_file_of_a_checkpoint_is_checked(run, tmp_path, damage):
 def test_configs_of_workdirs(answered, run, tmp_path, data):
     config = launch.load_config("tests/one_stage.py:debug")
     values = data.draw(damaged_tree(model_folder.config_to_json(config)))
-    answered(lambda path: checks.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
+    answered(lambda path: fits.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
 
 
 def test_a_number_of_400_digits_in_the_config_of_a_run_is_refused(answered):
     config = launch.load_config("tests/one_stage.py:debug")
     values = model_folder.config_to_json(config)
     values["data"]["mirror"] = 10**400
-    answered(lambda path: checks.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
+    answered(lambda path: fits.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
 
 
 NAMES = ["x" * 300, "na\udcffme", "two\nlines"]
@@ -134,7 +134,7 @@ def test_a_full_disk_leaves_no_part_of_a_model_or_a_run(tmp_path):
         import conftest
         from ha2g_jax.checkpoint import loading, model_folder
         from ha2g_jax.errors import UserError
-        from ha2g_jax.train import run_record, workdir
+        from ha2g_jax.train import fits, run_record, workdir
 
         folder = pathlib.Path(sys.argv[1])
         model = loading.load("demo")

@@ -9,9 +9,8 @@ import optax
 import pytest
 
 from ha2g_jax.features.spectrum import asr_columns
-from ha2g_jax.layers.asr_audio import AsrAudioEncoder, feature_blocks, resample
 from ha2g_jax.layers.resnet_se import Features
-from ha2g_jax.layers.whisper import WhisperEncoder
+from ha2g_jax.layers.whisper import AsrAudioEncoder, WhisperEncoder, feature_blocks, resample
 
 WHISPER = WhisperEncoder(num_mels=6, d_model=8, layers=4, heads=2, ffn_dim=16)
 

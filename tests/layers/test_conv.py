@@ -11,8 +11,9 @@ from flax import linen as nn
 from hypothesis import given, settings
 from jax.sharding import NamedSharding, PartitionSpec
 
-from ha2g_jax.layers import conv as convolution
-from ha2g_jax.layers.conv import Conv, conv, kernel_gradient
+from ha2g_jax.layers.conv import Conv, conv
+from ha2g_jax.layers.cpu import convolution
+from ha2g_jax.layers.cpu.convolution import kernel_gradient
 from ha2g_jax.train import sharding
 
 

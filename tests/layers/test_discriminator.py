@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from ha2g_jax.layers.discriminator import Discriminator
+from ha2g_jax.methods.adversarial import Discriminator
 
 
 @pytest.mark.parametrize(("pose_dim", "count"), [(27, 253_950), (126, 258_702)])

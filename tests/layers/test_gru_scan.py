@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.layers.gru_scan import Gates, gru_cell, gru_scan
+from ha2g_jax.layers.cpu.recurrence import gru_scan
+from ha2g_jax.layers.gru_cell import Gates, gru_cell
 
 
 @pytest.mark.parametrize("is_padded", [False, True])

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
-from ha2g_jax.layers.resnet import ResNet
+from ha2g_jax.layers.identity import ImageIdentity, ResNet, SpeakerIdentity
 
 LAST = (0, 2, 3, 1)  # channels first to channels last
 

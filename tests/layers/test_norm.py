@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.layers.norm import BatchNorm
+from ha2g_jax.layers.conv import BatchNorm
 
 
 def _random(shape):

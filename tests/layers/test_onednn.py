@@ -1,5 +1,6 @@
 """What oneDNN computes is what XLA computes, with the same gradients, and training uses it where it is installed."""
 
+import contextlib
 import importlib.metadata
 import os
 import re
@@ -14,9 +15,10 @@ import pytest
 from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from hypothesis import given, settings
 
-from ha2g_jax.layers import conv as convolution
+from ha2g_jax.layers.cpu import convolution
 from ha2g_jax.layers.cpu.onednn import calls, library
-from ha2g_jax.layers.gru_scan import Gates, gru_scan
+from ha2g_jax.layers.cpu.recurrence import gru_scan
+from ha2g_jax.layers.gru_cell import Gates
 from ha2g_jax.train.measure import count_operations
 
 try:
@@ -33,10 +35,10 @@ def calls_of_onednn():
 
 
 @pytest.fixture
-def use(monkeypatch):
-    """Return a function that sets whether functions traced from now on use oneDNN, as if there were one device."""
-    monkeypatch.setattr(jax, "device_count", lambda: 1)
-    return lambda is_used: monkeypatch.setattr(library, "_is_used", is_used)
+def use():
+    """Return a function that sets whether functions traced from now on in this test use oneDNN."""
+    with contextlib.ExitStack() as stack:
+        yield lambda is_used: stack.enter_context(library.choosing(is_used))
 
 
 def drawn(*shape, seed=0):
@@ -144,7 +146,7 @@ def test_repeated_gradients_are_the_same_bits(use):
             assert all(map(np.array_equal, first, jax.tree.leaves(step(*values))))
 
 
-def test_what_is_computed_with_onednn(use, monkeypatch):
+def test_what_is_computed_with_onednn(use):
     def conv(x, kernel):
         return convolution.conv(x, kernel, (1, 1), 1)
 
@@ -159,9 +161,7 @@ def test_what_is_computed_with_onednn(use, monkeypatch):
     assert not calls_in(conv, *half)
     assert not calls_in(conv, x[:0], kernel) and not calls_in(conv, x[:, :0], kernel)  # no output
     assert not calls_in(lambda *it: gru_scan(*it, is_real), gates, kernels, biases)  # padding
-    with library.without_onednn():
-        assert not calls_in(conv, x, kernel)
-    monkeypatch.setattr(jax, "device_count", lambda: 8)
+    use(False)
     assert not calls_in(conv, x, kernel)
 
 

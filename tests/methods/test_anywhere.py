@@ -71,7 +71,7 @@ def test_half_precision_is_near_single_precision(method, make_plain, make_motion
 
         def run(batch, variables, objective=objective):
             spec = objective.spec
-            outputs, (batch_stats, _) = method_of(spec).run(
+            outputs, _, batch_stats = method_of(spec).run(
                 spec, variables, batch, keys, train=True, compute=objective.compute
             )
             return outputs.poses[-1], batch_stats

@@ -34,7 +34,7 @@ def run(objective, state):
     """The generator in training mode: (batch, keys) -> poses, and the batch statistics afterwards."""
 
     def run(batch, keys):
-        outputs, (batch_stats, _) = joint_embedding.run(
+        outputs, _, batch_stats = joint_embedding.run(
             objective.spec, state.generator.variables, batch, keys, train=True
         )
         return outputs.poses[-1], batch_stats
@@ -84,9 +84,9 @@ def test_a_coin_decides_which_latent_is_decoded(from_speech, objective, state, r
 def test_evaluation_samples_the_latent_of_the_speech(objective, state, make_motion_batch):
     """For a batch of one, whatever the coin."""
     evaluate = jax.jit(
-        lambda batch, keys: joint_embedding.run(objective.spec, state.generator.variables, batch, keys, train=False)[
-            0
-        ].poses[-1]
+        lambda batch, keys: joint_embedding.run(
+            objective.spec, state.generator.variables, batch, keys, train=False
+        ).outputs.poses[-1]
     )
     batch = make_motion_batch(objective, 1)
     late = jnp.roll(batch["directions"][:, objective.spec.num_seed_frames :], 5, axis=1)

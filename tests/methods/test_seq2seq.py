@@ -56,7 +56,7 @@ def test_one_batch_is_learnt_by_heart(make_objective, make_motion_batch, draw_st
         history.append(metrics)
     first, metrics = history[0], history[-1]
     assert metrics["loss/mse"] < 0.03 * first["loss/mse"]
-    terms = {name: float(metrics[f"loss/{name}"]) for name in seq2seq.term_names}
+    terms = {name: float(metrics[f"loss/{name}"]) for name in seq2seq.Terms._fields}
     total = 250 * terms["mse"] + 0.1 * terms["continuity"] + 25 * terms["variance"]
     assert float(metrics["loss/total"]) == pytest.approx(total, rel=1e-4)
 
@@ -77,7 +77,7 @@ def test_evaluation_is_of_each_clip_by_itself(make_plain, make_motion_batch, dra
     batch, state = make_motion_batch(objective, 3), draw_state(objective)
     keys = step_keys(objective.spec, jax.random.key(1), state.step)
     run = jax.jit(
-        lambda batch: seq2seq.run(objective.spec, state.generator.variables, batch, keys, train=False)[0].poses[-1]
+        lambda batch: seq2seq.run(objective.spec, state.generator.variables, batch, keys, train=False).outputs.poses[-1]
     )
     single = jax.tree.map(lambda x: x[1:2], batch)
     np.testing.assert_allclose(run(single), run(batch)[1:2], rtol=1e-4, atol=1e-5)
@@ -115,7 +115,7 @@ def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, 
 
         def loss(params, batch, objective=objective):
             variables = state.generator.variables | {"params": params}
-            outputs, (batch_stats, _) = seq2seq.run(
+            outputs, _, batch_stats = seq2seq.run(
                 objective.spec, variables, batch, keys, train=True, compute=objective.compute
             )
             return jnp.mean(jnp.square(outputs.poses[-1][:, :12])), (outputs.poses[-1], batch_stats)

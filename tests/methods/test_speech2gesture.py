@@ -11,7 +11,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import speech2gesture
-from ha2g_jax.methods.forward import discriminate
+from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.speech2gesture import l1
 from ha2g_jax.train import sharding
 from ha2g_jax.train.step import step_keys, train_step, validation_step
@@ -81,7 +81,9 @@ def test_evaluation_takes_a_single_clip_and_the_mean_square_of_its_scores(make_p
 
     @jax.jit
     def run(batch):
-        poses = speech2gesture.run(objective.spec, state.generator.variables, batch, keys, train=False)[0].poses[-1]
+        poses = speech2gesture.run(objective.spec, state.generator.variables, batch, keys, train=False).outputs.poses[
+            -1
+        ]
         scores, _ = discriminate(objective.spec, state.discriminator.variables, poses, keys["gan"], train=False)
         return poses, scores
 
@@ -121,7 +123,7 @@ def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, 
 
         def loss(params, batch, objective=objective):
             variables = state.generator.variables | {"params": params}
-            outputs, (batch_stats, _) = speech2gesture.run(
+            outputs, _, batch_stats = speech2gesture.run(
                 objective.spec, variables, batch, keys, train=True, compute=objective.compute
             )
             return jnp.mean(jnp.square(outputs.poses[-1])), (outputs.poses[-1], batch_stats)

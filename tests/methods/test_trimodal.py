@@ -66,7 +66,7 @@ def test_evaluation_compares_with_the_mean_styles_of_a_permutation(objective, st
     evaluate = jax.jit(
         lambda batch, keys: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=False)
     )
-    outputs, (_, contrast) = evaluate(batch, keys_of(objective.spec, 0))
+    outputs, contrast, _ = evaluate(batch, keys_of(objective.spec, 0))
     np.testing.assert_array_equal(contrast.z, outputs.mean)
     order = [
         int(np.argmin(np.abs(np.asarray(outputs.mean) - row).max(axis=-1))) for row in np.asarray(contrast.other_z)
@@ -81,7 +81,7 @@ def test_evaluation_compares_with_the_mean_styles_of_a_permutation(objective, st
 def test_training_samples_both_styles(objective, state, make_motion_batch):
     """Even a clip that keeps its speaker, such as that of a batch of one, gets another style."""
     batch, keys = make_motion_batch(objective, 1), keys_of(objective.spec, 0)
-    outputs, (_, contrast) = jax.jit(
+    outputs, contrast, _ = jax.jit(
         lambda: trimodal.run(objective.spec, state.generator.variables, batch, keys, train=True)
     )()
     assert len({tuple(np.asarray(z[0])) for z in (outputs.mean, contrast.z, contrast.other_z)}) == 3
@@ -91,7 +91,7 @@ def test_validation_of_one_window_is_finite_and_has_all_terms(objective, state, 
     terms = jax.jit(functools.partial(validation_step, objective))(
         state, make_motion_batch(objective, 1), jax.random.key(0)
     )
-    assert set(terms) == {f"loss/{name}" for name in (*trimodal.term_names, "total")}
+    assert set(terms) == {f"loss/{name}" for name in (*trimodal.Terms._fields, "total")}
     assert all(np.isfinite(value) for value in terms.values())
     assert terms["loss/style"] == 0  # its only speaker against itself
 

@@ -2,6 +2,7 @@
 
 import json
 
+from ha2g_jax.config import presets
 from ha2g_jax.config import settings as configs
 from ha2g_jax.train.describe import as_table, describe
 
@@ -39,7 +40,7 @@ def test_lists_the_shapes_of_ted_gesture_with_a_table_of_speakers():
 
 
 def test_parts_add_up_and_tables_that_grow_with_data_are_left_out():
-    rows = describe(configs.debug(configs.paper("ted_expressive")))
+    rows = describe(presets.sized("ted_expressive", "debug"))
     counts = {row["module"]: row["parameters"] for row in rows}
     for whole in ("generator", "generator.audio", "generator.pose_1", "discriminator", "autoencoder.encoder"):
         depth = whole.count(".") + 1

@@ -7,7 +7,6 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.config import presets
-from ha2g_jax.config import settings as configs
 from ha2g_jax.train import doctor, measure
 from ha2g_jax.train.measure import Memory
 
@@ -15,7 +14,7 @@ from ha2g_jax.train.measure import Memory
 @pytest.fixture
 def config(tiny_talk):
     """The debug size on a corpus that fits it."""
-    config = configs.debug(configs.paper("ted_expressive"))
+    config = presets.sized("ted_expressive", "debug")
     config.data.path = str(tiny_talk)
     return config
 
@@ -45,9 +44,9 @@ def a_step(monkeypatch, tmp_path, tiny_talk):
     monkeypatch.setattr(doctor, "_step", lambda config, corpus: measure.Finding("step", "quick"))
     path = tmp_path / "config.py"
     path.write_text(
-        "from ha2g_jax.config import settings as configs\n"
+        "from ha2g_jax.config import presets\n"
         "def get_config(size):\n"
-        "    config = configs.sized(configs.paper('ted_expressive'), size)\n"
+        "    config = presets.sized('ted_expressive', size)\n"
         f"    config.data.path = {str(tiny_talk)!r}\n"
         "    return config\n"
     )

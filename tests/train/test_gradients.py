@@ -14,7 +14,7 @@ def test_the_terms_and_their_sum_are_those_of_the_step(objective, step, state, b
     after, metrics = step(state, batch, key)
     # A step updates the discriminator before it takes the gradient of the generator.
     found = term_gradients(objective, state.replace(discriminator=after.discriminator), batch, key)
-    names = [name for name, _ in objective.weights]
+    names = list(objective.weights._fields)
     terms = [float(metrics[f"loss/{name}"]) for name in (*names, "total")]
     np.testing.assert_allclose(found.value, terms, rtol=1e-4)
     assert found.parameters[-1] == pytest.approx(float(metrics["grad_norm/generator"]), rel=1e-3)

@@ -15,7 +15,6 @@ from ha2g_jax.train import hosts
 from ha2g_jax.train.workdir import read_metrics
 
 processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
-CONFIG = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs" / "seq2seq.py"
 SLURM = {
     "SLURM_JOB_ID": "1234",
     "SLURM_STEP_NODELIST": "node[07-08]",
@@ -184,7 +183,7 @@ def test_processes_that_all_fail_keep_their_exit_code():
 
 def test_a_run_of_two_processes_through_the_launcher(tiny_talk, tmp_path):
     workdir, address = tmp_path / "run", processes.free_address()
-    common = [sys.executable, "-m", "ha2g_jax.cli", "train", f"--config={CONFIG}:talk:debug", f"--workdir={workdir}"]
+    common = [sys.executable, "-m", "ha2g_jax.cli", "train", "--config=seq2seq:talk:debug", f"--workdir={workdir}"]
     common += [f"--config.data.path={tiny_talk}", "--config.train.devices=0"]
     commands = [[*common, f"--coordinator={address}", "--num_processes=2", f"--process_id={n}"] for n in "01"]
     first, second = processes.finish(commands)

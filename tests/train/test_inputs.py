@@ -11,7 +11,6 @@ from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.config import presets
-from ha2g_jax.config import settings as configs
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
@@ -25,7 +24,7 @@ from ha2g_jax.train.inputs import _is_new, initial_variables
 
 @pytest.fixture
 def config():
-    return configs.debug(configs.paper("ted_expressive"))
+    return presets.sized("ted_expressive", "debug")
 
 
 def spec_of(config, corpus):

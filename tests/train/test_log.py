@@ -9,7 +9,7 @@ import pytest
 import tqdm
 from tensorboard.backend.event_processing import event_accumulator
 
-from ha2g_jax.config import settings as configs
+from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import log as logs
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
@@ -170,7 +170,7 @@ def test_the_bar_says_when_data_are_late(lines, clock):
 
 @pytest.fixture
 def config():
-    return configs.debug(configs.paper("ted_gesture"))
+    return presets.sized("ted_gesture", "debug")
 
 
 @pytest.fixture

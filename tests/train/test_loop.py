@@ -22,7 +22,6 @@ from ha2g_jax.train.log import StepLog
 from ha2g_jax.train.workdir import read_metrics
 
 ROOT = pathlib.Path(__file__).parent.parent.parent
-CONFIGS = ROOT / "experiments" / "configs"
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def config_for(tiny_talk):
 
     def config_for(method="trimodal", **settings):
         overrides = [f"--config.train.{name}={value}" for name, value in settings.items()]
-        return launch.load_config(f"{CONFIGS}/{method}.py:talk:debug", [f"--config.data.path={tiny_talk}", *overrides])
+        return launch.load_config(f"{method}:talk:debug", [f"--config.data.path={tiny_talk}", *overrides])
 
     return config_for
 
@@ -145,7 +144,7 @@ def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path,
 
 
 def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
-    config = launch.load_config(f"{CONFIGS}/ted_gesture.py:debug", [f"--config.data.path={tiny_talk}"])
+    config = launch.load_config("ted_gesture:debug", [f"--config.data.path={tiny_talk}"])
     with pytest.raises(UserError, match="ted_expressive at 15 fps, the config ted_gesture"):
         loop.train(config, tmp_path / "run")
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.methods.forward import discriminate
+from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.ha2g import method as ha2g
 from ha2g_jax.train.objective import init_state
 from ha2g_jax.train.step import step_keys, train_step
@@ -39,7 +39,7 @@ def test_every_product_of_the_networks_is_in_bfloat16(config, build, make_batch,
         outputs, pull_back, _ = jax.vjp(
             lambda params: ha2g.run(
                 objective.spec, variables | {"params": params}, batch, keys, compute=objective.compute
-            ),
+            )[:2],
             variables["params"],
             has_aux=True,
         )

@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 
-from ha2g_jax.config import settings as configs
+from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.train import inputs
 from ha2g_jax.train.objective import build_objective
@@ -13,7 +13,7 @@ from ha2g_jax.train.step import train_step
 
 
 def test_one_batch_is_learnt_by_heart_in_100_steps(tiny_talk, draw_state):
-    config = configs.debug(configs.paper("ted_expressive"))
+    config = presets.sized("ted_expressive", "debug")
     config.model.identity.kind = "speakers"
     config.model.inferer.levels = (6,)
     config.data.path = str(tiny_talk)

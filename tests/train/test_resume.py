@@ -13,7 +13,7 @@ import pytest
 SOAK = pathlib.Path(__file__).parent.parent / "soak_resume.py"
 ENDLESS = 1_000_000  # steps
 # The method that starts fastest; tests/train/test_loop.py resumes Trimodal with its discriminator.
-CONFIG = f"{SOAK.parent.parent}/experiments/configs/seq2seq.py:talk:debug"
+CONFIG = "seq2seq:talk:debug"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import sys
 import jax
 import pytest
 
-from ha2g_jax.config import settings as configs
+from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import run_record
@@ -18,7 +18,7 @@ from ha2g_jax.train import run_record
 @pytest.fixture
 def start(tmp_path, tiny_talk):
     """A function that records a start at a step and returns the content of `run.json`."""
-    config, corpus = configs.debug(configs.paper("ted_expressive")), Corpus.open(tiny_talk)
+    config, corpus = presets.sized("ted_expressive", "debug"), Corpus.open(tiny_talk)
 
     def start(step):
         run_record.write(tmp_path, config, step, corpus)

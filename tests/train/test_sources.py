@@ -7,22 +7,20 @@ import pytest
 from ha2g_jax import cli
 from ha2g_jax.train.workdir import read_metrics
 
-CONFIGS = pathlib.Path(__file__).parent.parent.parent / "experiments" / "configs"
-
 # Command, folder and config. Of the methods Seq2Seq compiles fastest; it trains on the words. Speech2Gesture trains on
 # the sound.
 SOURCES = {
-    "ted_expressive": ("import-ted", "ted_format/expressive", "seq2seq.py:ted_expressive:debug"),
-    "ted_gesture": ("import-ted", "ted_format/gesture", "seq2seq.py:ted_gesture:debug"),
-    "bvh": ("import-bvh", "zeroeggs_067", "speech2gesture.py:bvh:debug", "--config.model.inferer.layers=1"),
+    "ted_expressive": ("import-ted", "ted_format/expressive", "seq2seq:ted_expressive:debug"),
+    "ted_gesture": ("import-ted", "ted_format/gesture", "seq2seq:ted_gesture:debug"),
+    "bvh": ("import-bvh", "zeroeggs_067", "speech2gesture:bvh:debug", "--config.model.inferer.layers=1"),
 }
 # The last level of the motion alone is enough here and half as long to compile.
-IMAGES = ("video.py:debug", "--config.model.inferer.levels=(6,)")
+IMAGES = ("video:debug", "--config.model.inferer.levels=(6,)")
 
 
 def train_two_steps(data: pathlib.Path, workdir: pathlib.Path, config: str, *changes: str) -> list[dict]:
     """Return the lines of metrics.jsonl."""
-    flags = (f"--config={CONFIGS}/{config}", f"--workdir={workdir}", f"--config.data.path={data}", *changes)
+    flags = (f"--config={config}", f"--workdir={workdir}", f"--config.data.path={data}", *changes)
     assert cli.main(["train", *flags]) == 0
     return read_metrics(workdir / "metrics.jsonl")
 

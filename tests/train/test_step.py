@@ -9,9 +9,9 @@ import optax
 import pytest
 
 from ha2g_jax.methods import adversarial
+from ha2g_jax.methods.adversarial import discriminate
 from ha2g_jax.methods.build import method_of
-from ha2g_jax.methods.forward import discriminate
-from ha2g_jax.methods.ha2g.method import term_names
+from ha2g_jax.methods.ha2g.method import Terms, total
 from ha2g_jax.methods.method import subtract_mean
 from ha2g_jax.train import step as steps
 from ha2g_jax.train.objective import init_state
@@ -33,7 +33,7 @@ def two_pass_step(objective, state, batch, key):
     """Do the usual alternation: a forward pass to train the discriminator, another to train the generator."""
     keys = steps.step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
-    fake = method_of(objective.spec).run(objective.spec, state.generator.variables, batch, keys)[0].poses[-1]
+    fake = method_of(objective.spec).run(objective.spec, state.generator.variables, batch, keys).outputs.poses[-1]
     real_key, fake_key = jax.random.split(keys["discriminator"])
 
     def discriminator_loss(params):
@@ -49,11 +49,11 @@ def two_pass_step(objective, state, batch, key):
 
     def generator_loss(params):
         variables = state.generator.variables | {"params": params}
-        outputs, (_, contrast) = method_of(objective.spec).run(objective.spec, variables, batch, keys)
+        outputs, contrast, _ = method_of(objective.spec).run(objective.spec, variables, batch, keys)
         fake_logits, _ = discriminate(objective.spec, discriminator.variables, outputs.poses[-1], keys["gan"])
-        terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets)
-        terms["gan"] = adversarial.gan_generator(fake_logits)
-        return sum(weight * terms[name] for name, weight in objective.weights)
+        gan = adversarial.gan_generator(fake_logits)
+        terms = method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets, gan)
+        return total(objective.weights, terms)
 
     updates, _ = objective.generator_optimizer.update(
         jax.grad(generator_loss)(state.generator.params), state.generator.opt_state
@@ -87,7 +87,7 @@ def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(object
         after, metrics = step(states[-1], batch, jax.random.key(1))
         states.append(after)
         compiled.append(step._cache_size())
-        weights = dict(objective.weights) | ({} if count >= objective.warmup_steps else {"gan": 0.0})
+        weights = objective.weights._asdict() | ({} if count >= objective.warmup_steps else {"gan": 0.0})
         expected = sum(weight * float(metrics[f"loss/{name}"]) for name, weight in weights.items())
         assert metrics["loss/total"] == pytest.approx(expected, rel=1e-5)
     discriminators = [state.discriminator for state in states]
@@ -100,7 +100,7 @@ def test_adversary_waits_for_the_end_of_warmup_and_the_step_compiles_once(object
 
 def test_terms_are_those_that_have_weights(objective, state, batch):
     _, metrics = jax.eval_shape(functools.partial(steps.train_step, objective), state, batch, jax.random.key(1))
-    names = {f"loss/{name}" for name in (*term_names, "total", "discriminator")}
+    names = {f"loss/{name}" for name in (*Terms._fields, "total", "discriminator")}
     names |= {
         f"{name}/{network}" for name in ("grad_norm", "learning_rate") for network in ("generator", "discriminator")
     }
@@ -151,7 +151,7 @@ def test_a_discriminator_that_is_not_finite_counts_in_warmup_too(step, state, ba
 def test_validation_uses_the_mean_identity(objective, state, batch):
     validate = jax.jit(functools.partial(steps.validation_step, objective))
     first, second = (validate(state, batch, jax.random.key(seed)) for seed in (1, 2))
-    assert first.keys() == {f"loss/{name}" for name in (*term_names, "total")}
+    assert first.keys() == {f"loss/{name}" for name in (*Terms._fields, "total")}
     for name in ("huber", "physical", "kld", "contrastive", "gan"):
         assert first[f"loss/{name}"] == second[f"loss/{name}"]
 

@@ -17,7 +17,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
-from ha2g_jax.layers.norm import EPSILON
+from ha2g_jax.layers.conv import EPSILON
 from ha2g_jax.layers.resampling import interpolate
 from ha2g_jax.layers.resnet_se import HEADS, MEL_RANGE, AudioEncoder, Features, head_grid, head_places
 from ha2g_jax.methods.ha2g.model import HA2G
@@ -270,9 +270,8 @@ def add_inferer(
     blended = _add_coordinator(graph, model, params["coordinator"], features, style)
     num_free = model.audio.num_frames - model.num_seed_frames
     poses = ""
-    for level, own in enumerate(model.level_channels):
+    for level, channels in enumerate(model.level_channels):
         below = model.level_channels[max(level - 1, 0)]
-        channels = own if model.seed_level == "own" else below
         previous = graph.add("Gather", seed, graph.constant([*channels, skeleton.pose_dim]), axis=2)
         if level:
             # Channels that the level below does not have, and the bit, are the zero that is padded.
@@ -368,7 +367,7 @@ def _add_gru(
         name=name,
         hidden_size=hidden_dim,
         direction="bidirectional",
-        linear_before_reset=1,  # the equations of PyTorch, see `layers.gru_scan`
+        linear_before_reset=1,  # the equations of PyTorch, see `layers.gru_cell`
     )
 
 

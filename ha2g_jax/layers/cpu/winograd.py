@@ -11,8 +11,6 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.layers.cpu import chunks
-
 # B^T, G and A^T of the paper: the transforms of inputs, kernel and outputs along one axis.
 _INPUT = ((1, 0, -1, 0), (0, 1, 1, 0), (0, -1, 1, 0), (0, 1, 0, -1))
 _KERNEL = ((1, 0, 0), (0.5, 0.5, 0.5), (0.5, -0.5, 0.5), (0, 0, 1))
@@ -34,10 +32,10 @@ def conv(x: jax.Array, kernel: jax.Array, padding: int) -> jax.Array:
     """
     batch, height, width, channels = len(x), x.shape[1] + 2 * padding - 2, x.shape[2] + 2 * padding - 2, kernel.shape[3]
     transformed = _kernel_tile(kernel)
-    parts = chunks.split(x, math.ceil(_VALUES / math.prod(x.shape[1:])))
+    parts = split(x, math.ceil(_VALUES / math.prod(x.shape[1:])))
 
     def write(out: jax.Array, index: jax.Array) -> tuple[jax.Array, None]:
-        tiles = _input_tiles(chunks.take(parts, index), padding, height, width)
+        tiles = _input_tiles(take(parts, index), padding, height, width)
         images = _from_output_tiles([tile @ values for tile, values in zip(tiles, transformed, strict=True)])
         return jax.lax.dynamic_update_index_in_dim(out, images[:, :height, :width], index, axis=1), None
 
@@ -59,11 +57,11 @@ def kernel_gradient(x: jax.Array, cotangent: jax.Array, padding: int) -> jax.Arr
     """
     inputs, (_, height, width, channels) = x.shape[3], cotangent.shape
     images = math.ceil(_VALUES / math.prod(x.shape[1:]))
-    parts, cotangents = chunks.split(x, images), chunks.split(cotangent, images)
+    parts, cotangents = split(x, images), split(cotangent, images)
 
     def add(total: jax.Array, index: jax.Array) -> tuple[jax.Array, None]:
-        tiles = _input_tiles(chunks.take(parts, index), padding, height, width)
-        gradients = _cotangent_tiles(chunks.take(cotangents, index))
+        tiles = _input_tiles(take(parts, index), padding, height, width)
+        gradients = _cotangent_tiles(take(cotangents, index))
         products = [
             gradient.reshape(-1, channels).T @ tile.reshape(-1, inputs)
             for tile, gradient in zip(tiles, gradients, strict=True)
@@ -128,3 +126,25 @@ def _transform(matrix: Sequence[Sequence[float]], values: Sequence[jax.Array]) -
         sum(factor * value for factor, value in zip(row, values, strict=True) if factor)  # pyright: ignore
         for row in matrix
     ]
+
+
+def split(x: jax.Array, images: int) -> jax.Array:
+    """Split a batch into chunks, for a loop over the second axis.
+
+    A chunk has the images at the same place of each part of the batch, and at least one image of each device, so that
+    a batch that is split over devices stays split.
+
+    Args:
+        x: (B, ...).
+        images: number of images of a chunk, at least; the next power of two or, where that does not divide B, less.
+
+    Returns:
+        (images of a chunk, number of chunks, ...).
+    """
+    chunk = math.gcd(len(x), 1 << (max(images, jax.device_count()) - 1).bit_length())
+    return x.reshape(chunk, len(x) // chunk, *x.shape[1:])
+
+
+def take(parts: jax.Array, index: jax.Array) -> jax.Array:
+    """Return the chunk (images of a chunk, ...) at an index of the result of `split`."""
+    return jax.lax.dynamic_index_in_dim(parts, index, axis=1, keepdims=False)

@@ -7,43 +7,50 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.config.choices import ARCHITECTURES, choice, some_of
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_ASR_MELS
-from ha2g_jax.layers.asr_audio import AsrAudioEncoder
-from ha2g_jax.layers.discriminator import Discriminator
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder, Features
-from ha2g_jax.layers.whisper import WhisperEncoder
-from ha2g_jax.methods.encoders import speaker_table, text_encoder
-from ha2g_jax.methods.forward import apply
-from ha2g_jax.methods.ha2g import losses, release
-from ha2g_jax.methods.ha2g.model import HA2G, SEED_LEVELS
-from ha2g_jax.methods.ha2g.release import ReleaseHA2G, SpeechFeatures
-from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Spec, Variables, make_spec, restore, speech_arguments
+from ha2g_jax.layers.whisper import AsrAudioEncoder, WhisperEncoder
+from ha2g_jax.methods.adversarial import Discriminator
+from ha2g_jax.methods.ha2g import losses
+from ha2g_jax.methods.ha2g.model import HA2G
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, restore, speech_arguments
+from ha2g_jax.methods.networks import apply, speaker_table, text_encoder
 from ha2g_jax.skeleton import Skeleton, joint_angles
 
 keys: tuple[str, ...] = ("dropout", "identity", "permutation")
-term_names: tuple[str, ...] = ("gan", "huber", "physical", "style", "kld", "contrastive")
 reconstruction_term = "huber"
 has_parts = True
 init_arguments = speech_arguments
 
-_COORDINATORS = ("levels", "tied")
-_LOSS_VERSION = 2  # before D13 to D16, the terms had other scales
+
+class Terms(NamedTuple):
+    """Terms of Eq. 9, each () and unweighted, or their weights; `losses` has the equations."""
+
+    gan: Any
+    huber: Any
+    physical: Any
+    style: Any
+    kld: Any
+    contrastive: Any
+
+
+def total(weights: Terms, terms: Terms) -> jax.Array:
+    """Return the objective of the generator (Eq. 9)."""
+    return (
+        weights.huber * terms.huber
+        + weights.physical * terms.physical
+        + weights.style * terms.style
+        + weights.kld * terms.kld
+        + weights.contrastive * terms.contrastive
+        + weights.gan * terms.gan
+    )
 
 
 class LossSettings(NamedTuple):
-    """Settings of the terms, `config.loss.ha2g`.
-
-    Attributes:
-        huber_delta: absolute difference at which Huber's parabola becomes a line (D8).
-        temperature: tau of the contrastive term.
-        negatives: levels of the audio in the denominator of Eq. 2.
-        style_delta: as `huber_delta`, of the style diverging term (D15).
-        style_clip: epsilon of the style diverging term.
-    """
+    """Settings of the terms, `config.loss.ha2g`; the table of settings explains them."""
 
     huber_delta: float
     temperature: float
@@ -57,13 +64,13 @@ class Outputs(NamedTuple):
 
     Attributes:
         poses: H arrays (B, N, d^h), mean-subtracted.
-        features: low, mid and high audio features, each (B, N, 32).
+        features: of the audio, each (B, N, 32).
         text: (B, N, 32) text features.
         mean, log_variance: (B, 18) of the identity.
     """
 
     poses: tuple[jax.Array, ...]
-    features: tuple[jax.Array, jax.Array, jax.Array]
+    features: Features
     text: jax.Array
     mean: jax.Array
     log_variance: jax.Array
@@ -87,22 +94,18 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the networks of `config.model`, the ablations of Tables 3 and 4 included; see `Method.build`.
 
     Raises:
-        UserError: an unknown choice.
+        UserError: the inferer has no such levels, or the size of Whisper's mel is another one.
     """
-    if choice("model.architecture", config.model.architecture, ARCHITECTURES) == "release":
-        audio = _resnet_se(config, reads_decibels=True)
-        return release.build(config, skeleton, vocabulary_size, num_speakers, audio)
     audio, inferer = config.model.audio, config.model.inferer
-    encoder = _AUDIO_ENCODERS[choice("model.audio.kind", audio.kind, tuple(_AUDIO_ENCODERS))](config)
+    encoder = _whisper(config) if audio.kind == "whisper" else resnet_se(config)
     generator = HA2G(
         audio=encoder,
         text=text_encoder(config, vocabulary_size),
         identity=_identity_encoder(config, num_speakers),
         level_channels=_level_channels(inferer.levels, skeleton),
-        audio_levels=some_of("model.audio.levels", audio.levels, losses.AUDIO_LEVELS),
-        is_tied=choice("model.inferer.coordinator", inferer.coordinator, _COORDINATORS) == "tied",
+        audio_levels=tuple(name for name in losses.AUDIO_LEVELS if name in audio.levels),
+        is_tied=inferer.coordinator == "tied",
         num_seed_frames=config.data.num_seed_frames,
-        seed_level=choice("model.inferer.seed_level", inferer.seed_level, SEED_LEVELS),
         hidden_dim=inferer.hidden_dim,
         layers=inferer.layers,
         dropout=inferer.dropout,
@@ -113,7 +116,8 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, discriminator, inputs=inputs, training_inputs=(*inputs, "words"))
 
 
-def _resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
+def resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
+    """Return E_a."""
     audio, data = config.model.audio, config.data
     settings: dict[str, Any] = {name: tuple(value) for name, value in audio.resnet_se.items()}
     return AudioEncoder(
@@ -128,7 +132,11 @@ def _resnet_se(config: Config, *, reads_decibels: bool = False) -> AudioEncoder:
 
 def _whisper(config: Config) -> AsrAudioEncoder:
     audio, data = config.model.audio, config.data
-    _check_whisper(config)
+    if audio.whisper.num_mels != NUM_ASR_MELS:
+        raise UserError(
+            f"config.model.audio.whisper.num_mels is {audio.whisper.num_mels}, expected {NUM_ASR_MELS}: choose a "
+            "Whisper model other than large-v3"
+        )
     return AsrAudioEncoder(
         whisper=WhisperEncoder(**audio.whisper),
         feature_dim=audio.feature_dim,
@@ -137,23 +145,9 @@ def _whisper(config: Config) -> AsrAudioEncoder:
     )
 
 
-# E_a by `config.model.audio.kind`; the `inputs` of an encoder names its speech input.
-_AUDIO_ENCODERS: dict[str, Callable[[Config], Any]] = {"resnet_se": _resnet_se, "whisper": _whisper}
-
-
-def _check_whisper(config: Config) -> None:
-    num_mels = config.model.audio.whisper.num_mels
-    if num_mels != NUM_ASR_MELS:
-        raise UserError(
-            f"config.model.audio.whisper.num_mels is {num_mels}, expected {NUM_ASR_MELS}: choose a Whisper model other "
-            "than large-v3"
-        )
-
-
 def _identity_encoder(config: Config, num_speakers: int) -> ImageIdentity | SpeakerIdentity:
     identity = config.model.identity
-    kind = choice("model.identity.kind", identity.kind, ("images", "speakers"))
-    if kind == "speakers":
+    if identity.kind == "speakers":
         return speaker_table(config, num_speakers)
     return ImageIdentity(
         blocks=tuple(identity.images.blocks),
@@ -174,7 +168,7 @@ def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[
     return tuple(skeleton.level_channels[number - 1] for number in numbers)
 
 
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features | SpeechFeatures:
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features:
     """Encode the spectrograms of windows to f_low, f_mid and f_high, each (B, N, 32); see `GeneratingMethod`."""
     return spec.generator.apply(variables, speech, train=False, method="encode_speech")
 
@@ -194,6 +188,10 @@ def sample(
     return levels[-1]
 
 
+def _roll(f_id: jax.Array, shift: jax.Array) -> jax.Array:
+    return jnp.roll(f_id, shift, axis=0)
+
+
 def run(
     spec: Spec,
     variables: Variables,
@@ -202,7 +200,8 @@ def run(
     *,
     train: bool = True,
     compute: Compute = FLOAT32,
-) -> tuple[Outputs, tuple[Any, Contrast]]:
+    exchange: Callable[[jax.Array, jax.Array], jax.Array] = _roll,
+) -> Run[Outputs, Contrast]:
     """Run the generator on one batch, for its own identities and for a permutation of them.
 
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
@@ -216,9 +215,7 @@ def run(
         keys: keys "dropout", "identity" and "permutation".
         train: whether to run in training mode; evaluation mode takes the mean of each identity instead of a sample.
         compute: precision and number of parts.
-
-    Returns:
-        The outputs, and (batch statistics after the run, the run with the other identities).
+        exchange: function of the identities (B, 18) and a shift () that gives each clip those of another one.
     """
     speech, identity, seed = speech_arguments(spec, batch)
     (features, text, (mean, log_variance)), batch_stats = apply(
@@ -229,8 +226,7 @@ def run(
         f_id = mean + jnp.exp(0.5 * log_variance) * jax.random.normal(keys["identity"], mean.shape)
     # A cyclic shift of the batch: no clip, unless alone, keeps its own identity.
     shift = jax.random.randint(keys["permutation"], (), 1, max(len(mean), 2))
-    own_blend, drawn = jnp.split(f_id, [spec.generator.blend_dim], axis=-1)
-    other_f_id = jax.lax.stop_gradient(jnp.concatenate([own_blend, jnp.roll(drawn, shift, axis=0)], axis=-1))
+    other_f_id = jax.lax.stop_gradient(exchange(f_id, shift))
 
     def infer(key: jax.Array, clips: Any) -> tuple[tuple[jax.Array, ...], jax.Array]:
         return _infer_both(spec, variables, key, *clips, train=train, compute=compute)
@@ -240,13 +236,11 @@ def run(
         poses, other_poses = _in_parts(infer, compute.num_parts, keys["dropout"], clips)
     else:
         poses, other_poses = infer(keys["dropout"], clips)
-    low, mid, high, *_ = features
-    values = spec.generator.drawn_values
-    outputs = Outputs(poses, (low, mid, high), text, mean[:, values], log_variance[:, values])
-    return outputs, (batch_stats, Contrast(other_poses, f_id[:, values], other_f_id[:, values]))
+    outputs = Outputs(poses, Features(*features[:3]), text, mean, log_variance)
+    return Run(outputs, Contrast(other_poses, f_id, other_f_id), batch_stats)
 
 
-def _encode(model: HA2G | ReleaseHA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
+def _encode(model: HA2G, speech: dict[str, jax.Array], identity: jax.Array, *, train: bool) -> Any:
     return (
         model.encode_speech(speech, train=train),
         model.encode_text(speech["words"], train=train),
@@ -258,7 +252,7 @@ def _infer_both(
     spec: Spec,
     variables: Variables,
     key: jax.Array,
-    features: Features | SpeechFeatures,
+    features: Features,
     f_id: jax.Array,
     other_f_id: jax.Array,
     seed: jax.Array,
@@ -303,34 +297,25 @@ def _in_parts(function: Any, count: int, key: jax.Array, clips: Any) -> Any:
 
 
 def loss_settings(settings: Mapping[str, Any]) -> LossSettings:
-    """Return the numbers and choices of the terms; see `Method.loss_settings`.
-
-    Raises:
-        UserError: negatives of an unknown level, or settings of terms that had other scales.
-    """
-    values = dict(settings)
-    if (version := values.pop("version")) != _LOSS_VERSION:
-        raise UserError(
-            f"config.loss.ha2g.version is {version}, expected {_LOSS_VERSION}: the terms have other scales now "
-            "(docs/objective.md), so start a new run"
-        )
-    values["negatives"] = some_of("loss.ha2g.negatives", values["negatives"], losses.AUDIO_LEVELS)
-    return LossSettings(**values)
+    """Return the numbers and choices of the terms; see `Method.loss_settings`."""
+    negatives = tuple(name for name in losses.AUDIO_LEVELS if name in settings["negatives"])
+    return LossSettings(**{**settings, "negatives": negatives})
 
 
 def terms(
-    spec: Spec, settings: LossSettings, outputs: Outputs, aux: Contrast, targets: jax.Array
-) -> dict[str, jax.Array]:
-    """Return the unweighted terms of Eq. 9 but the adversarial one; see `Method.terms`."""
+    spec: Spec, settings: LossSettings, outputs: Outputs, contrast: Contrast, targets: jax.Array, gan: jax.Array
+) -> Terms:
+    """Return the unweighted terms of Eq. 9; see `Method.terms`."""
     skeleton = spec.skeleton
     angles = joint_angles(skeleton, restore(spec, outputs.poses[-1])) / jnp.pi
     levels = tuple(targets[..., jnp.array(channels)] for channels in spec.generator.level_channels)
-    return {
-        "huber": losses.huber(outputs.poses, levels, settings.huber_delta),
-        "physical": losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
-        "style": losses.style(outputs.poses[-1], *aux, delta=settings.style_delta, clip=settings.style_clip),
-        "kld": losses.kld(outputs.mean, outputs.log_variance),
-        "contrastive": losses.contrastive(
+    return Terms(
+        gan=gan,
+        huber=losses.huber(outputs.poses, levels, settings.huber_delta),
+        physical=losses.physical(angles, jnp.asarray(skeleton.angle_mean), jnp.asarray(skeleton.angle_variance)),
+        style=losses.style(outputs.poses[-1], *contrast, delta=settings.style_delta, clip=settings.style_clip),
+        kld=losses.kld(outputs.mean, outputs.log_variance),
+        contrastive=losses.contrastive(
             outputs.text, *outputs.features, temperature=settings.temperature, negatives=settings.negatives
         ),
-    }
+    )

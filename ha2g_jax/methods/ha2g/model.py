@@ -12,9 +12,6 @@ from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.tcn import TextEncoder
 
-# Whether a stage of the pose inferer sees the seed pose of its own level, or, in older models, of the level below.
-SEED_LEVELS = ("own", "below")
-
 
 class PoseStage(nn.Module):
     """One stage h of the pose inferer (Eq. 4).
@@ -80,7 +77,6 @@ class HA2G(nn.Module):
             of them, the last included, where an ablation leaves levels out).
         audio_levels, is_tied: of the style coordinator.
         num_seed_frames: M.
-        seed_level: level of the motion whose seed pose a stage sees, one of `SEED_LEVELS`.
         hidden_dim, layers, dropout: of each stage's GRU.
     """
 
@@ -91,13 +87,9 @@ class HA2G(nn.Module):
     audio_levels: tuple[str, ...] = Features._fields
     is_tied: bool = False
     num_seed_frames: int = 4
-    seed_level: str = "own"
     hidden_dim: int = 300
     layers: int = 4
     dropout: float = 0.3
-
-    blend_dim = 0  # number of the first values of f_id that only the blend of the audio follows from
-    drawn_values = slice(None)  # values of f_id that the KLD and the style term see
 
     def setup(self) -> None:
         self.coordinator = StyleCoordinator(len(self.level_channels), self.audio_levels, self.is_tied)
@@ -154,12 +146,10 @@ class HA2G(nn.Module):
         is_seed = jnp.broadcast_to(jnp.arange(num_frames)[None, :, None] < self.num_seed_frames, (batch, num_frames, 1))
 
         poses: list[jax.Array] = []
-        for level, stage in enumerate(self.stages):
-            below = max(level - 1, 0)
-            channels = self.level_channels[level if self.seed_level == "own" else below]
+        for level, (stage, channels) in enumerate(zip(self.stages, self.level_channels, strict=True)):
             free = jnp.zeros((batch, num_frames - self.num_seed_frames, len(channels)), seed.dtype)
             if poses:
-                places = [channels.index(channel) for channel in self.level_channels[below]]
+                places = [channels.index(channel) for channel in self.level_channels[level - 1]]
                 free = free.at[..., jnp.array(places)].set(poses[-1][:, self.num_seed_frames :], unique_indices=True)
             previous = jnp.concatenate([seed[..., jnp.array(channels)], free], axis=1)
             poses.append(stage(previous, blended[level], is_seed.astype(seed.dtype), train=train))

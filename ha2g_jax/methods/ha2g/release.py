@@ -6,37 +6,42 @@ states of the GRU to poses. Identities are those of a table; the style coordinat
 perceptron itself. The networks see the spectrogram in dB. docs/released_weights.md has the whole comparison.
 """
 
+import reprlib
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
-from ha2g_jax.config.choices import choice
-from ha2g_jax.config.settings import Config
+from ha2g_jax.config.settings import Config, value_of
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers import initializers
-from ha2g_jax.layers.discriminator import Discriminator
-from ha2g_jax.layers.frame_decoder import FrameDecoder
+from ha2g_jax.layers.gru import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
-from ha2g_jax.methods.encoders import speaker_table, text_encoder
-from ha2g_jax.methods.ha2g.losses import AUDIO_LEVELS
-from ha2g_jax.methods.method import Spec, make_spec
+from ha2g_jax.methods.adversarial import Discriminator
+from ha2g_jax.methods.ha2g import method as paper
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec
+from ha2g_jax.methods.networks import speaker_table, text_encoder
 from ha2g_jax.skeleton import Skeleton
 
 _HEAD_BONES = 5  # the last ones of every level of TED-Expressive
 _COORDINATOR_DIM = 32
 _DISCRIMINATOR_SLOPE = 0.01
-# Settings of the networks of the paper that have one value here.
-_FIXED = (
-    ("audio", "kind", "resnet_se"),
-    ("text", "receptive_field", "causal"),
-    ("identity", "kind", "speakers"),
-    ("inferer", "seed_level", "own"),
-    ("inferer", "coordinator", "levels"),
-)
+# Settings that only the networks of the paper follow, and the one value that they have here.
+_FIXED = {
+    "model.audio.kind": "resnet_se",
+    "model.audio.levels": ("low", "mid", "high"),
+    "model.text.receptive_field": "causal",
+    "model.identity.kind": "speakers",
+    "model.inferer.levels": (),
+    "model.inferer.coordinator": "levels",
+}
+
+keys, Terms, reconstruction_term, has_parts = paper.keys, paper.Terms, paper.reconstruction_term, paper.has_parts
+init_arguments, encode_speech, encode_identity = paper.init_arguments, paper.encode_speech, paper.encode_identity
+sample, loss_settings, terms, total = paper.sample, paper.loss_settings, paper.terms, paper.total
 
 
 class SpeechFeatures(NamedTuple):
@@ -141,16 +146,6 @@ class ReleaseHA2G(nn.Module):
     layers: int = 4
     dropout: float = 0.3
 
-    @property
-    def blend_dim(self) -> int:
-        """Number of the first values of f_id, which only the blend of the audio follows from."""
-        return self.identity.feature_dim
-
-    @property
-    def drawn_values(self) -> slice:
-        """Values of f_id that the KLD and the style term see: the style of the last level."""
-        return slice(-self.identity.feature_dim, None)
-
     def setup(self) -> None:
         identity = self.identity
         self.coordinator = ReleaseCoordinator(identity.num_speakers, identity.feature_dim, len(self.level_channels))
@@ -199,7 +194,7 @@ class ReleaseHA2G(nn.Module):
 
     def coordinate(self, f_id: jax.Array) -> jax.Array:
         """Maps f_id (B, 16 (1 + H)) to the style coordinator C (B, 3, H)."""
-        return self.coordinator.blend(f_id[:, : self.blend_dim])
+        return self.coordinator.blend(f_id[:, : self.identity.feature_dim])
 
     def infer(
         self, features: SpeechFeatures, f_id: jax.Array, seed: jax.Array, *, train: bool
@@ -216,7 +211,7 @@ class ReleaseHA2G(nn.Module):
         """
         low, mid, high, texts = features
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack([low, mid, high], axis=1))  # Eq. 3
-        styles = jnp.split(f_id[:, self.blend_dim :], len(self.level_channels), axis=-1)
+        styles = jnp.split(f_id[:, self.identity.feature_dim :], len(self.level_channels), axis=-1)
         poses: list[jax.Array] = []
         for level, stage in enumerate(self.stages):
             known = self._known(level, poses, seed, low.shape[1])
@@ -243,29 +238,21 @@ class ReleaseHA2G(nn.Module):
         return jnp.concatenate([given, free], axis=1)
 
 
-def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int, audio: AudioEncoder) -> Spec:
+def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the networks of `config.model` with architecture "release"; see `Method.build`.
-
-    Args:
-        config: settings; those that only the networks of the paper follow have one value.
-        skeleton: skeleton with the statistics of the training split.
-        vocabulary_size: number of words of the training split.
-        num_speakers: number of speakers of the training split.
-        audio: E_a, which reads dB.
 
     Raises:
         UserError: a setting that these networks cannot follow.
     """
-    for part, name, expected in _FIXED:
-        choice(f"model.{part}.{name}", config.model[part][name], (expected,))
+    for name, expected in _FIXED.items():
+        if (value := value_of(config, name)) != expected:
+            raise UserError(
+                f"config.{name} is {reprlib.repr(value)}, expected {expected!r}, which the networks of the release "
+                f"have: set --config.{name}"
+            )
     inferer = config.model.inferer
-    if tuple(config.model.audio.levels) != AUDIO_LEVELS or inferer.levels:
-        raise UserError(
-            "config.model.architecture is 'release', which has all levels of audio and motion: leave out "
-            "--config.model.audio.levels and --config.model.inferer.levels"
-        )
     generator = ReleaseHA2G(
-        audio=audio,
+        audio=paper.resnet_se(config, reads_decibels=True),
         text=text_encoder(config, vocabulary_size),
         identity=speaker_table(config, num_speakers, has_hidden=True),
         level_channels=skeleton.level_channels,
@@ -278,3 +265,29 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     discriminator = Discriminator(**config.model.discriminator, slope=_DISCRIMINATOR_SLOPE)
     spec = make_spec(config, skeleton, generator, discriminator, inputs=("mel", "words"))
     return spec._replace(style_dim=config.model.identity.feature_dim * (1 + skeleton.num_levels))
+
+
+def run(
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
+) -> Run[paper.Outputs, paper.Contrast]:
+    """Run the generator as HA2G's `run`; the terms see the style of the last level in place of all of f_id."""
+    size = spec.generator.identity.feature_dim
+
+    def exchange(f_id: jax.Array, shift: jax.Array) -> jax.Array:
+        """Give each clip the styles of another one; the values that the blend follows from stay."""
+        return jnp.concatenate([f_id[:, :size], jnp.roll(f_id[:, size:], shift, axis=0)], axis=-1)
+
+    outputs, contrast, batch_stats = paper.run(
+        spec, variables, batch, keys, train=train, compute=compute, exchange=exchange
+    )
+    mean, log_variance, f_id, other_f_id = (
+        values[:, -size:] for values in (outputs.mean, outputs.log_variance, contrast.f_id, contrast.other_f_id)
+    )
+    outputs = outputs._replace(mean=mean, log_variance=log_variance)
+    return Run(outputs, contrast._replace(f_id=f_id, other_f_id=other_f_id), batch_stats)

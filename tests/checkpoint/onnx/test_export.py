@@ -19,8 +19,8 @@ from ha2g_jax.config import settings as configs
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import window_columns
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.methods.build import MIN_FRAMES, variable_shapes
 from ha2g_jax.methods.build import build as build_spec
+from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.synthesis.scan import generate_window
 
@@ -112,7 +112,7 @@ def test_a_constant_channel_leaves_int8_weights_their_precision():
 
 def other_config():
     """Return a config with a choice other than the default wherever the networks have one."""
-    config = configs.debug(configs.paper("ted_gesture"))
+    config = presets.sized("ted_gesture", "debug")
     config.data.update(fps=20, num_frames=40, num_seed_frames=6)  # the columns of the heads are interpolated
     config.data.lookahead = 0.5
     config.model.identity.kind = "speakers"
@@ -120,7 +120,6 @@ def other_config():
     config.model.audio.levels = ("low", "high")
     config.model.inferer.levels = (1, 3)
     config.model.inferer.coordinator = "tied"
-    config.model.inferer.seed_level = "below"
     config.model.inferer.layers = 2
     return config
 
@@ -167,7 +166,7 @@ def test_the_metadata_restores_the_description(debug):
 
 def test_the_sizes_that_a_reader_accepts_are_those_of_a_config():
     limits = (reading.MIN_FRAMES, reading.MIN_FPS, reading.MAX_FPS)
-    assert limits == (MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
+    assert limits == (configs.MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
 
 
 def test_the_forms_of_weights_have_the_sizes_they_should(debug):

@@ -45,7 +45,7 @@ def residuals(objective, state, batch):
         _, pull_back, _ = jax.vjp(
             lambda params: ha2g.run(
                 objective.spec, variables | {"params": params}, batch, keys, compute=objective.compute
-            ),
+            )[:2],
             variables["params"],
             has_aux=True,
         )
@@ -103,7 +103,9 @@ def test_compiled_parts_take_less_memory(config, build, make_batch):
 
         def loss(params, state, batch, key, objective=objective):
             variables, keys = state.generator.variables | {"params": params}, step_keys(objective.spec, key, state.step)
-            return jnp.sum(ha2g.run(objective.spec, variables, batch, keys, compute=objective.compute)[0].poses[-1])
+            return jnp.sum(
+                ha2g.run(objective.spec, variables, batch, keys, compute=objective.compute).outputs.poses[-1]
+            )
 
         arguments = (state.generator.params, state, make_batch(objective, SIZE), jax.random.key(1))
         analysis = jax.jit(jax.grad(loss)).lower(*arguments).compile().memory_analysis()

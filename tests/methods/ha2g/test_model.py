@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ha2g_jax.config import presets
-from ha2g_jax.config.presets.ablations import POSE_INFERER
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder
 from ha2g_jax.layers.tcn import TextEncoder
@@ -21,14 +20,13 @@ CHANNELS = ((0, 1, 4), (0, 1, 3, 4), (0, 1, 2, 3, 4, 5))
 POSE_DIM = 6
 
 
-def _model(channels=CHANNELS, num_seed_frames=M, dropout=0.0, seed_level="own"):
+def _model(channels=CHANNELS, num_seed_frames=M, dropout=0.0):
     return HA2G(
         audio=AudioEncoder(blocks=(1, 1, 1, 1), channels=(8, 8, 16, 32), stem_stride=(2, 1)),
         text=TextEncoder(vocabulary_size=5, embedding_dim=4, channels=4),
         identity=SpeakerIdentity(num_speakers=3),
         level_channels=channels,
         num_seed_frames=num_seed_frames,
-        seed_level=seed_level,
         hidden_dim=5,
         layers=2,
         dropout=dropout,
@@ -113,18 +111,17 @@ def test_identity_acts_through_the_blend_only():
         assert not np.allclose(a, b, atol=1e-4)
 
 
-@pytest.mark.parametrize("seed_level", ["own", "below"])
-def test_a_stage_is_the_equations(seed_level, oracles):
+def test_a_stage_is_the_equations(oracles):
     """p^1 to p^3 from the parts of the model: true seeds, then zeros or the level before; Eq. 3 and 4."""
     features, f_id, seed = _inputs()
-    model = _model(seed_level=seed_level)
+    model = _model()
     variables, infer = _infer(model, features, f_id, seed)
     weights = np.asarray(model.apply(variables, f_id, method=model.coordinate))
     is_seed = np.broadcast_to((np.arange(N) < M)[None, :, None], (B, N, 1)).astype(np.float32)
 
     whole = np.zeros((B, N, POSE_DIM), np.float32)  # what the levels so far have computed, in the channels of a pose
     for level, poses in enumerate(infer(features, f_id, seed)):
-        channels = list(CHANNELS[level if seed_level == "own" else max(level - 1, 0)])
+        channels = list(CHANNELS[level])
         previous = np.concatenate([seed[..., channels], whole[:, M:, channels]], axis=1)
         audio = np.sum([weights[:, source, level, None, None] * features[source] for source in range(3)], axis=0)
         stage = model.bind(variables).stages[level]
@@ -143,20 +140,15 @@ def _seed_channels(model, level):
     return np.flatnonzero(np.abs(np.asarray(pull_back(cotangent)[0])).max(axis=(0, 1))).tolist()
 
 
-@pytest.mark.parametrize("row", POSE_INFERER)
+@pytest.mark.parametrize("row", presets.POSE_INFERER)
 def test_every_seed_channel_reaches_the_last_level_in_every_row_of_table_4(row):
     skeleton = load_skeleton("ted_expressive")
-    spec = ha2g.build(presets.make("talk", "debug", changes=POSE_INFERER[row]), skeleton, 5, 3)
+    spec = ha2g.build(presets.make("talk", "debug", changes=presets.POSE_INFERER[row]), skeleton, 5, 3)
     sizes = (spec.num_seed_frames, skeleton.pose_dim, 32)
     features, f_id, seed = _inputs(*sizes)
     _, infer = _inferrer(spec.generator, *sizes)
     last, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed)[-1], seed)
     assert (np.abs(np.asarray(pull_back(last)[0])).max(axis=(0, 1)) > 0).all()
-
-
-def test_an_older_model_sees_the_seed_of_the_coarser_levels_only():
-    model = _model(seed_level="below")
-    assert [_seed_channels(model, level) for level in range(3)] == [[0, 1, 4], [0, 1, 4], [0, 1, 3, 4]]
 
 
 def test_the_seed_reaches_the_last_frame():

@@ -1,5 +1,5 @@
 """Convolutions and GRUs of oneDNN for training on CPUs, which the extra `ha2g-jax[onednn]` adds.
 
 `library` compiles the C++ of this folder and registers it with JAX, `calls` has the functions with their gradients.
-Without the extra, and on accelerators, `layers.conv` and `layers.gru_scan` keep their programs of XLA.
+`methods.networks.apply` chooses it for a run of a network (`Compute.onednn`).
 """

@@ -1,6 +1,6 @@
 """Functions that oneDNN computes, with gradients of any order in reverse mode.
 
-Arrays are float32. `layers.conv` and `layers.gru_scan` explain the functions and their arguments.
+Arrays are float32. `cpu.convolution` and `cpu.recurrence` explain the functions and their arguments.
 """
 
 import functools

@@ -1,6 +1,7 @@
 """The library of calls of oneDNN: compiled once on the machine at hand, and registered with JAX."""
 
 import contextlib
+import contextvars
 import ctypes
 import functools
 import hashlib
@@ -23,6 +24,7 @@ import jaxlib.version
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache import cache_folder, one_maker
 from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.layers.cpu.memory import has_accelerator_plugin
 
 _TARGETS = ("Ha2gConv", "Ha2gConvInputGradient", "Ha2gConvKernelGradient", "Ha2gGruStates", "Ha2gGruSums")
 _FOLDER = pathlib.Path(__file__).parent
@@ -35,52 +37,51 @@ _OPENMP = re.compile(r"#define DNNL_CPU_THREADING_RUNTIME DNNL_RUNTIME_OMP$", re
 _VERSION = re.compile(r"DNNL_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)")
 _CPU = pathlib.Path("/proc/cpuinfo")
 
-_is_used = False
+_is_chosen = contextvars.ContextVar("onednn", default=False)
 
 
-def use_onednn() -> None:
-    """Let this process compute convolutions and GRUs with oneDNN from now on, if it is installed.
+@functools.cache
+def is_available() -> bool:
+    """Return whether this process can compute with oneDNN: it is installed, for a single CPU device, and not refused.
 
-    Functions that were traced before keep the programs of XLA. The first call on a machine compiles the C++ of this
-    folder, which takes about ten seconds, and keeps the result in the cache folder. Nothing changes if HA2G_ONEDNN is 0
-    or oneDNN is not installed. If the library cannot be made or loaded, a line on the standard error says so, and the
-    programs of XLA stay.
+    The environment variable HA2G_ONEDNN refuses it by 0. The first call on a machine compiles the C++ of this folder,
+    which takes about ten seconds, and keeps the result in the cache folder. If the library cannot be made or loaded, a
+    line on the standard error says so.
     """
-    global _is_used
-    if os.environ.get("HA2G_ONEDNN") == "0" or not is_installed():
-        return
+    if os.environ.get("HA2G_ONEDNN") == "0" or has_accelerator_plugin() or not is_installed():
+        return False
+    if jax.default_backend() != "cpu" or jax.device_count() > 1:
+        return False
     try:
         register()
     except UserError as error:
         sys.stderr.write(f"ha2g: without oneDNN: {error}; HA2G_ONEDNN=0 hides this line\n")
-    else:
-        _is_used = True
+        return False
+    return True
 
 
 @contextlib.contextmanager
-def without_onednn() -> Iterator[None]:
-    """Let functions that are traced in this context have the programs of XLA."""
-    global _is_used
-    before, _is_used = _is_used, False
+def choosing(is_chosen: bool) -> Iterator[None]:
+    """Let functions that are traced in this context have the programs of oneDNN, or else those of XLA.
+
+    Args:
+        is_chosen: `Compute.onednn`, which is true only where `is_available`.
+    """
+    token = _is_chosen.set(is_chosen)
     try:
         yield
     finally:
-        _is_used = before
+        _is_chosen.reset(token)
 
 
 def is_used_for(*arrays: jax.Array) -> bool:
-    """Return whether this process computes with oneDNN on such arrays: of float32, on a single CPU device."""
-    return (
-        _is_used
-        and jax.default_backend() == "cpu"
-        and jax.device_count() == 1
-        and all(array.dtype == jnp.float32 for array in arrays)
-    )
+    """Return whether oneDNN is chosen here and can compute with such arrays, those of float32."""
+    return _is_chosen.get() and all(array.dtype == jnp.float32 for array in arrays)
 
 
 def used_version() -> str | None:
-    """Return the version of oneDNN that this process computes with, such as "3.2.0"; None if it does not."""
-    return ".".join(_VERSION.findall(_version_header())) if is_used_for() else None
+    """Return the version of oneDNN that this process trains with, such as "3.2.0"; None if it does not."""
+    return ".".join(_VERSION.findall(_version_header())) if is_available() else None
 
 
 def is_installed() -> bool:

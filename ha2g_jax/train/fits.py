@@ -1,4 +1,4 @@
-"""Check settings, workdir and corpus before a run starts, so that it does not fail after hours."""
+"""Check that a config fits its machine, its workdir and its corpus before a run starts, not after hours."""
 
 import pathlib
 from typing import Any
@@ -8,14 +8,13 @@ import numpy as np
 
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import STATISTICS, Assets
-from ha2g_jax.config import settings as configs
-from ha2g_jax.config.choices import choice
+from ha2g_jax.config import settings
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_CONFIG_BYTES, MAX_SEED
-from ha2g_jax.methods import METHODS, TRAINABLE
+from ha2g_jax.limits import MAX_CONFIG_BYTES
+from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec
 
 # Settings that may differ from those a workdir was made with, because they do not change the updates. A corpus may have
@@ -34,38 +33,18 @@ _FREE_SETTINGS = {
     "train.devices",
 }
 _NAMES_SHOWN = 6
-_AT_LEAST = {"steps": 1, "batch_size": 1, "log_every": 1, "validate_every": 1, "checkpoint_every": 1, "keep": 1}
-_AT_LEAST |= {"sample_every": 0, "devices": 0, "warmup_epochs": 0}
-_AT_LEAST |= {"learning_rate": 0, "discriminator_learning_rate": 0}
-_POSITIVE = ("huber_delta", "style_delta", "style_clip", "temperature")  # of the methods that have them
 
 
-def check_settings(config: Config) -> None:
-    """Check the settings of `config.train` and `config.data` that are not checked elsewhere before the run starts.
+def check_machine(config: Config) -> None:
+    """Check that a config can be trained at all, and on the devices at hand.
 
     Args:
         config: settings of the run.
 
     Raises:
-        UserError: a setting cannot be used.
+        UserError: a setting is not possible, or there are not enough devices.
     """
-    for name, least in _AT_LEAST.items():
-        if not least <= config.train[name] < np.inf:
-            raise UserError(
-                f"config.train.{name} is {config.train[name]}, expected at least {least}: set --config.train.{name}"
-            )
-    if not 0 <= config.seed <= MAX_SEED:
-        raise UserError(f"config.seed is {config.seed}, expected 0 to {MAX_SEED}: set --config.seed")
-    _check_loss(config.loss[config.method], f"config.loss.{config.method}")
-    betas = config.train.betas
-    if len(betas) != 2 or not all(isinstance(beta, float | int) and 0 <= beta < 1 for beta in betas):
-        raise UserError(
-            f"config.train.betas is {betas}, expected two numbers from 0 to below 1: set --config.train.betas"
-        )
-    method = TRAINABLE[choice("method", config.method, tuple(TRAINABLE))]
-    terms = [f"loss/{name}" for name in (*method.term_names, "total")]
-    if config.train.best_by not in terms:
-        raise UserError(f"config.train.best_by is {config.train.best_by!r}, expected one of {', '.join(terms)}")
+    settings.check(config)
     devices = jax.device_count()
     if config.train.devices > devices:
         raise UserError(
@@ -76,18 +55,8 @@ def check_settings(config: Config) -> None:
             f"config.train.devices is {config.train.devices}, but a run of {jax.process_count()} processes uses all "
             "devices: set --config.train.devices=0"
         )
-    _check_data(config.data)
     if config.train.sample_every and config.method not in METHODS:
         raise UserError(f"{config.method} generates no motion to show: set --config.train.sample_every=0")
-
-
-def _check_loss(loss: Config, group: str) -> None:
-    for name in (name for name in _POSITIVE if name in loss):
-        if not 0 < loss[name] < np.inf:
-            raise UserError(f"{group}.{name} is {loss[name]}, expected more than 0: set --{group}.{name}")
-    for name, weight in loss.weights.items():
-        if not 0 <= weight < np.inf:
-            raise UserError(f"{group}.weights.{name} is {weight}, expected 0 or more: set --{group}.weights.{name}")
 
 
 def check_augmentation(config: Config, spec: Spec) -> None:
@@ -115,26 +84,6 @@ def check_augmentation(config: Config, spec: Spec) -> None:
         )
 
 
-def _check_data(data: Config) -> None:
-    bounds = data.noise_snr_db
-    expected = {
-        "jitter": ("0 or more", data.jitter >= 0),
-        "mirror": ("from 0 to 1", 0 <= data.mirror <= 1),
-        "vocal_tract": ("from 0 to below 1", 0 <= data.vocal_tract < 1),
-        "equalizer_db": ("0 or more", data.equalizer_db >= 0),
-        "reverb": ("from 0 to 1", 0 <= data.reverb <= 1),
-        "gain_db": ("0 or more", data.gain_db >= 0),
-        "noise": ("from 0 to 1", 0 <= data.noise <= 1),
-        "lookahead": ("from 0 to 1", 0 <= data.lookahead <= 1),
-        "noise_snr_db": ("a lower and an upper bound", len(bounds) == 2 and bounds[0] <= bounds[1]),
-        "workers": ("0 or more", data.workers >= 0),
-        "cache_gib": ("0 or more", data.cache_gib >= 0),
-    }
-    for name, (range_, is_met) in expected.items():
-        if not is_met:
-            raise UserError(f"config.data.{name} is {data[name]}, expected {range_}: set --config.data.{name}")
-
-
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     """Check that the folder of a run is new or was made with the same config.
 
@@ -154,7 +103,7 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     if not path.exists():
         return
     try:
-        stored = configs.from_json(parse_json(read_bytes(path, "the config of a run", MAX_CONFIG_BYTES)))
+        stored = settings.from_json(parse_json(read_bytes(path, "the config of a run", MAX_CONFIG_BYTES)))
     except ValueError as error:
         raise UserError(f"{shown(path)} is damaged ({reason(error)}); choose another --workdir") from error
     old, new = (_flat(model_folder.config_to_json(values)) for values in (stored, config))

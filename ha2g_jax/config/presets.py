@@ -1,0 +1,331 @@
+"""Configs by name: the methods of Table 1 on each kind of data at each size, and the rows of Tables 3, 4 and 11.
+
+presets.make("talk", "small")                                          # HA2G
+presets.make("ted_gesture", method="trimodal")                         # a baseline
+presets.make("talk", "study", changes=presets.ABLATIONS["Holistic"])   # a row of Table 4
+
+A preset is `settings.paper` and changes of single settings, by dotted name: first those of the data, then those of the
+method, of the size, and of the row of a table. A later change wins.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ha2g_jax.config.settings import Config, change, paper
+from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import shown
+
+Changes = Mapping[str, Any]
+
+
+class DataPreset(NamedTuple):
+    """Name of the skeleton of a kind of data, and changes of settings."""
+
+    skeleton: str
+    changes: Changes
+
+
+_SPEAKERS = {"model.identity.kind": "speakers"}  # of data without images
+
+DATA = {
+    # Windows start every 10 frames; with the jitter, training sees every start.
+    "talk": DataPreset("ted_expressive", {"data.path": "talk", "data.jitter": 9}),
+    "ted_expressive": DataPreset("ted_expressive", _SPEAKERS),
+    "ted_gesture": DataPreset("ted_gesture", _SPEAKERS),
+    "bvh": DataPreset("ted_expressive", {"data.jitter": 9, **_SPEAKERS}),
+    "video": DataPreset("ted_expressive", {"data.jitter": 9}),
+}
+
+_SMALL = {  # two CPU cores train it in about an hour
+    "data.image_size": 32,
+    "model.audio.resnet_se.blocks": (1, 1, 1, 1),
+    "model.audio.resnet_se.channels": (16, 32, 64, 128),
+    "model.audio.resnet_se.stem_stride": (4, 1),
+    "model.text.embedding_dim": 64,
+    "model.text.channels": 64,
+    "model.identity.images.width": 8,
+    "model.inferer.hidden_dim": 64,
+    "model.inferer.layers": 2,
+    "model.inferer.dropout": 0.0,
+    "train.steps": 8000,
+    "train.batch_size": 64,
+    "train.learning_rate": 5e-4,
+    "train.discriminator_learning_rate": 1e-4,
+    "train.log_every": 20,
+    "train.validate_every": 500,
+    "train.checkpoint_every": 500,
+}
+SIZES: dict[str, Changes] = {
+    "paper": {},
+    "medium": _SMALL  # that of the demo model; a step takes more than twice as long as a small one
+    | {
+        "model.audio.resnet_se.blocks": (2, 2, 2, 1),
+        "model.audio.resnet_se.channels": (32, 64, 128, 192),
+        "model.inferer.hidden_dim": 128,
+    },
+    "small": _SMALL,
+    "study": _SMALL  # dozens of runs in some hours on two CPU cores, to compare methods
+    | {
+        "model.inferer.layers": 1,
+        "train.steps": 1000,
+        "train.warmup_epochs": 1,  # ten epochs are longer than a run
+        "train.batch_size": 32,
+        "train.learning_rate": 3e-3,
+        "train.schedule": "cosine",
+        "train.validate_every": 200,
+    },
+    "debug": _SMALL  # for tests
+    | {
+        "model.audio.resnet_se.channels": (8, 8, 16, 32),
+        "model.text.embedding_dim": 8,
+        "model.text.channels": 8,
+        "model.text.layers": 1,
+        "model.identity.images.blocks": (1, 1, 1, 1),
+        "model.identity.images.width": 4,
+        "model.inferer.hidden_dim": 8,
+        "model.inferer.layers": 1,
+        "model.discriminator.hidden_dim": 8,
+        "model.discriminator.layers": 1,
+        "train.steps": 2,
+        "train.batch_size": 4,
+        "train.warmup_epochs": 0,
+        "train.log_every": 1,
+        "train.validate_every": 2,
+        "train.checkpoint_every": 2,
+        "train.devices": 1,
+    },
+}
+
+
+class MethodPreset(NamedTuple):
+    """Changes of settings for a method.
+
+    Attributes:
+        changes: changes at the size of its paper.
+        on: key of `DATA` -> further changes.
+        at: key of `SIZES` -> further changes; in those of "study", trials on the validation split have chosen the rates
+            and weights, see docs/results/protocol.md.
+        method: name of the method, a key of `settings.OF_METHOD`; "" for the name of the preset.
+    """
+
+    changes: Changes
+    on: Mapping[str, Changes] = {}
+    at: Mapping[str, Changes] = {}
+    method: str = ""
+
+
+_ON_TALK = {"talk": {"loss.ha2g.weights.contrastive": 2.0}}  # D19
+_RELEASE = {
+    "loss.ha2g.weights.gan": 5.0,
+    "loss.ha2g.weights.huber": 250.0,
+    "train.batch_size": 96,
+    "train.learning_rate": 5e-4,
+    "train.warmup_epochs": 11,  # the GAN term counts from the twelfth epoch on
+}
+_RELEASE_ON = _ON_TALK | {"ted_gesture": {"loss.ha2g.weights.huber": 70.0, "train.batch_size": 256}}
+_STUDY_HA2G = {"loss.ha2g.weights.style": 0.01}
+_FIFTH = {"train.discriminator_learning_rate": 6e-4}  # of the learning rate of a study
+_CAUSAL = {"model.text.receptive_field": "causal"}
+_SMALL_S2G = {"model.audio.spectrogram.channels": (16, 32, 64), "model.inferer.layers": 5}
+_SMALL_JOINT = {"model.context.hidden_dim": 64}
+_SMALL_AUTOENCODER = {"train.steps": 4000}
+
+METHODS: dict[str, MethodPreset] = {
+    "ha2g": MethodPreset({}, on=_ON_TALK, at={"study": _STUDY_HA2G}),
+    # The weights, rates and batch size of the authors' public code with the networks of the paper. The contrastive term
+    # stays that of Eq. 2 with its weight; the public code has a term of another form.
+    "ha2g_release": MethodPreset(_RELEASE, on=_RELEASE_ON, at={"study": _FIFTH}, method="ha2g"),
+    # The same with the networks of the public code.
+    "release": MethodPreset(
+        {
+            **_RELEASE,
+            **_CAUSAL,
+            "model.architecture": "release",
+            "model.identity.kind": "speakers",
+            "model.identity.feature_dim": 16,
+        },
+        on=_RELEASE_ON,
+        at={"study": _FIFTH},
+        method="ha2g",
+    ),
+    "seq2seq": MethodPreset(  # Attention Seq2Seq (Yoon et al. 2019): words to poses
+        {
+            **_CAUSAL,
+            "model.identity.kind": "none",
+            "model.inferer.hidden_dim": 200,
+            "model.inferer.layers": 2,
+            "model.inferer.dropout": 0.1,
+            "train.clip_norm": 5.0,
+            "train.best_by": "loss/mse",
+        },
+        at={"study": {"train.learning_rate": 1e-3}},
+    ),
+    "speech2gesture": MethodPreset(  # Ginosar et al. 2019: a spectrogram to poses, with a discriminator of motion
+        {
+            "model.identity.kind": "none",
+            "model.inferer.hidden_dim": 256,
+            "model.inferer.layers": 5,
+            "model.inferer.dropout": 0.0,
+            "train.warmup_epochs": 0,
+            "train.learning_rate": 1e-3,
+            "train.discriminator_learning_rate": 2e-4,
+            "train.best_by": "loss/l1",
+        },
+        at={
+            "medium": _SMALL_S2G,
+            "small": _SMALL_S2G,
+            "study": {**_SMALL_S2G, **_FIFTH, "loss.speech2gesture.weights.gan": 1.0, "train.warmup_epochs": 0},
+            "debug": {"model.audio.spectrogram.channels": (4, 4, 8), "model.inferer.layers": 5},
+        },
+    ),
+    "joint_embedding": MethodPreset(  # Ahuja and Morency 2019: speech and poses share one latent space
+        {
+            **_CAUSAL,
+            "model.identity.kind": "none",
+            "model.text.channels": 200,
+            "model.text.layers": 2,
+            "train.learning_rate": 5e-4,
+            "train.best_by": "loss/l1",
+        },
+        at={
+            "medium": _SMALL_JOINT,
+            "small": _SMALL_JOINT,
+            "study": {**_SMALL_JOINT, "loss.joint_embedding.weights.l1": 10.0},
+            "debug": {"model.context.hidden_dim": 8, "model.text.layers": 2},
+        },
+    ),
+    "trimodal": MethodPreset(  # Yoon et al. 2020: audio, words and a speaker to poses, with a discriminator
+        {
+            **_CAUSAL,
+            "model.identity.kind": "speakers",
+            "model.identity.feature_dim": 16,
+            "train.learning_rate": 5e-4,
+            "train.warmup_epochs": 11,  # adversarial terms count in epochs after the tenth, which begin with 0
+        },
+        at={
+            "medium": {"train.warmup_epochs": 10},
+            "small": {"train.warmup_epochs": 10},
+            "study": {**_FIFTH, "loss.trimodal.weights.style": 0.01},
+        },
+    ),
+    "autoencoder": MethodPreset(  # that of FGD; its networks have one size, so that distances can be compared
+        {
+            "model.identity.kind": "none",
+            "train.batch_size": 64,
+            "train.steps": 100_000,
+            "train.warmup_epochs": 0,
+            "train.schedule": "cosine",
+            "train.learning_rate": 5e-4,
+            "train.best_by": "loss/total",
+        },
+        at={
+            "medium": _SMALL_AUTOENCODER,
+            "small": _SMALL_AUTOENCODER,
+            "study": {
+                **_SMALL_AUTOENCODER,
+                "train.batch_size": 64,
+                "train.learning_rate": 5e-4,
+                "train.validate_every": 500,
+                "train.warmup_epochs": 0,
+            },
+            "debug": {
+                "train.steps": 60,
+                "train.batch_size": 16,
+                "train.validate_every": 30,
+                "train.checkpoint_every": 30,
+            },
+        },
+    ),
+}
+
+
+def make(data: str, size: str = "", method: str = "ha2g", changes: Changes | None = None) -> Config:
+    """Return the config of a method on a kind of data.
+
+    Args:
+        data: kind of data, a key of `DATA`.
+        size: a key of `SIZES`; "" for the size of the paper.
+        method: a key of `METHODS`.
+        changes: dotted name of a setting -> value, such as a row of `ABLATIONS`.
+
+    Raises:
+        UserError: a name is unknown.
+    """
+    size = size or "paper"
+    for kind, name, names in (("data", data, DATA), ("size", size, SIZES), ("method", method, METHODS)):
+        if name not in names:
+            raise UserError(f"no {kind} '{shown(name)}'; expected one of {', '.join(names)}")
+    preset = METHODS[method]
+    config = paper(DATA[data].skeleton, preset.method or method)
+    config.name = method
+    for part in (
+        DATA[data].changes,
+        preset.changes,
+        preset.on.get(data, {}),
+        SIZES[size],
+        preset.at.get(size, {}),
+        changes or {},
+    ):
+        change(config, part)
+    return config
+
+
+def sized(skeleton: str, size: str) -> Config:
+    """Return the config of HA2G at a size, a key of `SIZES`, for data of no kind in particular."""
+    return change(paper(skeleton), SIZES[size])
+
+
+def parse(spec: str, method: str) -> Config:
+    """Return the config of a method for data and size in one string.
+
+    Args:
+        spec: "DATA" or "DATA:SIZE".
+        method: name of the method, a key of `METHODS`.
+
+    Raises:
+        UserError: a name is unknown.
+    """
+    data, _, size = spec.partition(":")
+    return make(data, size, method)
+
+
+# Rows of Tables 3, 4 and 11: name of the row -> settings that differ from the full model.
+FULL = "HA2G Full"
+
+_ASR = {"model.audio.kind": "whisper", "loss.ha2g.weights.contrastive": 0.0}
+
+AUDIO_LEARNER: dict[str, Changes] = {
+    "low-level feature only": {"model.audio.levels": ("low",)},
+    "mid-level feature only": {"model.audio.levels": ("mid",)},
+    "high-level feature only": {"model.audio.levels": ("high",)},
+    "HA2G without high-level negatives": {"loss.ha2g.negatives": ("low", "mid")},
+    "HA2G without low/mid-level negatives": {"loss.ha2g.negatives": ("high",)},
+    "HA2G without text": {"loss.ha2g.weights.contrastive": 0.0},
+    "HA2G-ASR": _ASR,
+    FULL: {},
+}
+# Levels of the motion: 1 head and shoulders, 2 elbows, 3 wrists, 4 to 6 the joints of the fingers.
+POSE_INFERER: dict[str, Changes] = {
+    "Holistic": {"model.inferer.levels": (6,)},
+    "without hand hierarchy": {"model.inferer.levels": (1, 2, 3, 6)},
+    "without body hierarchy": {"model.inferer.levels": (3, 4, 5, 6)},
+    "same audio feature for all levels": {"model.inferer.coordinator": "tied"},
+    "without physical loss": {"loss.ha2g.weights.physical": 0.0},
+    FULL: {},
+}
+SEED_FRAMES: dict[str, Changes] = {
+    "1": {"data.num_seed_frames": 1, "data.num_reference_images": 1},
+    "4": {},
+    "7": {"data.num_seed_frames": 7, "data.num_reference_images": 7},
+}
+# Rows for TED-Gesture, whose hierarchy has three levels and no fingers.
+GESTURE: dict[str, Changes] = {
+    "high-level only": {"model.audio.levels": ("high",)},
+    "Holistic": {"model.inferer.levels": (3,)},
+    "without physical loss": {"loss.ha2g.weights.physical": 0.0},
+    "HA2G-ASR": _ASR,
+    FULL: {},
+}
+
+TABLES = {"table3": AUDIO_LEARNER, "table4": POSE_INFERER, "table11": SEED_FRAMES, "gesture_ablation": GESTURE}
+ABLATIONS = AUDIO_LEARNER | POSE_INFERER

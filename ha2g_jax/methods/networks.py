@@ -1,0 +1,127 @@
+"""Networks of several methods: the encoders that they share, and running a network in the precision of a step.
+
+Parameters are float32 everywhere outside of the modules. On entry they and the inputs are rounded to `Compute.dtype`,
+on exit results are float32 again, so that gradients, statistics and losses are float32 too.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+
+from ha2g_jax.config.settings import Config
+from ha2g_jax.errors import UserError
+from ha2g_jax.layers.cpu.onednn.library import choosing
+from ha2g_jax.layers.identity import SpeakerIdentity
+from ha2g_jax.layers.tcn import TextEncoder
+from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Poses, Run, Spec, Variables, speech_arguments
+
+
+def text_encoder(config: Config, vocabulary_size: int) -> TextEncoder:
+    """Return E_t, as wide as the features of the audio."""
+    text = config.model.text
+    return TextEncoder(
+        vocabulary_size=vocabulary_size,
+        embedding_dim=text.embedding_dim,
+        channels=text.channels,
+        layers=text.layers,
+        feature_dim=config.model.audio.feature_dim,
+        receptive_field=text.receptive_field,
+        dropout=text.dropout,
+    )
+
+
+def waveform_encoder(config: Config) -> WaveformEncoder:
+    """Return the encoder of the samples of a window."""
+    data = config.data
+    return WaveformEncoder(config.model.audio.feature_dim, num_frames=data.num_frames, fps=data.fps)
+
+
+def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False) -> SpeakerIdentity:
+    """Return a table of the speakers; where windows are mirrored it has as many rows again for their mirror images."""
+    return SpeakerIdentity(
+        num_speakers=2 * num_speakers if config.data.mirror else num_speakers,
+        feature_dim=config.model.identity.feature_dim,
+        has_hidden=has_hidden,
+    )
+
+
+def no_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Refuse an identity: the `encode_identity` of a method without one.
+
+    Raises:
+        UserError: always.
+    """
+    del variables, identity
+    raise UserError(f"{spec.method} knows no speakers; leave the style out")
+
+
+def apply(
+    module: nn.Module,
+    variables: Variables,
+    key: jax.Array,
+    *args: Any,
+    train: bool,
+    compute: Compute,
+    method: Any = None,
+) -> tuple[Any, Any]:
+    """Run a module, or one of its methods.
+
+    Args:
+        module: network of a spec.
+        variables: {"params", "batch_stats"} of the module.
+        key: key of the random stream "dropout".
+        args: arguments of the method.
+        train: whether to run in training mode, in which statistics move.
+        compute: precision of the activations, and whether oneDNN computes them.
+        method: function that takes the bound module first; `__call__` by default.
+
+    Returns:
+        The result in float32, and the batch statistics afterwards.
+    """
+    rounded = variables | {"params": _cast(variables["params"], compute.dtype)}
+    with choosing(compute.onednn):
+        result, updates = module.apply(
+            rounded,
+            *_cast(args, compute.dtype),
+            mutable=["batch_stats"] if train else [],
+            rngs={"dropout": key},
+            train=train,
+            method=method,
+        )
+    return _cast(result, jnp.dtype(jnp.float32)), updates.get("batch_stats", variables["batch_stats"])
+
+
+def run_generator(
+    spec: Spec,
+    variables: Variables,
+    batch: Batch,
+    keys: dict[str, jax.Array],
+    *,
+    train: bool = True,
+    compute: Compute = FLOAT32,
+) -> Run[Poses, None]:
+    """Run a generator that needs nothing but a call on a batch; see `Method.run`.
+
+    Args:
+        spec: static.
+        variables: {"params", "batch_stats"} of the generator.
+        batch: arrays as in `ha2g_jax.train.step.train_step`.
+        keys: the key "dropout".
+        train: whether to run in training mode; False is evaluation mode.
+        compute: precision of the activations.
+    """
+    arguments = speech_arguments(spec, batch)
+    poses, batch_stats = apply(spec.generator, variables, keys["dropout"], *arguments, train=train, compute=compute)
+    return Run(Poses(poses), None, batch_stats)
+
+
+def _cast(tree: Any, dtype: jnp.dtype) -> Any:
+    """Return floating numbers and bytes of pixels as `dtype`; bfloat16 holds every byte exactly. Indices stay."""
+
+    def cast(x: jax.Array) -> jax.Array:
+        return x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) or x.dtype == jnp.uint8 else x
+
+    return jax.tree.map(cast, tree)
