@@ -173,7 +173,7 @@ class AsrAudioEncoder(nn.Module):
     much larger than the others that a linear map would see them alone.
 
     Attributes:
-        whisper: the encoder, whose parameters come from `methods.whisper_weights`.
+        whisper: the encoder, whose parameters `checkpoint.whisper` reads.
         feature_dim: number of values per frame and level.
         num_frames: frames of a window, N.
         fps: frames per second.

@@ -8,7 +8,7 @@ between restored vectors, as angles are everywhere here; selected on the validat
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ from ha2g_jax.methods.method import (
     restore,
     subtract_mean,
 )
-from ha2g_jax.methods.networks import apply
+from ha2g_jax.methods.networks import apply, no_settings
 from ha2g_jax.skeleton import Skeleton, normalize
 
 # Values of the latent per skeleton: Table 9, and Yoon et al. 2020 for TED-Gesture.
@@ -154,14 +154,15 @@ def cosine(directions: jax.Array, target_directions: jax.Array) -> jax.Array:
 keys: tuple[str, ...] = ("dropout",)
 reconstruction_term = "reconstruction"
 has_parts = False
+loss_settings = no_settings
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted, or their weights."""
+    """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    reconstruction: Any
-    velocity: Any
-    cosine: Any
+    reconstruction: jax.Array
+    velocity: jax.Array
+    cosine: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -205,11 +206,6 @@ def run(
     (poses,) = init_arguments(spec, batch)
     poses, batch_stats = apply(spec.generator, variables, keys["dropout"], poses, train=train, compute=compute)
     return Run(Poses((poses,)), None, batch_stats)
-
-
-def loss_settings(settings: Mapping[str, Any]) -> None:
-    """Return None: the terms have no settings."""
-    del settings
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:

@@ -1,7 +1,6 @@
 """Joint Embedding (Ahuja and Morency 2019): speech and poses take turns at one decoder."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import GRU, FrameDecoder
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods import networks
 from ha2g_jax.methods.autoencoder import PoseEncoder
 from ha2g_jax.methods.method import (
     FLOAT32,
@@ -26,7 +26,7 @@ from ha2g_jax.methods.method import (
     speech_arguments,
     subtract_mean,
 )
-from ha2g_jax.methods.networks import apply, no_identity, text_encoder, waveform_encoder
+from ha2g_jax.methods.networks import apply, text_encoder, waveform_encoder
 from ha2g_jax.skeleton import Skeleton
 
 _SEED_DIM = 32
@@ -177,13 +177,13 @@ keys: tuple[str, ...] = ("dropout", "latent", "coin")
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
-encode_identity = no_identity
+encode_speech, encode_identity, loss_settings = networks.encode_speech, networks.no_identity, networks.no_settings
 
 
 class Terms(NamedTuple):
-    """The term of the objective, () and unweighted, or its weight."""
+    """The term of the objective, () and unweighted, or its weight, a float."""
 
-    l1: Any
+    l1: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -207,11 +207,6 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         dropout=inferer.dropout,
     )
     return make_spec(config, skeleton, generator, inputs=("audio", "words"))
-
-
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> tuple[jax.Array, jax.Array]:
-    """Encode the speech of windows to mean and log-variance of their latents; see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method=JointEmbedding.encode_speech)
 
 
 def sample(
@@ -241,15 +236,7 @@ def run(
     """Decode the latent of the speech or, in training, by the toss of a fair coin, of the true poses.
 
     There is one toss a batch. Both encoders run, so that both have the statistics of every batch. The latent of the
-    speech is always a sample, in evaluation too, that of the poses never.
-
-    Args:
-        spec: static.
-        variables: {"params", "batch_stats"} of the generator.
-        batch: arrays as in `ha2g_jax.train.step.train_step`.
-        keys: keys "dropout", "latent" and "coin".
-        train: whether to run in training mode; evaluation mode takes the latent of the speech.
-        compute: precision of the activations.
+    speech is always a sample, in evaluation too, that of the poses never. See `Method.run`.
     """
     speech, _, seed = speech_arguments(spec, batch)
     poses = subtract_mean(spec, batch["directions"])
@@ -281,11 +268,6 @@ def _encode_and_decode(
     latent, _ = model.encode_pose(poses, train=train)
     latent = jnp.where(from_speech, sample_latent(model.encode_speech(speech, train=train), noise), latent)
     return model.decode(latent, seed, train=train)
-
-
-def loss_settings(settings: Mapping[str, Any]) -> None:
-    """Return None: the term has no settings."""
-    del settings
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:

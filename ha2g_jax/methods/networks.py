@@ -4,6 +4,7 @@ Parameters are float32 everywhere outside of the modules. On entry they and the 
 on exit results are float32 again, so that gradients, statistics and losses are float32 too.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -46,6 +47,38 @@ def speaker_table(config: Config, num_speakers: int, *, has_hidden: bool = False
         feature_dim=config.model.identity.feature_dim,
         has_hidden=has_hidden,
     )
+
+
+def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Any:
+    """Encode the speech of windows by the generator's method of this name; see `GeneratingMethod`."""
+    return spec.generator.apply(variables, speech, train=False, method="encode_speech")
+
+
+def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
+    """Encode images or speaker indices to the mean of their styles, (B, style_dim); see `GeneratingMethod`."""
+    mean, _ = spec.generator.apply(variables, identity, train=False, method="encode_identity")
+    return mean
+
+
+def sample_with_style(
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
+    del key
+    return spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")[-1]
+
+
+def sample_without_style(
+    spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
+) -> jax.Array:
+    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
+    del style, key
+    return spec.generator.apply(variables, features, seed_pose, train=False, method="infer")[-1]
+
+
+def no_settings(settings: Mapping[str, Any]) -> None:
+    """Return None: the `loss_settings` of a method whose terms have none."""
+    del settings
 
 
 def no_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
@@ -103,16 +136,7 @@ def run_generator(
     train: bool = True,
     compute: Compute = FLOAT32,
 ) -> Run[Poses, None]:
-    """Run a generator that needs nothing but a call on a batch; see `Method.run`.
-
-    Args:
-        spec: static.
-        variables: {"params", "batch_stats"} of the generator.
-        batch: arrays as in `ha2g_jax.train.step.train_step`.
-        keys: the key "dropout".
-        train: whether to run in training mode; False is evaluation mode.
-        compute: precision of the activations.
-    """
+    """Run a generator that needs nothing but a call on a batch; see `Method.run`."""
     arguments = speech_arguments(spec, batch)
     poses, batch_stats = apply(spec.generator, variables, keys["dropout"], *arguments, train=train, compute=compute)
     return Run(Poses(poses), None, batch_stats)

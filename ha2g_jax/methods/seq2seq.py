@@ -4,8 +4,7 @@ In the published comparison a cubic per channel replaced the first 12 frames of 
 the borders of all methods are treated alike, see `motion.windows`.
 """
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +14,8 @@ from ha2g_jax.config.settings import Config
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
 from ha2g_jax.layers.gru import BiGRU, GRUCells
-from ha2g_jax.methods.method import Batch, Poses, Spec, Variables, make_spec, speech_arguments
-from ha2g_jax.methods.networks import no_identity, run_generator
+from ha2g_jax.methods import networks
+from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
 # W [h ; e] as two products, the words' one taken once for all frames: each half is drawn for the inputs of both.
@@ -237,16 +236,16 @@ keys: tuple[str, ...] = ("dropout",)
 reconstruction_term = "mse"
 has_parts = False
 init_arguments = speech_arguments
-run = run_generator
-encode_identity = no_identity
+run, loss_settings = networks.run_generator, networks.no_settings
+encode_speech, encode_identity, sample = networks.encode_speech, networks.no_identity, networks.sample_without_style
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted, or their weights."""
+    """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    mse: Any
-    continuity: Any
-    variance: Any
+    mse: jax.Array
+    continuity: jax.Array
+    variance: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -272,25 +271,6 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         dropout=inferer.dropout,
     )
     return make_spec(config, skeleton, generator, inputs=("plain_words",))
-
-
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Sentence:
-    """Encode the words of windows; see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method=Seq2Seq.encode_speech)
-
-
-def sample(
-    spec: Spec, variables: Variables, features: Sentence, style: jax.Array, seed_pose: jax.Array, key: jax.Array
-) -> jax.Array:
-    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
-    del style, key
-    (poses,) = spec.generator.apply(variables, features, seed_pose, train=False, method=Seq2Seq.infer)
-    return poses
-
-
-def loss_settings(settings: Mapping[str, Any]) -> None:
-    """Return None: the terms have no settings."""
-    del settings
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: None) -> Terms:

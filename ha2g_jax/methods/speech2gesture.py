@@ -4,8 +4,7 @@ Arrays have the channels last. "SAME" padding is that of XLA and TensorFlow: an 
 bottom.
 """
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +15,8 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features.spectrum import NUM_MELS, window_columns
 from ha2g_jax.layers import initializers
 from ha2g_jax.layers.conv import BatchNorm
-from ha2g_jax.methods.method import Batch, Poses, Spec, Variables, make_spec, speech_arguments
-from ha2g_jax.methods.networks import no_identity, run_generator
+from ha2g_jax.methods import networks
+from ha2g_jax.methods.method import Poses, Spec, make_spec, speech_arguments
 from ha2g_jax.skeleton import Skeleton
 
 _SLOPE = 0.2
@@ -223,15 +222,15 @@ keys: tuple[str, ...] = ("dropout",)
 reconstruction_term = "l1"
 has_parts = False
 init_arguments = speech_arguments
-run = run_generator
-encode_identity = no_identity
+run, loss_settings = networks.run_generator, networks.no_settings
+encode_speech, encode_identity, sample = networks.encode_speech, networks.no_identity, networks.sample_without_style
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted, or their weights."""
+    """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    gan: Any
-    l1: Any
+    gan: jax.Array
+    l1: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -272,25 +271,6 @@ def _check_stages(config: Config) -> None:
             f"config.model.audio.spectrogram.channels has {stages} stages, each of which halves a spectrogram of "
             f"{sides[0]} x {sides[1]}: set fewer"
         )
-
-
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:
-    """Encode the spectrograms of windows; see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method=Speech2Gesture.encode_speech)
-
-
-def sample(
-    spec: Spec, variables: Variables, features: jax.Array, style: jax.Array, seed_pose: jax.Array, key: jax.Array
-) -> jax.Array:
-    """Generate the poses of windows; without style and noise. See `GeneratingMethod`."""
-    del style, key
-    (poses,) = spec.generator.apply(variables, features, seed_pose, train=False, method=Speech2Gesture.infer)
-    return poses
-
-
-def loss_settings(settings: Mapping[str, Any]) -> None:
-    """Return None: the terms have no settings."""
-    del settings
 
 
 def terms(spec: Spec, settings: None, outputs: Poses, contrast: None, targets: jax.Array, gan: jax.Array) -> Terms:

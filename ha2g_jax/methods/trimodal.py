@@ -12,6 +12,7 @@ from ha2g_jax.layers.gru import FrameDecoder
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
+from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g.losses import huber, kld, style
 from ha2g_jax.methods.method import FLOAT32, Batch, Compute, Run, Spec, Variables, make_spec, speech_arguments
@@ -86,6 +87,7 @@ keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = False
 init_arguments = speech_arguments
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample_with_style
 
 
 # Slopes of the decoder and of the discriminator for negative values. The release passes True, which makes them 1 and
@@ -94,12 +96,12 @@ _SLOPES = {"paper": (0.01, 0.2), "release": (1.0, 1.0)}
 
 
 class Terms(NamedTuple):
-    """Terms of the objective, each () and unweighted, or their weights."""
+    """Terms of the objective, each () and unweighted; or their weights, floats."""
 
-    gan: Any
-    huber: Any
-    style: Any
-    kld: Any
+    gan: jax.Array
+    huber: jax.Array
+    style: jax.Array
+    kld: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -159,26 +161,6 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     return make_spec(config, skeleton, generator, discriminator, inputs=("audio", "words") if has_words else ("audio",))
 
 
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> jax.Array:
-    """Encode the samples and words of windows, as `Trimodal.encode_speech`; see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method=Trimodal.encode_speech)
-
-
-def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
-    """Encode speaker indices to the mean of z, (B, 16); see `GeneratingMethod`."""
-    mean, _ = spec.generator.apply(variables, identity, train=False, method=Trimodal.encode_identity)
-    return mean
-
-
-def sample(
-    spec: Spec, variables: Variables, features: jax.Array, style: jax.Array, seed_pose: jax.Array, key: jax.Array
-) -> jax.Array:
-    """Generate the poses of windows; without noise. See `GeneratingMethod`."""
-    del key
-    (poses,) = spec.generator.apply(variables, features, style, seed_pose, train=False, method=Trimodal.infer)
-    return poses
-
-
 def run(
     spec: Spec,
     variables: Variables,
@@ -191,14 +173,7 @@ def run(
     """Run the generator on one batch, for its own speakers and, in the same run, for a permutation of them.
 
     Each of the two has its own sample of the style, so that they differ even where a speaker stays in place.
-
-    Args:
-        spec: static.
-        variables: {"params", "batch_stats"} of the generator.
-        batch: arrays as in `ha2g_jax.train.step.train_step`.
-        keys: keys "dropout", "identity" and "permutation".
-        train: whether to run in training mode; evaluation mode takes the mean of each style instead of a sample.
-        compute: precision of the activations.
+    Evaluation mode takes the mean of each style, not a sample. See `Method.run`.
     """
     speech, speaker, seed = speech_arguments(spec, batch)
     (features, (mean, log_variance)), batch_stats = apply(

@@ -7,7 +7,7 @@ import grain
 import numpy as np
 from flax import traverse_util
 
-from ha2g_jax.checkpoint import loading, weights
+from ha2g_jax.checkpoint import loading, weights, whisper
 from ha2g_jax.checkpoint.weights import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
@@ -18,7 +18,6 @@ from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.features.word_vectors import read_word_vectors
-from ha2g_jax.methods import whisper_weights
 from ha2g_jax.methods.build import encode_identity, variable_shapes
 from ha2g_jax.methods.method import Spec
 
@@ -157,8 +156,8 @@ def _whisper(audio: Config) -> dict[str, Any]:
             "config.model.audio.kind is 'whisper' but config.model.audio.weights is empty: set it to a folder with the "
             "config.json and model.safetensors of openai/whisper-tiny.en"
         )
-    found, params = whisper_weights.load(audio.weights)
-    expected = whisper_weights.WhisperSizes(**audio.whisper)
+    found, params = whisper.load(audio.weights)
+    expected = whisper.WhisperSizes(**audio.whisper)
     if odd := [name for name in found._fields if getattr(found, name) != getattr(expected, name)]:
         settings = " ".join(f"--config.model.audio.whisper.{name}={getattr(found, name)}" for name in odd)
         raise UserError(f"{audio.weights} has an encoder of another size than the config: set {settings}")

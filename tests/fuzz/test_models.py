@@ -19,13 +19,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax.checkpoint import loading, model_folder
+from ha2g_jax.checkpoint import whisper as whisper_weights
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
-from ha2g_jax.methods import whisper_weights
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style, choose_style

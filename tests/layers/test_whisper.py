@@ -129,9 +129,9 @@ def test_real_weights_give_what_faster_whisper_gives(tmp_path):
     model = os.environ.get("HA2G_WHISPER_MODEL")
     if model is None:
         pytest.skip("no Whisper model here (set HA2G_WHISPER_MODEL to a folder)")
+    from ha2g_jax.checkpoint import whisper as whisper_weights
     from ha2g_jax.features import espeak as speech
     from ha2g_jax.features.spectrum import asr_log_mel
-    from ha2g_jax.methods import whisper_weights
 
     ctranslate2_weights.write_folder(pathlib.Path(model), tmp_path / "whisper", np.float16)
     sizes, params = whisper_weights.load(tmp_path / "whisper")

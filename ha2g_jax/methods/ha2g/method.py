@@ -13,6 +13,7 @@ from ha2g_jax.features.spectrum import NUM_ASR_MELS
 from ha2g_jax.layers.identity import ImageIdentity, SpeakerIdentity
 from ha2g_jax.layers.resnet_se import AudioEncoder, Features
 from ha2g_jax.layers.whisper import AsrAudioEncoder, WhisperEncoder
+from ha2g_jax.methods import networks
 from ha2g_jax.methods.adversarial import Discriminator
 from ha2g_jax.methods.ha2g import losses
 from ha2g_jax.methods.ha2g.model import HA2G
@@ -24,17 +25,18 @@ keys: tuple[str, ...] = ("dropout", "identity", "permutation")
 reconstruction_term = "huber"
 has_parts = True
 init_arguments = speech_arguments
+encode_speech, encode_identity, sample = networks.encode_speech, networks.encode_identity, networks.sample_with_style
 
 
 class Terms(NamedTuple):
-    """Terms of Eq. 9, each () and unweighted, or their weights; `losses` has the equations."""
+    """Terms of Eq. 9, each () and unweighted, or their weights, floats; `losses` has the equations."""
 
-    gan: Any
-    huber: Any
-    physical: Any
-    style: Any
-    kld: Any
-    contrastive: Any
+    gan: jax.Array
+    huber: jax.Array
+    physical: jax.Array
+    style: jax.Array
+    kld: jax.Array
+    contrastive: jax.Array
 
 
 def total(weights: Terms, terms: Terms) -> jax.Array:
@@ -168,26 +170,6 @@ def _level_channels(levels: tuple[int, ...], skeleton: Skeleton) -> tuple[tuple[
     return tuple(skeleton.level_channels[number - 1] for number in numbers)
 
 
-def encode_speech(spec: Spec, variables: Variables, speech: Batch) -> Features:
-    """Encode the spectrograms of windows to f_low, f_mid and f_high, each (B, N, 32); see `GeneratingMethod`."""
-    return spec.generator.apply(variables, speech, train=False, method="encode_speech")
-
-
-def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
-    """Encode images or speaker indices to the mean of f_id, (B, 18); see `GeneratingMethod`."""
-    mean, _ = spec.generator.apply(variables, identity, train=False, method="encode_identity")
-    return mean
-
-
-def sample(
-    spec: Spec, variables: Variables, features: Features, style: jax.Array, seed_pose: jax.Array, key: jax.Array
-) -> jax.Array:
-    """Generate the poses of windows, those of the last level; without noise. See `GeneratingMethod`."""
-    del key
-    levels = spec.generator.apply(variables, features, style, seed_pose, train=False, method="infer")
-    return levels[-1]
-
-
 def _roll(f_id: jax.Array, shift: jax.Array) -> jax.Array:
     return jnp.roll(f_id, shift, axis=0)
 
@@ -206,15 +188,10 @@ def run(
 
     Audio, text and identity are encoded once, for the whole batch, whose statistics BatchNorm takes. The pose
     inferer runs once for each of the two identities of a clip. It treats each clip by itself, so that in training it
-    can take the batch in `compute.num_parts` parts.
+    can take the batch in `compute.num_parts` parts. Evaluation mode takes the mean of each identity, not a sample.
 
     Args:
-        spec: static.
-        variables: {"params", "batch_stats"} of the generator.
-        batch: arrays as in `ha2g_jax.train.step.train_step`.
-        keys: keys "dropout", "identity" and "permutation".
-        train: whether to run in training mode; evaluation mode takes the mean of each identity instead of a sample.
-        compute: precision and number of parts.
+        spec, variables, batch, keys, train, compute: see `Method.run`.
         exchange: function of the identities (B, 18) and a shift () that gives each clip those of another one.
     """
     speech, identity, seed = speech_arguments(spec, batch)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
+from ha2g_jax.checkpoint import whisper as whisper_weights
 from ha2g_jax.errors import UserError
 from ha2g_jax.layers.whisper import WhisperEncoder, sinusoids
-from ha2g_jax.methods import whisper_weights
 
 CONFIG = {
     "model_type": "whisper",
