@@ -1,4 +1,4 @@
-"""Speech2Gesture: its terms, overfitting of one batch, and the same step on several devices."""
+"""Speech2Gesture has the layers of its table, fits one batch, and makes the same step on several devices."""
 
 import dataclasses
 import functools
@@ -12,7 +12,7 @@ import pytest
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods import speech2gesture
 from ha2g_jax.methods.adversarial import discriminate
-from ha2g_jax.methods.speech2gesture import l1
+from ha2g_jax.methods.speech2gesture import Block, PatchDiscriminator, Speech2Gesture, l1, lay_on_frames
 from ha2g_jax.train import sharding
 from ha2g_jax.train.step import step_keys, train_step, validation_step
 
@@ -135,3 +135,292 @@ def test_half_precision_is_near_single_precision(make_plain, make_motion_batch, 
     # Rounding grows from layer to layer, more so for the speech of this batch, which is noise.
     distance = optax.tree.norm(jax.tree.map(jnp.subtract, gradient, half_gradient))
     assert distance < 0.3 * optax.tree.norm(gradient)
+
+
+NUM_FRAMES, NUM_COLUMNS = 34, 70
+
+
+def _arguments(pose_dim, batch=1, num_seed_frames=4):
+    return {"mel": jnp.zeros((batch, 128, NUM_COLUMNS))}, None, jnp.zeros((batch, num_seed_frames, pose_dim))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Speech2Gesture(pose_dim=6, audio_channels=(8, 8, 8), channels=9)
+
+
+def _variables(module, *arguments):
+    """Return kernels that keep the magnitude of their input, and other generic values."""
+    rng = np.random.default_rng(0)
+
+    def draw(path, x):
+        name = path[-1].key
+        if name == "kernel":
+            return rng.normal(0, np.prod(x.shape[:-1]) ** -0.5, x.shape).astype(np.float32)
+        return (rng.normal(0, 0.2, x.shape) + (name in ("scale", "variance"))).astype(np.float32)
+
+    shapes = jax.eval_shape(functools.partial(module.init, train=False), jax.random.key(0), *arguments)
+    return jax.tree.map_with_path(draw, {name: dict(shapes[name]) for name in ("params", "batch_stats")})
+
+
+@pytest.fixture(scope="module")
+def variables(model):
+    """Parameters with matching statistics, so that in evaluation no values vanish."""
+    rng = np.random.default_rng(0)
+    inputs = {"mel": rng.uniform(-80, 0, (4, 128, NUM_COLUMNS)).astype(np.float32)}
+    seed = rng.normal(size=(4, 4, 6)).astype(np.float32)
+
+    @jax.jit
+    def move(variables):
+        return variables | model.apply(variables, inputs, None, seed, train=True, mutable=["batch_stats"])[1]
+
+    variables = _variables(model, *_arguments(6))
+    for _ in range(20):
+        variables = move(variables)
+    return variables
+
+
+@pytest.mark.parametrize(
+    ("pose_dim", "generator_count", "discriminator_count"), [(27, 6_438_347, 172_993), (126, 6_476_462, 198_337)]
+)
+def test_has_as_many_parameters_as_the_published_comparison(pose_dim, generator_count, discriminator_count):
+    poses = jnp.zeros((1, NUM_FRAMES, pose_dim))
+    for module, arguments, count in (
+        (Speech2Gesture(pose_dim), _arguments(pose_dim), generator_count),
+        (PatchDiscriminator(), (poses,), discriminator_count),
+    ):
+        start = functools.partial(module.init, train=False)
+        shapes = jax.eval_shape(start, jax.random.key(0), *arguments)
+        assert sum(leaf.size for leaf in jax.tree.leaves(shapes["params"])) == count
+
+
+def _stages(module, *arguments):
+    """Return name of each part with one output array -> shape of the output without the batch axis."""
+
+    def run(key):
+        _, state = module.apply(module.init(key, *arguments, train=False), *arguments, train=False, **capture)
+        return state["intermediates"]
+
+    capture = {"capture_intermediates": True, "mutable": ["intermediates"]}
+    found = jax.tree_util.tree_leaves_with_path(jax.eval_shape(run, jax.random.key(0)))
+    names = [jax.tree_util.keystr(path, simple=True, separator="/") for path, _ in found]
+    return {name.partition("/__call__")[0]: leaf.shape[1:] for name, (_, leaf) in zip(names, found, strict=True)}
+
+
+def test_shapes_of_every_stage_of_the_generator():
+    shapes = _stages(Speech2Gesture(27), *_arguments(27, batch=2))
+    expected = {
+        "audio/block_0": (128, 70, 64),
+        "audio/down_0": (64, 35, 64),
+        "audio/block_1": (64, 35, 128),
+        "audio/down_1": (32, 18, 128),
+        "audio/block_2": (32, 18, 256),
+        "audio/down_2": (16, 9, 256),
+        "audio/block_same": (16, 9, 256),
+        "audio/block_valid": (14, 7, 256),
+        "audio": (34, 256),
+        "seed_in": (32,),
+        "seed_out": (16,),
+        "output": (34, 27),
+    }
+    lengths = {"block_0": 34, "block_1": 34} | {
+        f"down_{index}": length for index, length in enumerate((17, 9, 5, 3, 2))
+    }
+    lengths |= {f"up_{index}": length for index, length in enumerate((3, 5, 9, 17, 34))}
+    expected |= {f"unet/{name}": (length, 256) for name, length in lengths.items()}
+    expected |= {f"decoder_{index}": (34, 256) for index in range(4)}
+    assert {name: shapes[name] for name in expected} == expected
+
+
+def test_shapes_of_every_stage_of_the_discriminator():
+    shapes = _stages(PatchDiscriminator(), jnp.zeros((2, NUM_FRAMES, 27)))
+    expected = {"conv_in": (17, 64), "down": (9, 128), "block": (9, 256), "conv_out": (9, 1), "": (9,)}
+    found = {name.removeprefix("__call__/0"): shape for name, shape in shapes.items()}
+    assert {name: found[name] for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("size", "kernel", "stride", "before"), [(35, 4, 2, 1), (34, 4, 2, 1), (9, 4, 1, 1), (7, 3, 1, 1)]
+)
+def test_odd_padding_goes_to_the_right(size, kernel, stride, before):
+    """Compared with an explicit sum over a window; an odd rest of the padding is at the end."""
+    x = np.random.default_rng(0).uniform(1, 2, (1, size, 1)).astype(np.float32)
+    params = {"conv": {"kernel": np.ones((kernel, 1, 1), np.float32), "bias": np.zeros(1, np.float32)}}
+    params["norm"] = {"scale": np.full(1, np.sqrt(1 + 1e-5), np.float32), "bias": np.zeros(1, np.float32)}
+    statistics = {"norm": {"mean": np.zeros(1, np.float32), "variance": np.ones(1, np.float32)}}
+    variables = {"params": params, "batch_stats": statistics}
+    found = np.asarray(Block(1, (kernel,), stride).apply(variables, x, train=False))
+
+    count = -(-size // stride)
+    total = (count - 1) * stride + kernel - size
+    padded = np.pad(x[0, :, 0], (before, total - before))
+    expected = [padded[stride * index : stride * index + kernel].sum() for index in range(count)]
+    np.testing.assert_allclose(found[0, :, 0], expected, rtol=1e-5)
+
+
+def test_time_is_laid_on_frames_without_aligned_corners():
+    x = np.random.default_rng(0).normal(size=(2, 14, 7, 3)).astype(np.float32)
+    times = np.clip((np.arange(NUM_FRAMES) + 0.5) * 7 / NUM_FRAMES - 0.5, 0, 6)
+    middle = (x[:, 6] + x[:, 7]) / 2
+    expected = np.stack(
+        [[np.interp(times, np.arange(7), middle[clip, :, channel]) for channel in range(3)] for clip in range(2)]
+    ).transpose(0, 2, 1)
+    np.testing.assert_allclose(jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES))(x), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_swapped_axes_lay_frequency_on_the_frames():
+    """As in the published comparison: every frame depends on the middle one of the 7 times only."""
+    x = np.random.default_rng(0).normal(size=(2, 14, 7, 3)).astype(np.float32)
+    swapped = jax.jit(lambda x: lay_on_frames(x, NUM_FRAMES, swapped=True))
+    np.testing.assert_allclose(swapped(x), lay_on_frames(jnp.asarray(x.swapaxes(1, 2)), NUM_FRAMES), rtol=1e-6)
+    elsewhere = x + (np.arange(7) != 3)[:, None].astype(np.float32)
+    np.testing.assert_array_equal(swapped(elsewhere), swapped(x))
+
+
+def _columns_of_frames():
+    """Return the mel column at the middle of each frame."""
+    return (np.arange(NUM_FRAMES) + 0.5) * NUM_COLUMNS / NUM_FRAMES - 0.5
+
+
+def _influence(run, mel, draws=4):
+    """Return (N, columns), the influence of each mel column on a frame of `run(mel)`, by random projections."""
+
+    def gradients(key):
+        output, pull_back = jax.vjp(run, mel)
+        noise = jax.random.normal(key, output.shape)
+
+        def of_frame(frame):
+            (gradient,) = pull_back(noise * (jnp.arange(NUM_FRAMES) == frame)[None, :, None])
+            return jnp.sum(jnp.square(gradient), axis=(0, 1))
+
+        return jax.lax.map(of_frame, jnp.arange(NUM_FRAMES))
+
+    # Optimised, because here it is the run that takes long.
+    options: dict[str, bool | int | str] = {"xla_backend_optimization_level": 3}
+    every = jax.jit(lambda keys: jax.lax.map(gradients, keys), compiler_options=options)
+    squares = np.sum(every(jax.random.split(jax.random.key(1), draws)), axis=0)
+    return squares / squares.sum(axis=1, keepdims=True)
+
+
+def test_a_frame_listens_to_its_own_time(model, variables):
+    """The features of a frame, before the U-Net mixes frames, depend on the speech around the frame.
+
+    Of the 9 columns of the smallest map the unpadded convolution leaves 7, which are stretched over all frames: those
+    at the ends depend on speech some 15 mel columns, half a second, further inside.
+    """
+    mel = np.random.default_rng(3).uniform(-80, 0, (1, 128, NUM_COLUMNS)).astype(np.float32)
+
+    def listen(mel):
+        return model.apply(variables, mel, method=lambda model, mel: model.audio(mel, train=False))
+
+    influence = _influence(listen, mel)
+    distance = np.abs(influence @ np.arange(NUM_COLUMNS) - _columns_of_frames())
+    assert distance[8:-8].max() < 8
+    assert distance.max() < 20
+
+
+def test_a_click_moves_the_poses_near_it_most(model, variables):
+    mel = np.random.default_rng(3).uniform(-80, 0, (1, 128, NUM_COLUMNS)).astype(np.float32)
+    seed = np.zeros((1, 4, 6), np.float32)
+
+    def poses(mel):
+        return model.apply(variables, {"mel": mel}, None, seed, train=False)[-1]
+
+    influence = _influence(poses, mel)
+    assert np.corrcoef(influence @ np.arange(NUM_COLUMNS), _columns_of_frames())[0, 1] > 0.9
+    for start in range(10, 60, 10):
+        of_click = influence[:, start : start + 5].sum(axis=1)
+        distance = np.abs(_columns_of_frames() - (start + 2))
+        assert of_click[distance < 8].mean() > 1.5 * of_click[distance > 24].mean()
+
+
+@pytest.mark.parametrize(("differences", "num_scores"), [(1, 9), (2, 8)])
+def test_scores_are_of_differences(differences, num_scores):
+    """Scores use first differences; in the published comparison second ones, which ignore a steady drift."""
+    poses = np.random.default_rng(0).normal(size=(2, NUM_FRAMES, 5)).astype(np.float32)
+    module = PatchDiscriminator(channels=4, differences=differences)
+    variables = _variables(module, poses)
+    score = jax.jit(lambda poses: module.apply(variables, poses, train=False))
+    assert score(poses).shape == (2, num_scores)
+    np.testing.assert_allclose(score(poses + 0.7), score(poses), atol=1e-5)
+    drifting = poses + 0.5 * np.arange(NUM_FRAMES)[:, None].astype(np.float32)
+    assert (np.abs(score(drifting) - score(poses)).max() > 0.01) == (differences == 1)
+
+
+@pytest.mark.parametrize("num_seed_frames", [1, 7])
+def test_any_number_of_seed_frames_and_a_single_clip(model, num_seed_frames):
+    arguments = _arguments(6, 1, num_seed_frames)
+    shapes = jax.eval_shape(lambda key: model.init_with_output(key, *arguments, train=False), jax.random.key(0))
+    assert shapes[0][-1].shape == (1, NUM_FRAMES, 6)
+    assert shapes[1]["params"]["seed_in"]["kernel"].shape == (6 * num_seed_frames, 32)
+
+
+@pytest.mark.torch
+def test_equals_pytorch(model, variables, oracles):
+    """The whole generator, in training and in evaluation, compared with the layers of its table in PyTorch."""
+    torch = pytest.importorskip("torch")
+    functional = torch.nn.functional
+    rng = np.random.default_rng(5)
+    mel = rng.uniform(-80, 0, (2, 128, NUM_COLUMNS)).astype(np.float32)
+    seed = rng.normal(size=(2, 4, 6)).astype(np.float32)
+    params, statistics = (jax.tree.map(np.asarray, variables[name]) for name in ("params", "batch_stats"))
+
+    def tensor(x):
+        return torch.from_numpy(np.array(x))
+
+    def norm(x, name, params, statistics):
+        statistics = statistics[name]
+        return functional.batch_norm(
+            x,
+            tensor(statistics["mean"]),
+            tensor(statistics["variance"]),
+            tensor(params[name]["scale"]),
+            tensor(params[name]["bias"]),
+            training=train,
+        )
+
+    def block(x, params, statistics, stride=1, is_same=True):
+        kernel = np.moveaxis(params["conv"]["kernel"], (-1, -2), (0, 1))
+        if is_same:
+            sizes = [(-(-n // stride) - 1) * stride + k - n for n, k in zip(x.shape[2:], kernel.shape[2:], strict=True)]
+            x = functional.pad(x, [side for size in sizes[::-1] for side in (size // 2, size - size // 2)])
+        convolve = functional.conv2d if x.ndim == 4 else functional.conv1d
+        x = convolve(x, tensor(kernel), tensor(params["conv"]["bias"]), stride=stride)
+        return functional.leaky_relu(norm(x, "norm", params, statistics), 0.2)
+
+    def part(path):
+        values = params, statistics
+        for name in path.split("/"):
+            values = tuple(value[name] for value in values)
+        return values
+
+    def dense(x, params):
+        return x @ tensor(params["kernel"]) + tensor(params["bias"])
+
+    for train in (False, True):
+        x = tensor(mel)[:, None] / 80 + 1
+        for index in range(3):
+            x = block(x, *part(f"audio/block_{index}"))
+            x = block(x, *part(f"audio/down_{index}"), stride=2)
+        x = block(block(x, *part("audio/block_same")), *part("audio/block_valid"), is_same=False)
+        x = functional.interpolate(x, size=(1, NUM_FRAMES), mode="bilinear", align_corners=False)[:, :, 0]
+        x = block(block(x, *part("unet/block_0")), *part("unet/block_1"))
+        skips = []
+        for index in range(5):
+            skips.append(x)
+            x = block(x, *part(f"unet/down_{index}"), stride=2)
+        for index, skip in enumerate(skips[::-1]):
+            x = functional.interpolate(x, scale_factor=2, mode="nearest")[..., : skip.shape[-1]] + skip
+            x = block(x, *part(f"unet/up_{index}"))
+        start = torch.relu(norm(dense(tensor(seed).flatten(1), params["seed_in"]), "seed_norm", params, statistics))
+        start = dense(start, params["seed_out"])[..., None].expand(-1, -1, NUM_FRAMES)
+        x = torch.cat([x, start], dim=1)
+        for index in range(4):
+            x = block(x, *part(f"decoder_{index}"))
+        output = {"kernel": params["output"]["kernel"][0], "bias": params["output"]["bias"]}
+        expected = dense(x.transpose(1, 2), output).numpy()
+
+        mutable = ["batch_stats"] if train else []
+        run = functools.partial(model.apply, train=train, mutable=mutable)
+        (found,), _ = jax.jit(lambda run=run: run(variables, {"mel": mel}, None, seed))()
+        oracles.assert_close(found, expected, 1e-4)
