@@ -19,8 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from ha2g_jax.cli.parser import positive
-from ha2g_jax.layers.cpu import convolution, winograd
-from ha2g_jax.layers.cpu.onednn import calls
+from ha2g_jax.layers.cpu import convolution, onednn, winograd
 from ha2g_jax.layers.cpu.onednn.library import used_version
 
 # Height, width and inputs of the map, channels, kernel, stride and padding of each kind of convolution.
@@ -76,8 +75,8 @@ def measure(batch: int, rounds: int, height, width, inputs, channels, kernel, st
         gradients["Winograd"] = functools.partial(winograd.kernel_gradient, padding=padding)
     if used_version():
         settings = {"stride": stride, "padding": padding}
-        convolutions["oneDNN"] = lambda x, weights: calls.conv(x, weights, **settings)
-        gradients["oneDNN"] = lambda x, cotangent: calls.conv_kernel_gradient(x, cotangent, kernel, **settings)
+        convolutions["oneDNN"] = lambda x, weights: onednn.conv(x, weights, **settings)
+        gradients["oneDNN"] = lambda x, cotangent: onednn.conv_kernel_gradient(x, cotangent, kernel, **settings)
     is_winograd = convolution.is_faster_with_winograd(x, weights, stride, padding)
     is_products = convolution.is_faster_with_products(x.shape, weights.shape, cotangent.shape)
     used = {

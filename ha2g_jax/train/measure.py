@@ -19,7 +19,7 @@ from jax.extend import core
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.layers.cpu.onednn import calls
+from ha2g_jax.layers.cpu import onednn
 from ha2g_jax.layers.cpu.onednn.library import used_version
 from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
@@ -309,7 +309,7 @@ def _of_equation(equation: core.JaxprEqn) -> int:
             return _of_convolution(equation)
         case "ffi_call":
             shapes = [_shape(variable) for variable in (*equation.invars, *equation.outvars)]
-            return calls.count_operations(equation.params["target_name"], shapes)
+            return onednn.count_operations(equation.params["target_name"], shapes)
     counts = [count_operations(jaxpr) for jaxpr in core.jaxprs_in_params(equation.params)]
     if equation.primitive.name == "cond":
         return max(counts)

@@ -12,8 +12,8 @@ import math
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.layers.cpu import winograd
-from ha2g_jax.layers.cpu.onednn import calls, library
+from ha2g_jax.layers.cpu import onednn, winograd
+from ha2g_jax.layers.cpu.onednn import library
 
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _ROWS = 1024  # positions in one product, at least: enough to be fast, few enough for the caches
@@ -36,7 +36,7 @@ def conv(x: jax.Array, kernel: jax.Array, stride: tuple[int, int], padding: int)
     """
     edges = [edge + 2 * padding - width for edge, width in zip(x.shape[1:3], kernel.shape[:2], strict=True)]
     if x.size and min(edges) >= 0 and library.is_used_for(x, kernel):
-        return calls.conv(x, kernel, stride, padding)
+        return onednn.conv(x, kernel, stride, padding)
     return _conv(x, kernel, stride, padding)
 
 

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ha2g_jax.layers.cpu.onednn import calls, library
+from ha2g_jax.layers.cpu import onednn
+from ha2g_jax.layers.cpu.onednn import library
 from ha2g_jax.layers.gru_cell import Gates, activate, float32, products, scan_states
 
 
@@ -63,8 +64,8 @@ def _run(
     return tuple(it.astype(gate.reset.dtype) for it, gate in zip(states, gates, strict=True)), (arguments, states)
 
 
-_onednn_states = calls.differentiated_as(
-    lambda gates, kernels, bias: scan_states((gates,), (kernels,), (bias,), None)[0], calls.gru_states
+_onednn_states = onednn.differentiated_as(
+    lambda gates, kernels, bias: scan_states((gates,), (kernels,), (bias,), None)[0], onednn.gru_states
 )
 
 
@@ -133,9 +134,9 @@ def _sums(cotangents: Any, slopes: Any, kernels: Any, dtype: Any) -> tuple[Gates
     return jax.lax.scan(step, start, (cotangents, slopes), reverse=True)[1]
 
 
-_onednn_sums = calls.differentiated_as(
+_onednn_sums = onednn.differentiated_as(
     lambda cotangents, slopes, kernels: _sums((cotangents,), (slopes,), (kernels,), jnp.float32)[0],
-    lambda cotangents, slopes, kernels: Gates(*calls.gru_sums(cotangents, slopes, kernels)),
+    lambda cotangents, slopes, kernels: Gates(*onednn.gru_sums(cotangents, slopes, kernels)),
 )
 
 

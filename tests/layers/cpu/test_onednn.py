@@ -15,8 +15,8 @@ import pytest
 from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from hypothesis import given, settings
 
-from ha2g_jax.layers.cpu import convolution
-from ha2g_jax.layers.cpu.onednn import calls, library
+from ha2g_jax.layers.cpu import convolution, onednn
+from ha2g_jax.layers.cpu.onednn import library
 from ha2g_jax.layers.cpu.recurrence import gru_scan
 from ha2g_jax.layers.gru_cell import Gates
 from ha2g_jax.train.measure import count_operations
@@ -65,7 +65,7 @@ def both(batch, edges, inputs, channels, kernel, stride, padding):
     """Return oneDNN's and XLA's convolution, and arguments whose outputs are about 1."""
     kernels = drawn(*kernel, inputs, channels, seed=1) / np.sqrt(np.prod(kernel) * inputs)
     programs = [
-        lambda x, kernel, conv=conv: conv(x, kernel, stride, padding) for conv in (calls.conv, convolution._native)
+        lambda x, kernel, conv=conv: conv(x, kernel, stride, padding) for conv in (onednn.conv, convolution._native)
     ]
     return programs, (drawn(batch, *edges, inputs), kernels)
 
