@@ -124,7 +124,10 @@ _RELEASE = {
 }
 _RELEASE_ON = _ON_TALK | {"ted_gesture": {"loss.ha2g.weights.huber": 70.0, "train.batch_size": 256}}
 _STUDY_HA2G = {"loss.ha2g.weights.style": 0.01}
-_FIFTH = {"train.discriminator_learning_rate": 6e-4}  # of the learning rate of a study
+_FIFTH = {"train.discriminator_learning_rate": 3e-3 * 0.2}  # of the learning rate of a study
+_UNREAD = {
+    "train.discriminator_learning_rate": 3e-3
+}  # as the published runs of methods without a discriminator have it
 _CAUSAL = {"model.text.receptive_field": "causal"}
 _SMALL_S2G = {"model.audio.spectrogram.channels": (16, 32, 64), "model.inferer.layers": 5}
 _SMALL_JOINT = {"model.context.hidden_dim": 64}
@@ -158,7 +161,7 @@ METHODS: dict[str, MethodPreset] = {
             "train.clip_norm": 5.0,
             "train.best_by": "loss/mse",
         },
-        at={"study": {"train.learning_rate": 1e-3}},
+        at={"study": {"train.learning_rate": 1e-3, **_UNREAD}},
     ),
     "speech2gesture": MethodPreset(  # Ginosar et al. 2019: a spectrogram to poses, with a discriminator of motion
         {
@@ -190,7 +193,7 @@ METHODS: dict[str, MethodPreset] = {
         at={
             "medium": _SMALL_JOINT,
             "small": _SMALL_JOINT,
-            "study": {**_SMALL_JOINT, "loss.joint_embedding.weights.l1": 10.0},
+            "study": {**_SMALL_JOINT, **_UNREAD, "loss.joint_embedding.weights.l1": 10.0},
             "debug": {"model.context.hidden_dim": 8, "model.text.layers": 2},
         },
     ),

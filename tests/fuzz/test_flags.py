@@ -100,7 +100,7 @@ def test_a_talk_corpus_of_no_possible_size_is_refused(option, value, refused, tm
 @pytest.mark.parametrize(
     ("flag", "line"),
     [
-        ("seed=-1", "config.seed is -1, expected 0 to"),
+        ("seed=-1", "config.seed is -1, expected a whole number from 0 to"),
         (f"seed={MAX_SEED + 1}", "config.seed is"),
         ("train.betas=((((((", "config.train.betas is"),
         ("train.betas=(0.9,)", "config.train.betas is"),
