@@ -79,7 +79,7 @@ def test_evaluation_compares_with_the_mean_styles_of_a_permutation(objective, st
     np.testing.assert_array_equal(contrast.other_z, outputs.mean[np.array(order)])
     assert sorted(order) == list(range(5)) != order
     other = evaluate(batch | {"speaker": jnp.array(order)}, keys_of(objective.spec, 1))
-    np.testing.assert_allclose(contrast.poses, other.poses[-1], atol=1e-6)
+    np.testing.assert_allclose(contrast.poses, other.outputs.poses[-1], atol=1e-6)
     assert not np.allclose(contrast.poses, outputs.poses[-1], atol=1e-6)
 
 
