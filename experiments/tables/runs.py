@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 
 import tqdm
 
-from ha2g_jax.config.settings import SIZES
+from ha2g_jax.config.presets import SIZES
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.child_process import Stop, run_logged, stop_signals
 from tables import look_aheads
