@@ -81,9 +81,6 @@ def augment(
         clip_power: mean power of the sound of the clip, see `sound_power`.
         start_frame: first frame of the window in its clip, from 0.
         fps: frames per second.
-
-    Returns:
-        The changed example.
     """
     if augmentation.mirror and rng.random() < augmentation.mirror:
         example = mirror_example(example, skeleton, num_speakers)
@@ -112,16 +109,8 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
     """Mirror an example: the same words, spoken by another speaker, with left and right exchanged.
 
     Joint angles become those of the other side. Angles with a palm normal, a cross product whose sign a reflection
-    reverses, become pi minus those of the other side.
-
-    Args:
-        example: example with "directions", "speaker" and, if identities come from images, "images".
-        skeleton: skeleton of the directions.
-        num_speakers: number of speakers of the training split; the mirror image of speaker i is speaker
-            i + `num_speakers`.
-
-    Returns:
-        The mirrored example.
+    reverses, become pi minus those of the other side. The mirror image of speaker i of the training split is speaker
+    i + `num_speakers`.
     """
     mirrored = {
         "directions": mirror_directions(skeleton, example["directions"]),
@@ -133,17 +122,11 @@ def mirror_example(example: dict[str, Any], skeleton: Skeleton, num_speakers: in
 
 
 def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
-    """Move the formants of a spectrogram, as a vocal tract of another length does (VTLP, Jaitly and Hinton 2013).
+    """Move the formants of a spectrogram (128, columns) in dB, as a vocal tract of another length does.
 
-    Frequencies f become `factor` f up to about 4.8 kHz; those above are moved linearly, so that the highest one stays.
-    Harmonics of the voice move with the formants. Values in dB are interpolated between bands.
-
-    Args:
-        mel: (128, columns) dB.
-        factor: above 1 for a shorter vocal tract.
-
-    Returns:
-        (128, columns) float32 dB.
+    VTLP (Jaitly and Hinton 2013): frequencies f become `factor` f up to about 4.8 kHz, `factor` above 1 for a shorter
+    vocal tract; those above are moved linearly, so that the highest one stays. Harmonics of the voice move with the
+    formants. Values in dB are interpolated between bands.
     """
     bands = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)[1:-1]
     highest, border = SAMPLE_RATE / 2, _HIGHEST_FORMANT * min(factor, 1.0)
@@ -155,18 +138,10 @@ def warp_formants(mel: np.ndarray, factor: float) -> np.ndarray:
 
 
 def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.ndarray:
-    """Change the frequency response of a spectrogram, as another microphone does.
+    """Change the frequency response of a spectrogram (128, columns) in dB, as another microphone does.
 
-    The response is interpolated between random values at six points, evenly spaced in mel. Its maximum is 0 dB, because
-    0 dB is the maximum of the clip (D11).
-
-    Args:
-        mel: (128, columns) dB.
-        most_db: maximum of the random values in dB, up or down.
-        rng: generator of the random values.
-
-    Returns:
-        (128, columns) float32 dB, not below -80.
+    The response is interpolated between random values of at most `most_db` dB at six points, evenly spaced in mel. Its
+    maximum is 0 dB, because 0 dB is the maximum of the clip (D11).
     """
     points = rng.uniform(-most_db, most_db, _EQUALIZER_POINTS)
     response = np.interp(np.linspace(0, _EQUALIZER_POINTS - 1, len(mel)), np.arange(_EQUALIZER_POINTS), points)
@@ -174,18 +149,11 @@ def equalize(mel: np.ndarray, most_db: float, rng: np.random.Generator) -> np.nd
 
 
 def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray:
-    """Add the reverberation of a room to the speech of a spectrogram.
+    """Add the reverberation of a room to the speech of a spectrogram (128, columns) in dB.
 
     To the power p of each column is added r sum_k d^k p[t - k] / sum_k d^k over the columns before it, where d^k falls
-    by 60 dB in `seconds`. Powers add, as in `add_noise`; what was spoken before the window leaves no trace.
-
-    Args:
-        mel: (128, columns) dB of a window.
-        seconds: reverberation time.
-        direct_db: power of the direct sound over that of its reverberation, -10 log10 r.
-
-    Returns:
-        (128, columns) float32 in [-80, 0].
+    by 60 dB in `seconds`. Powers add, as in `add_noise`; what was spoken before the window leaves no trace. `direct_db`
+    is the power of the direct sound over that of its reverberation, -10 log10 r.
     """
     decay = 10 ** (-6 * HOP_LENGTH / SAMPLE_RATE / seconds)
     power = np.power(10, mel.astype(np.float64) / 10)
@@ -196,33 +164,15 @@ def reverberate(mel: np.ndarray, seconds: float, direct_db: float) -> np.ndarray
 
 
 def make_quieter(mel: np.ndarray, gain_db: float) -> np.ndarray:
-    """Make the speech of a spectrogram quieter.
-
-    It cannot be made louder, because 0 dB is the maximum of the clip (D11).
-
-    Args:
-        mel: (128, columns) dB.
-        gain_db: attenuation in dB, 0 or more.
-
-    Returns:
-        (128, columns) dB, not below -80.
-    """
+    """Make the speech of a spectrogram quieter; it cannot be louder, as 0 dB is the maximum of the clip (D11)."""
     return np.maximum(mel - np.float32(gain_db), np.float32(FLOOR_DB))
 
 
 def add_noise(mel: np.ndarray, noise_power: float, rng: np.random.Generator) -> np.ndarray:
-    """Add white noise to the sound of a spectrogram, to its pauses too.
+    """Add white noise of a mean power (see `sound_power`) to a spectrogram (128, columns) in dB, to its pauses too.
 
     Powers are added, log10(10^(mel / 10) + 10^(noise / 10)). This is the spectrogram of the sum of both sounds except
     for the cross term of each bin, whose mean is 0.
-
-    Args:
-        mel: (128, columns) dB of a window.
-        noise_power: mean power of the noise, see `sound_power`.
-        rng: generator that chooses the noise.
-
-    Returns:
-        (128, columns) float32 in [-80, 0].
     """
     noise = _white_noise()
     start = rng.integers(noise.shape[1] - mel.shape[1] + 1)
@@ -238,9 +188,6 @@ def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) 
         start_frame: first frame of the window in its clip, from 0.
         heard: number of frames whose speech is not hidden.
         fps: frames per second.
-
-    Returns:
-        The example with hidden columns, see `hide_unheard`, and no words from frame `heard` on.
     """
     hidden = {"mel": hide_unheard(example["mel"], start_frame, heard, fps)}
     if "words" in example:

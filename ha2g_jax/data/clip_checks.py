@@ -27,15 +27,12 @@ _MAX_NUMBER = 1e12  # greatest time in seconds, amplitude or value of a style
 
 
 def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator[str]:
-    """Check all fields of a clip except the motion.
+    """Check all fields of a clip except the motion, and yield a line for each error.
 
     Args:
         fields: fields that `records.unpack` returns, without a `problem`.
         seconds: length of the motion in seconds.
         fps: frames per second of the motion, whose length is that of the audio up to half a frame.
-
-    Yields:
-        One line for each error.
     """
     yield from _check_words(fields, seconds, max(_WORD_SLACK, 0.5 / fps))
     yield from _check_audio(fields, seconds, max(_AUDIO_SLACK, 0.5 / fps + 0.01))
@@ -45,15 +42,9 @@ def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator
 
 
 def problem(fields: dict[str, Any], skeleton: Skeleton, fps: float) -> str | None:
-    """Return the reason why nothing can be done with a clip, None if it can be used.
+    """Return the reason why nothing can be done with the fields of a clip, None if it can be used.
 
-    Args:
-        fields: fields that `records.unpack` returns.
-        skeleton: skeleton of the corpus.
-        fps: frames per second of the corpus.
-
-    Returns:
-        What the clip has: "positions that are NaN or infinite, first in frame 7".
+    It says what the clip has: "positions that are NaN or infinite, first in frame 7".
     """
     if wrong := wrong_types(fields):
         return f"{', '.join(wrong)} of a wrong type"
@@ -68,11 +59,7 @@ def problem(fields: dict[str, Any], skeleton: Skeleton, fps: float) -> str | Non
 
 
 def wrong_types(fields: dict[str, Any]) -> list[str]:
-    """Return the names of the fields of a wrong type.
-
-    Args:
-        fields: fields that `records.unpack` returns.
-    """
+    """Return the names of the fields of a wrong type."""
     is_right = {
         "id": isinstance(fields["id"], str) and fields["id"] != "",
         "speaker": isinstance(fields["speaker"], str),
@@ -119,14 +106,9 @@ def _beyond_limits(fields: dict[str, Any], fps: float) -> str | None:
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
-    """Check the motion of a clip.
+    """Check the motion (T, joints, 3) of a clip in metres.
 
-    Args:
-        positions: (T, joints, 3) in metres.
-        skeleton: skeleton of the corpus.
-
-    Yields:
-        At most one line, because each error makes the next checks meaningless.
+    Yields at most one line, because each error makes the next checks meaningless.
     """
     if found := _unusable_positions(positions, skeleton):
         yield found
@@ -212,12 +194,7 @@ def _check_images(fields: dict[str, Any]) -> Iterator[str]:
 
 
 def bone_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return the lengths of the bones, (T, bones) in metres.
-
-    Args:
-        positions: (T, joints, 3) in metres.
-        skeleton: skeleton of the positions.
-    """
+    """Return the lengths (T, bones) of the bones of positions (T, joints, 3), in metres."""
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     return np.linalg.norm(positions[:, children].astype(np.float64) - positions[:, parents], axis=-1)
 

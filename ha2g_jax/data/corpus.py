@@ -59,13 +59,7 @@ class Clips(Sequence[Clip]):
         return records.decode_fields(self.fields(index), self.place(index), self.fps)
 
     def fields(self, index: int) -> dict[str, Any]:
-        """Return the fields of a clip with audio and images still compressed.
-
-        Args:
-            index: number of the clip in the split.
-
-        Returns:
-            The fields that `records.unpack` returns.
+        """Return the fields of a clip, see `records.unpack`, with audio and images still compressed.
 
         Raises:
             UserError: the record cannot be read or is damaged, or its motion is not finite, not of the skeleton of the
@@ -81,12 +75,7 @@ class Clips(Sequence[Clip]):
         return fields
 
     def title(self, fields: dict[str, Any], index: int) -> str:
-        """Return the id of a clip and the location of its record, for error messages.
-
-        Args:
-            fields: fields of the clip.
-            index: number of the clip in the split.
-        """
+        """Return the id of a clip and the location of its record, for error messages."""
         return f"clip {repr(fields['id'])[:MAX_NAME_LENGTH]} ({self.place(index)})"
 
     def record(self, index: int) -> bytes:
@@ -140,9 +129,6 @@ class Corpus:
     @classmethod
     def open(cls, path: str | os.PathLike) -> "Corpus":
         """Open the corpus in a folder.
-
-        Args:
-            path: folder of the corpus.
 
         Raises:
             UserError: there is no corpus, or it is incomplete or of an unknown version.
@@ -257,10 +243,12 @@ _CHUNK_HEADER = struct.Struct("<QQQQQ")
 
 
 def check_sizes(shard: pathlib.Path) -> None:
-    """Check that no chunk of a shard unpacks to more than `MAX_CLIP_BYTES`.
+    """Check that no chunk of an ArrayRecord file unpacks to more than `MAX_CLIP_BYTES`, before anything is unpacked.
 
-    Args:
-        shard: an ArrayRecord file. Damage is left to its reader: the check ends where no chunk can start.
+    The file is a Riegeli file: blocks of 64 KiB, each of which starts with a header of 24 bytes, and over these blocks
+    runs a sequence of chunks. The header of a chunk states how many bytes its records take when they are unpacked, see
+    https://github.com/google/riegeli/blob/master/doc/riegeli_records_file_format.md. Damage is left to the reader of
+    the file: the check ends where no chunk can start.
 
     Raises:
         UserError: a chunk is larger, or the file cannot be read.
@@ -278,7 +266,6 @@ def check_sizes(shard: pathlib.Path) -> None:
 
 
 def _unpacked_sizes(file: BinaryIO) -> Iterator[int]:
-    """Yield the bytes that each chunk takes when it is unpacked."""
     length = file.seek(0, os.SEEK_END)
     position = 0  # counted without the headers of blocks
     while _file_position(position) < length and len(header := _read_header(file, position)) == _CHUNK_HEADER.size:

@@ -38,12 +38,7 @@ class MotionStatistics:
         self._steps = 0
 
     def update(self, positions: np.ndarray, window_starts: Sequence[int]) -> None:
-        """Add the frames of one clip that lie in a window.
-
-        Args:
-            positions: (T, joints, 3) in metres.
-            window_starts: first frame of each window.
-        """
+        """Add the frames of one clip, positions (T, joints, 3) in metres, that lie in a window of training."""
         is_seen = np.zeros(len(positions), bool)
         for start in window_starts:
             is_seen[start : start + frames_at(WINDOW_FRAMES, self._fps)] = True
@@ -142,11 +137,7 @@ class CorpusWriter:
                 raise error
 
     def add(self, split: str, record: bytes) -> None:
-        """Append an encoded clip to a split; all clips of one split must be added before those of the next.
-
-        Args:
-            split: name of the split.
-            record: bytes that `records.encode_clip` returns.
+        """Append a record of `records.encode_clip` to a split; all of one split come before those of the next.
 
         Raises:
             UserError: the clip cannot be used or cannot be written.

@@ -46,11 +46,7 @@ def parallel_map(count: int, died: str) -> Iterator[Callable[..., Iterator]]:
 
 @contextlib.contextmanager
 def workers(count: int) -> Iterator[Executor]:
-    """Start processes for `in_order`; at the end, wait for running tasks and drop waiting ones.
-
-    Args:
-        count: number of processes.
-    """
+    """Start processes for `in_order`; at the end, wait for running tasks and drop waiting ones."""
     # spawn: the workers must not inherit state of this process or of an accelerator library. A pool of
     # `multiprocessing` would wait for ever for a worker that has died.
     context = multiprocessing.get_context("spawn")

@@ -68,7 +68,6 @@ Report: TypeAlias = dict[str, SplitReport]
 
 
 def report_as_json(report: Report) -> dict[str, Any]:
-    """Return the counts of each split, ready for JSON."""
     return {split: counts.as_json() for split, counts in report.items()}
 
 
@@ -315,14 +314,7 @@ def to_clips(
 
 
 def cut(recording: Recording, start: int, end: int, fps: float) -> Recording:
-    """Return the part of a recording of frames [start, end), with the words that start in it.
-
-    Args:
-        recording: recording.
-        start: first frame.
-        end: last frame + 1.
-        fps: frames per second of the positions.
-    """
+    """Return the part of a recording of frames [start, end) at `fps`, with the words that start in it."""
     begin, finish = start / fps, end / fps
     words = tuple(
         Word(word.text, word.start - begin, min(word.end, finish) - begin)

@@ -27,11 +27,7 @@ _PNG = b"\x89PNG"
 
 
 def encode_flac(audio: np.ndarray) -> bytes:
-    """Encode sound as FLAC of 16 bits.
-
-    Args:
-        audio: (samples,) float32 in [-1, 1] at 16 kHz.
-    """
+    """Encode sound (samples,) float32 in [-1, 1] at 16 kHz as FLAC of 16 bits."""
     flac = io.BytesIO()
     soundfile.write(flac, audio, SAMPLE_RATE, format="FLAC", subtype="PCM_16")
     return flac.getvalue()
@@ -39,9 +35,6 @@ def encode_flac(audio: np.ndarray) -> bytes:
 
 def flac_seconds(flac: bytes) -> float:
     """Return the seconds that the header of FLAC states.
-
-    Args:
-        flac: bytes of the sound.
 
     Raises:
         ValueError, soundfile.SoundFileError: the bytes are not mono FLAC at 16 kHz.
@@ -51,14 +44,7 @@ def flac_seconds(flac: bytes) -> float:
 
 
 def decode_flac(flac: bytes, max_seconds: float) -> np.ndarray:
-    """Decode sound.
-
-    Args:
-        flac: bytes of the sound.
-        max_seconds: maximum length in seconds.
-
-    Returns:
-        (samples,) float32 at 16 kHz.
+    """Decode FLAC of at most `max_seconds` to (samples,) float32 at 16 kHz.
 
     Raises:
         ValueError, soundfile.SoundFileError: the bytes are not mono FLAC at 16 kHz, or longer.
@@ -82,24 +68,14 @@ def _frames(file: soundfile.SoundFile) -> int:
 
 
 def encode_picture(image: np.ndarray) -> bytes:
-    """Encode an image as JPEG.
-
-    Args:
-        image: (height, width, 3) uint8.
-    """
+    """Encode an image (height, width, 3) uint8 as JPEG."""
     jpeg = io.BytesIO()
     Image.fromarray(image).save(jpeg, "JPEG", quality=_QUALITY)
     return jpeg.getvalue()
 
 
 def decode_pictures(images: Sequence[bytes]) -> np.ndarray:
-    """Decode images of one size.
-
-    Args:
-        images: bytes of the images, at least one.
-
-    Returns:
-        (images, height, width, 3) uint8.
+    """Decode images of one size to (images, height, width, 3) uint8, their headers before their pixels.
 
     Raises:
         ValueError, OSError, SyntaxError: they are not images in JPEG or PNG, of several sizes, too many or too large.
@@ -128,11 +104,7 @@ _MAX_VALUES = 1_000_000  # elements of all lists and dicts of a record
 
 
 def pack_array(array: np.ndarray) -> dict[str, Any]:
-    """Return an array as a dict for msgpack: float64 as such, everything else as float32.
-
-    Args:
-        array: array of any shape.
-    """
+    """Return an array as a dict for msgpack: float64 as such, everything else as float32."""
     floats = "<f8" if array.dtype == np.float64 else "<f4"
     packed = {"shape": list(array.shape), "data": np.ascontiguousarray(array, floats).tobytes()}
     return packed if floats == "<f4" else {"dtype": floats, **packed}
@@ -140,9 +112,6 @@ def pack_array(array: np.ndarray) -> dict[str, Any]:
 
 def unpack_array(packed: Any) -> np.ndarray:
     """Return the array of a dict that `pack_array` has made, float32 or float64.
-
-    Args:
-        packed: value from a file.
 
     Raises:
         TypeError, ValueError: it is no such dict, or its shape does not fit its bytes.
@@ -163,9 +132,6 @@ def unpack_array(packed: Any) -> np.ndarray:
 
 def unpack_values(record: bytes) -> dict[str, Any]:
     """Unpack a record of msgpack of limited size.
-
-    Args:
-        record: bytes from a file.
 
     Raises:
         TypeError, ValueError, msgpack.UnpackException: the bytes are not msgpack, no dict, or have too many values.
@@ -273,14 +239,7 @@ STORED_NAMES: Mapping[str, str] = types.MappingProxyType(
 
 
 def encode_clip(clip: Clip) -> bytes:
-    """Encode a clip as msgpack: audio in FLAC (16 bit), images in JPEG, motion uncompressed.
-
-    Args:
-        clip: the clip.
-
-    Returns:
-        The record; equal clips give equal bytes.
-    """
+    """Encode a clip as msgpack, audio in FLAC (16 bit) and images in JPEG; equal clips give equal bytes."""
     names = [field.name for field in dataclasses.fields(Clip)]
     fields = {STORED_NAMES.get(name, name): getattr(clip, name) for name in names}
     fields["audio"] = encode_flac(clip.audio)
@@ -293,11 +252,7 @@ def encode_clip(clip: Clip) -> bytes:
 
 
 def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
-    """Decode a clip that `encode_clip` has encoded.
-
-    Args:
-        record: bytes of the record.
-        name: name of the record in an error message.
+    """Decode a clip that `encode_clip` has encoded; errors name the record by `name`.
 
     Raises:
         UserError: the bytes are not a whole record.
@@ -308,11 +263,6 @@ def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
 def decode_fields(fields: dict[str, Any], name: str, fps: float = 1.0) -> Clip:
     """Decode the audio and the images of a clip that `unpack` has unpacked.
 
-    Args:
-        fields: fields of the clip.
-        name: name of the record in an error message.
-        fps: frames per second of the motion.
-
     Raises:
         UserError: the audio or an image cannot be decoded.
     """
@@ -321,12 +271,7 @@ def decode_fields(fields: dict[str, Any], name: str, fps: float = 1.0) -> Clip:
 
 
 def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any]:
-    """Unpack the fields of a clip and leave audio and images compressed, which is fast if only motion or words are
-    needed.
-
-    Args:
-        record: bytes of the record.
-        name: name of the record in an error message.
+    """Unpack the fields of a clip and leave audio and images compressed, which is fast.
 
     Returns:
         The fields of `Clip` by name; "audio" is FLAC, "reference_images" a list of JPEG images or None.
@@ -357,15 +302,12 @@ _YOUNGER = {"confidence": None}
 
 
 def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndarray:
-    """Decode the audio of a clip that `unpack` has unpacked.
+    """Decode the audio of a clip that `unpack` has unpacked to (samples,) float32 at 16 kHz.
 
     Args:
         fields: fields of the clip.
         name: name of the record in an error message.
         fps: frames per second of the motion, which limits the length; the lowest rate by default.
-
-    Returns:
-        (samples,) float32 at 16 kHz.
 
     Raises:
         UserError: the audio is not mono FLAC at 16 kHz, or much longer than the motion.
@@ -377,15 +319,10 @@ def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndar
 
 
 def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
-    """Decode the images of a clip that `unpack` has unpacked.
-
-    Args:
-        fields: fields of the clip.
-        name: name of the record in an error message.
-        count: number of images to decode, from the first one; all by default.
+    """Decode the first `count` images of a clip that `unpack` has unpacked, all by default; None if it has none.
 
     Returns:
-        (count, height, width, 3) uint8 images, None if the clip has none.
+        (count, height, width, 3) uint8 images.
 
     Raises:
         UserError: the fields are not images of one size, or too many or too large.

@@ -161,12 +161,10 @@ def _metadata(corpora: list[Corpus], dst: str | os.PathLike) -> dict[str, Any]:
 
 
 def _stated(text: dict[str, Any]) -> dict[str, Any]:
-    """Return the description of a corpus without its import report, source or licence if they are empty."""
     return {key: value for key, value in text.items() if key not in ("import", *(() if value else _STATED))}
 
 
 def _licence(by_folder: Mapping[str, str]) -> str:
-    """Return the licence of all corpora if it is the same, else each with the name of its folder."""
     if len(set(by_folder.values())) == 1:
         return next(iter(by_folder.values()))
     return _SEPARATOR.join(f"{folder}: {licence}" for folder, licence in by_folder.items())
@@ -266,7 +264,6 @@ def divide(
 
 
 def _members(corpus: Corpus, by: str) -> list[_Member]:
-    """Return all clips in the order in which they are stored."""
     members: list[_Member] = []
     speakers: dict[str, str] = {}
     total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
@@ -289,7 +286,7 @@ def _members(corpus: Corpus, by: str) -> list[_Member]:
 
 
 def assign(seconds: Mapping[str, float], fractions: Mapping[str, float], seed: int) -> dict[str, str]:
-    """Assign each recording or speaker to a split.
+    """Assign each recording or speaker, whose durations in seconds are given by name, to a split.
 
     Each one in turn is assigned to the split with the longest missing duration, or to an empty split if no more are
     left than there are empty splits. Then pairs are exchanged, or one is moved, as long as that lowers the sum of

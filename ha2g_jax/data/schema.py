@@ -31,13 +31,7 @@ _STATISTICS = (*_SIGNED, "lengths", "angle_mean", "angle_variance", "angle_chang
 
 
 def upgrade(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Convert the contents of a `dataset.json` to the present version.
-
-    Args:
-        metadata: contents of any version from 1 to the present one.
-
-    Returns:
-        Contents of the present version.
+    """Convert the contents of a `dataset.json` of any version from 1 on to the present version.
 
     Raises:
         KeyError: the version is unknown.
@@ -48,10 +42,7 @@ def upgrade(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(metadata: dict[str, Any]) -> None:
-    """Check every entry of a `dataset.json` that a reader uses, and that its shards lie in its folder.
-
-    Args:
-        metadata: contents of the present version.
+    """Check every entry of a `dataset.json` of the present version that a reader uses; its shards lie in its folder.
 
     Raises:
         KeyError: an entry is missing.
@@ -85,9 +76,6 @@ def check(metadata: dict[str, Any]) -> None:
 
 def statistics(metadata: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return the statistics of a `dataset.json` by name of the field of `Skeleton`, float32.
-
-    Args:
-        metadata: contents of the present version.
 
     Raises:
         ValueError: they do not fit the skeleton, or are not finite.
@@ -157,7 +145,6 @@ def _is_count(value: object) -> bool:
 
 
 def _are_names(value: object) -> bool:
-    """Return whether a value is a list of different texts."""
     return isinstance(value, list) and all(isinstance(name, str) for name in value) and len(set(value)) == len(value)
 
 

@@ -48,15 +48,12 @@ INPUTS = (*_TRACKS, "words", "plain_words")
 
 
 def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -> Speech:
-    """Compute the speech features of a clip.
+    """Compute the speech features of a clip, from which `window` cuts inputs.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
         words: words of the clip in order of time.
         inputs: names of the inputs of the model, among `INPUTS`.
-
-    Returns:
-        The features from which `window` cuts these inputs.
     """
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
     for track in tracks.values():

@@ -167,14 +167,7 @@ class Verdict(NamedTuple):
 
 
 def validate(path: str | os.PathLike) -> list[str]:
-    """Return the findings of `examine`, which are empty for a valid corpus.
-
-    Args:
-        path: folder of the corpus.
-
-    Raises:
-        UserError: there is no corpus, or its `dataset.json` cannot be used.
-    """
+    """Return the findings of `examine`, which are empty for a valid corpus."""
     return examine(path).findings
 
 
@@ -190,12 +183,6 @@ def examine(path: str | os.PathLike) -> Verdict:
 
     Notes: shards have no SHA-256; different stretches of a recording occur in several splits; bones change their length
     although the positions were not estimated (bones have constant lengths in motion capture, but not in estimates).
-
-    Args:
-        path: folder of the corpus.
-
-    Returns:
-        The findings and the notes.
 
     Raises:
         UserError: there is no corpus, or its `dataset.json` cannot be used.

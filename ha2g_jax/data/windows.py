@@ -9,7 +9,6 @@ import threading
 from collections.abc import Callable, Collection, Container
 from typing import Any, NamedTuple
 
-import cachetools
 import numpy as np
 import tqdm
 from PIL import Image
@@ -52,21 +51,30 @@ class ClipCache:
     def __init__(self, decode: Callable[[int], Track], max_bytes: int):
         self._decode, self._max_bytes = decode, max_bytes
         self._lock = threading.Lock()
-        self._tracks: cachetools.LRUCache[int, Track] = cachetools.LRUCache(max_bytes, getsizeof=_num_bytes)
+        self._tracks: dict[int, Track] = {}  # the one that was used last stands last
+        self._num_bytes = 0
 
     def __getitem__(self, number: int) -> Track:
-        track = self.peek(number)
-        if track is None:
-            # Outside the lock: two threads may decode one clip at once, which costs less than blocking all threads.
-            track = self._decode(number)
-            if _num_bytes(track) <= self._max_bytes:
-                with self._lock:
-                    track = self._tracks.setdefault(number, track)
+        if (track := self.peek(number)) is not None:
+            return track
+        # Outside the lock: two threads may decode one clip at once, which costs less than blocking all threads.
+        track = self._decode(number)
+        if (num_bytes := _num_bytes(track)) > self._max_bytes:
+            return track
+        with self._lock:
+            if number in self._tracks:
+                return self._tracks[number]
+            self._tracks[number] = track
+            self._num_bytes += num_bytes
+            while self._num_bytes > self._max_bytes:
+                self._num_bytes -= _num_bytes(self._tracks.pop(next(iter(self._tracks))))
         return track
 
     def peek(self, number: int) -> Track | None:
         """Return the track of a clip if it is in memory, else None."""
         with self._lock:
+            if number in self._tracks:
+                self._tracks[number] = self._tracks.pop(number)
             return self._tracks.get(number)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -223,14 +231,7 @@ class Windows:
         return windows
 
     def example(self, index: int, delay: int = 0) -> dict[str, np.ndarray]:
-        """Return the example of a window.
-
-        Args:
-            index: number of the window.
-            delay: number of frames by which the window starts later, limited by the end of the clip.
-
-        Returns:
-            The arrays by name, see the class.
+        """Return the arrays by name (see the class) of a window that starts `delay` frames later, within its clip.
 
         Raises:
             UserError: audio or images of the clip cannot be decoded.
@@ -247,21 +248,12 @@ class Windows:
         return example
 
     def start_frame(self, index: int, delay: int = 0) -> int:
-        """Return the first frame of a window in its clip.
-
-        Args:
-            index: number of the window.
-            delay: number of frames by which the window starts later, limited by the end of the clip.
-        """
+        """Return the first frame of a window in its clip, `delay` frames later, limited by the end of the clip."""
         number, start = self._find(index)
         return min(start + delay, int(self._index.lasts[number]))
 
     def clip_power(self, index: int) -> float:
-        """Return the mean power of the sound of a window's clip, see `sound_power`; 0 without the input "mel".
-
-        Args:
-            index: number of the window.
-        """
+        """Return the mean power of the sound of a window's clip, see `sound_power`; 0 without the input "mel"."""
         return self._cache[self.clip_index(index)].power
 
     def name(self, index: int) -> str:
@@ -274,13 +266,9 @@ class Windows:
         return self._find(index)[0]
 
     def directions(self, index: int) -> np.ndarray:
-        """Return only the motion of a window, without decoding audio; fastest in ascending order of the indices.
+        """Return only the motion of a window, (N, bones, 3) float32 unit vectors, without decoding audio.
 
-        Args:
-            index: number of the window.
-
-        Returns:
-            (N, bones, 3) float32 unit direction vectors.
+        It is fastest in ascending order of the indices.
         """
         number, start = self._find(index)
         track, last = self._cache.peek(number), self._last_motion
@@ -298,15 +286,7 @@ class Windows:
         return set(self._index.speakers.tolist())
 
     def reference_images(self, speaker: int, limit: int = 8) -> list[np.ndarray]:
-        """Return images of a speaker.
-
-        Args:
-            speaker: index of the speaker.
-            limit: maximum number of clips.
-
-        Returns:
-            (M, S, S, 3) uint8 images of each clip.
-        """
+        """Return images (M, S, S, 3) uint8 of a speaker, of each of at most `limit` clips."""
         images = []
         for number in np.flatnonzero(self._index.speakers == speaker)[:limit].tolist():
             track = self._cache.peek(number)
@@ -363,15 +343,7 @@ class _Reader(NamedTuple):
 
 
 def resize_images(frames: np.ndarray, size: int) -> np.ndarray:
-    """Resize images to the input size of the identity encoder E_ID.
-
-    Args:
-        frames: (M, height, width, 3) uint8 images.
-        size: width and height of the result in pixels.
-
-    Returns:
-        (M, size, size, 3) uint8 images.
-    """
+    """Resize images (M, height, width, 3) uint8 to the input size of the identity encoder E_ID, (M, size, size, 3)."""
     if frames.shape[1:3] == (size, size):
         return frames
     return np.stack([np.asarray(Image.fromarray(frame).resize((size, size))) for frame in frames])

@@ -70,14 +70,11 @@ def shown_flexions(
 
 
 def hand_shape(shown: np.ndarray, shapes: np.ndarray) -> int:
-    """Return the shape that the hands take: the template with the least Euclidean distance, summed over hands.
+    """Return the index of the shape that hands take: the template with the least Euclidean distance, summed over hands.
 
     Args:
         shown: (hands, 5) flexions, see `shown_flexions`.
         shapes: (classes, 5) flexions of each template.
-
-    Returns:
-        Index of the template.
     """
     return int(np.argmin(np.linalg.norm(shown[None] - shapes[:, None], axis=-1).sum(axis=-1)))
 
@@ -96,9 +93,6 @@ def finger_correlation(flexions: np.ndarray) -> float:
 
     Args:
         flexions: (words, 2, 5) flexion that is shown and that of the word's class.
-
-    Returns:
-        The Pearson correlation; NaN where either side is constant.
     """
     centred = flexions - flexions.mean(axis=0, keepdims=True)
     return correlation(centred.swapaxes(1, 2).reshape(-1, 2))
@@ -127,12 +121,9 @@ def gain(
 
     Args:
         own: (clips, 4) rows of `strokes.Matches`.
-        mismatched: (k clips, 4) the same of k motions for other clips, clip by clip.
+        mismatched: (k clips, 4) the same of k motions for other clips, clip by clip; without any the result is NaN.
         clips: (clips,) ids of the clips.
         statistic: `strokes.f1` or another function of such rows.
-
-    Returns:
-        The difference; NaN without a chance level.
     """
     if not len(mismatched):
         return Estimate(np.nan, np.nan)

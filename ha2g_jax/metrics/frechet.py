@@ -52,10 +52,6 @@ def distance(a: Moments, b: Moments) -> float:
     subtracts matrices, not large traces, so that it is never negative, and singular covariances cost no accuracy. What
     is below the rounding of the traces is 0, so that equal sets are at 0 in whatever chunks they were gathered.
 
-    Args:
-        a: moments of one set, in units of the latents.
-        b: moments of the other set.
-
     Returns:
         The distance in squared units of the latents; NaN if a set has fewer than two members.
 
@@ -86,18 +82,16 @@ def is_too_few(count: int, latent_dim: int) -> bool:
 
 
 def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
-    """Compute the distance of one half of a set to the other half, below which an FGD cannot be expected to fall.
+    """Compute the distances (num_draws,) between halves of a set, below which no FGD can be expected to fall.
 
-    Whole recordings go to either half, in random order until about half of the latents are dealt.
+    Whole recordings go to either half, in random order until about half of the latents are dealt. NaN with fewer than
+    two recordings or where a half has fewer than two latents.
 
     Args:
         latents: (n, d) latents of real motion.
         recordings: (n,) label of each latent's recording.
         num_draws: number of random splits.
         seed: seed of the splits.
-
-    Returns:
-        (num_draws,) distances; NaN with fewer than two recordings or where a half has fewer than two latents.
     """
     labels, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     if len(labels) < 2:

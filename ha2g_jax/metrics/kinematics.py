@@ -29,16 +29,7 @@ def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> 
 
 
 def jerk(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
-    """Compute the mean length of the third difference of joint positions x fps^3 (GENEA's average jerk).
-
-    Args:
-        positions: (T, joints, 3).
-        fps: frames per second.
-        first_frame: first frame that is scored; those before it were given to the model.
-
-    Returns:
-        A number in units of the positions per s^3; NaN where fewer than 4 frames are scored.
-    """
+    """Compute the mean length of the third difference x fps^3 (GENEA's average jerk), see `acceleration`."""
     return _mean_difference(positions, 3, fps, first_frame)
 
 
@@ -47,11 +38,10 @@ def l1_diversity(values: np.ndarray, *, first_frame: int = 4) -> float:
 
     Args:
         values: (T, ...) positions or directions.
-        first_frame: first frame that is scored; those before it were given to the model.
+        first_frame: first frame that is scored.
 
     Returns:
-        A number in units of the values, summed over all dimensions, 0 for motion that stands still; NaN without a
-        scored frame. Clips are averaged with their scored frames as weights.
+        A number in units of the values, 0 for motion that stands still; NaN without a scored frame.
     """
     scored = np.asarray(values, np.float64)[first_frame:]
     scored = scored.reshape(len(scored), -1) if len(scored) else scored
@@ -66,7 +56,7 @@ def _mean_difference(positions: np.ndarray, order: int, fps: float, first_frame:
 
 
 def _by_frames(function: Callable[..., float]) -> Callable[[Row], Statistic]:
-    """Return a measure: the mean over clips, by scored frames, of a function of joint positions and fps."""
+    """Return a measure: the mean over clips, by scored frames."""
 
     def measure(row: Row) -> Statistic:
         values = [function(positions, row.reference.fps, first_frame=SEED_FRAMES) for positions in row.positions]
@@ -117,7 +107,7 @@ def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_
         positions: (T, joints, 3) positions.
         edges: (bins,) or (joints, bins) ascending upper edges, each within its bin, in units of the positions a second.
         fps: frames per second.
-        first_frame: first frame that is scored; those before it were given to the model.
+        first_frame: first frame that is scored.
 
     Returns:
         (joints, 1 + bins + 1) counts of standing still, of each bin, and of what lies beyond the last.
@@ -139,8 +129,7 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
         counts, reference: (joints, 1 + bins + 1) sums of `speed_counts`.
 
     Returns:
-        The distance; a joint that moves nowhere is left out, so that two motions that stand still have 0. NaN where
-        either side has no counts.
+        The distance; a joint that moves on neither side is left out. NaN where either side has no counts.
     """
     # Standing still belongs to the first bin, which holds the slowest; it is counted apart only to find dead joints.
     parts = []
@@ -166,7 +155,6 @@ def _truth_edges(reference: Reference) -> np.ndarray:
 
 
 def _speeds_by_recording(row: Row) -> np.ndarray:
-    """Return the histograms (recordings, joints, bins) of the speeds of a row."""
     reference = row.reference
     edges = reference.once(_truth_edges)
     counts = np.zeros((reference.num_recordings, reference.skeleton.num_joints, edges.shape[-1] + 2))
@@ -248,7 +236,7 @@ def violation_counts(angles: np.ndarray, limits: Limits, *, first_frame: int = S
     Args:
         angles: (T, pairs) radians, from `skeleton.joint_angles` of float64 directions.
         limits: limits from `training_limits`.
-        first_frame: first frame that is scored; those before it were given to the model.
+        first_frame: first frame that is scored.
 
     Returns:
         (2 + pairs,) numbers of frames, of frames with any angle outside, and of frames with each angle outside.
@@ -285,21 +273,16 @@ def _violations_by_recording(row: Row) -> np.ndarray:
     return counts
 
 
-def _mean(row: Row) -> Statistic:
-    counts = row.once(_violations_by_recording)
-    return lambda drawn: violations(drawn @ counts).mean
+def _limits(name: str) -> Callable[[Row], Statistic]:
+    """Return a measure: one of the ratios of `Violations`."""
+
+    def measure(row: Row) -> Statistic:
+        counts = row.once(_violations_by_recording)
+        return lambda drawn: getattr(violations(drawn @ counts), name)
+
+    return measure
 
 
-def _worst(row: Row) -> Statistic:
-    counts = row.once(_violations_by_recording)
-    return lambda drawn: violations(drawn @ counts).worst
-
-
-def _any(row: Row) -> Statistic:
-    counts = row.once(_violations_by_recording)
-    return lambda drawn: violations(drawn @ counts).any
-
-
-LIMITS_MEAN = Metric("limits_mean", "beyond limits", "", "lower", MOVEMENT, 3, _mean)
-LIMITS_WORST = Metric("limits_worst", "worst angle", "", "lower", MOVEMENT, 3, _worst)
-LIMITS_ANY = Metric("limits_any", "any angle", "", "lower", MOVEMENT, 3, _any)
+LIMITS_MEAN = Metric("limits_mean", "beyond limits", "", "lower", MOVEMENT, 3, _limits("mean"))
+LIMITS_WORST = Metric("limits_worst", "worst angle", "", "lower", MOVEMENT, 3, _limits("worst"))
+LIMITS_ANY = Metric("limits_any", "any angle", "", "lower", MOVEMENT, 3, _limits("any"))

@@ -35,15 +35,11 @@ class LegacyErrors(NamedTuple):
 
 
 def legacy_distance(generated: np.ndarray, real: np.ndarray) -> float:
-    """Compute the FGD by the rules of the release.
+    """Compute the FGD of latents (n, d) and (m, d), read in float32, by the rules of the release.
 
     Means in float32, covariances (n - 1) in float64, the general square root of S1 S2 by a Schur decomposition. If the
     root is not finite, 1e-6 is added to both diagonals and the root taken again. A complex root counts by its real part
     unless its diagonal has an imaginary part above 1e-3. What still fails scores 1e10.
-
-    Args:
-        generated: (n, d) latents, read in float32.
-        real: (m, d) latents, read in float32.
     """
     generated, real = np.asarray(generated, np.float32), np.asarray(real, np.float32)
     if min(len(generated), len(real)) < 2 or not (np.isfinite(generated).all() and np.isfinite(real).all()):
@@ -91,16 +87,13 @@ def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int | np.random
 
 
 def legacy_errors(generated: np.ndarray, real: np.ndarray) -> LegacyErrors:
-    """Compute the errors of reconstruction by the rules of the release.
+    """Compute the errors of reconstruction by the rules of the release, means over everything.
 
     Bones keep the length of their vectors, the bones are always those of TED-Gesture (the first 9 of any skeleton), the
     joint error is of frames from the 5th on and the acceleration error of all.
 
     Args:
         generated, real: (n, T, bones, 3) vectors with the mean added, not normalised; bones >= 9, T >= 5.
-
-    Returns:
-        Means over everything; running means weighted by batch size give the same.
     """
     skeleton = load_skeleton("ted_gesture")
     lengthened = (skeleton.paths * skeleton.lengths).astype(np.float64)
@@ -238,7 +231,6 @@ def _latents(row: Row) -> np.ndarray | None:
 
 
 def _whole(latents: np.ndarray) -> np.ndarray:
-    """Return the latents of whole batches."""
     return latents[: len(latents) // BATCH * BATCH]
 
 
@@ -334,11 +326,7 @@ LEGACY_METRICS = (
 
 
 def legacy_notes(truth: Row) -> list[str]:
-    """Return sentences on what the legacy scores leave out.
-
-    Args:
-        truth: row of ground truth.
-    """
+    """Return sentences on what the legacy scores of a table leave out, from its row of ground truth."""
     notes = [f"batches of {BATCH} windows, seed pose included; no intervals, no direction is better"]
     onsets, windows = truth.reference.once(window_onsets), truth.once(_windows)
     if onsets is None:

@@ -24,32 +24,16 @@ def joint_mae(generated: np.ndarray, real: np.ndarray, *, first_frame: int = SEE
 
 
 def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float, *, first_frame: int = SEED_FRAMES) -> float:
-    """Compute the mean of |difference of the second differences of positions| x fps^2.
-
-    Args:
-        generated, real: (..., T, joints, 3) positions.
-        fps: frames per second.
-        first_frame: first frame that is scored; those before it were given to the model.
-
-    Returns:
-        The error in units of the positions per s^2; NaN where fewer than 3 frames are scored.
-    """
+    """Compute the mean of |difference of the second differences of positions| x fps^2, see `joint_mae`."""
     difference = _difference(generated, real, first_frame)
     return np.nan if difference.shape[-3] < 3 else _mean_absolute(np.diff(difference, n=2, axis=-3) * fps**2)
 
 
 def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA, first_frame: int = SEED_FRAMES) -> float:
-    """Compute PCK, the ratio of joints in all frames whose L1 error is below delta.
+    """Compute PCK, the ratio of joints in all frames whose L1 error is below `delta`, in units of the positions.
 
     Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
-
-    Args:
-        generated, real: (T, joints, 3) positions.
-        delta: distance in units of the positions, summed over the coordinates.
-        first_frame: first frame that is scored; those before it were given to the model.
-
-    Returns:
-        A number in [0, 1]; NaN where no frame is scored.
+    The other arguments are those of `joint_mae`.
     """
     errors = np.abs(_difference(generated, real, first_frame)).sum(axis=-1)
     return float(np.mean(errors < delta)) if errors.size else np.nan
@@ -173,7 +157,6 @@ def _canonical_weights(x: np.ndarray, y: np.ndarray, shrinkage: float) -> tuple[
 
 
 def _flat(values: np.ndarray, first_frame: int) -> np.ndarray:
-    """Return the scored frames as rows (frames, dimensions) in float64."""
     scored = np.asarray(values, np.float64)[first_frame:]
     return scored.reshape(len(scored), int(np.prod(scored.shape[1:])))
 

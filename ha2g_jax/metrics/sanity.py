@@ -69,10 +69,10 @@ def difference_spread(clips: Sequence[np.ndarray], *, first_frame: int = 4) -> n
 def white_jitter(
     directions: np.ndarray, mean_directions: np.ndarray, spread: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return the mean pose plus N(0, s^2) per channel and frame, normalised again.
+    """Return the mean pose plus N(0, s^2) per channel and frame, normalised again, as long as `directions`.
 
     Args:
-        directions: (T, bones, 3) motion, of which only T is used.
+        directions: (T, bones, 3) motion.
         mean_directions: (bones, 3) mean pose.
         spread: (bones, 3) standard deviations s from `difference_spread`.
         rng: generator, advanced by the draw.

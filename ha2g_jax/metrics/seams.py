@@ -133,21 +133,15 @@ def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) ->
     return groups
 
 
-class _Sums(NamedTuple):
-    """Sums (2, recordings) of the jumps at borders and inside, of velocity and of acceleration."""
-
-    borders: np.ndarray
-    insides: np.ndarray
-
-
-def _sums(row: Row) -> _Sums:
-    sums = _Sums(*np.zeros((2, 2, row.reference.num_recordings)))
+def _sums(row: Row) -> np.ndarray:
+    """Return sums (2, 2, recordings) of the jumps at borders and inside, of velocity and of acceleration."""
+    sums = np.zeros((2, 2, row.reference.num_recordings))
     for directions, borders, member in zip(row.directions, row.borders, row.members, strict=True):
         if len(borders):
             jumps = stretch_jumps(directions, row.reference.fps, first_frame=SEED_FRAMES)
             for group in border_groups(jumps, np.sort(borders)):
-                sums.borders[:, member] += group[0]
-                sums.insides[:, member] += group[1:].mean(axis=0)
+                sums[0, :, member] += group[0]
+                sums[1, :, member] += group[1:].mean(axis=0)
     return sums
 
 
@@ -159,9 +153,8 @@ def _ratio(kind: int) -> Callable[[Row], Statistic | None]:
     """Return a measure: jumps at borders over those inside, of velocity (0) or acceleration (1)."""
 
     def measure(row: Row) -> Statistic | None:
-        sums = row.once(_sums)
-        has_any = sums.borders.any() or sums.insides.any()
-        return ratio_of_sums(sums.borders[kind], sums.insides[kind]) if has_any else None
+        borders, insides = row.once(_sums)
+        return ratio_of_sums(borders[kind], insides[kind]) if borders.any() or insides.any() else None
 
     return measure
 

@@ -94,15 +94,9 @@ def jackknife(samples: np.ndarray, statistic: Callable[[np.ndarray], float], clu
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct p-values for their number by Holm's step-down method (Holm 1979).
+    """Correct m p-values for their number by Holm's step-down method (Holm 1979), in the same order.
 
     The k-th smallest of m is multiplied by m - k + 1, is at least as large as those before it, and at most 1.
-
-    Args:
-        p_values: m p-values.
-
-    Returns:
-        The m corrected p-values in the same order.
     """
     order = np.argsort(p_values, kind="stable")
     factors = len(p_values) - np.arange(len(p_values))

@@ -74,11 +74,7 @@ def plan(
 
 
 def out_paths(speech: pathlib.Path, out: Path | None = None, suffix: str | None = None) -> tuple[pathlib.Path, ...]:
-    """Return the paths of the files that are written for one file of speech.
-
-    Args:
-        speech: path of the speech.
-        out, suffix: see `synthesis.generate_files`.
+    """Return the paths of the files that are written for one file of speech, see `generate_files`.
 
     Raises:
         UserError: `out` has a suffix that is not one of `SUFFIXES`, or one although there is `suffix`.
@@ -99,7 +95,6 @@ def out_paths(speech: pathlib.Path, out: Path | None = None, suffix: str | None 
 
 
 def _gestures(speech: pathlib.Path, folder: pathlib.Path | None, suffix: str | None) -> tuple[pathlib.Path, ...]:
-    """Return the paths of the default name, in a folder or beside the speech."""
     return _with_suffixes((folder or speech.parent) / f"{speech.stem}{_APPENDED}", suffix)
 
 
@@ -109,9 +104,6 @@ def _with_suffixes(stem: pathlib.Path, suffix: str | None) -> tuple[pathlib.Path
 
 def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
     """Return the files of speech that are named, or are in a folder that is named, in order.
-
-    Args:
-        inputs: paths of files and folders.
 
     Raises:
         UserError: a file cannot be opened, or a folder has no speech.
@@ -128,12 +120,6 @@ def find_speech(inputs: Sequence[pathlib.Path]) -> list[pathlib.Path]:
 
 def find_transcript(speech: pathlib.Path) -> pathlib.Path | None:
     """Find the transcript beside a file of speech, see `transcripts.find`; what was generated is no other recording.
-
-    Args:
-        speech: path of the speech.
-
-    Returns:
-        Path of the transcript, None if there is none.
 
     Raises:
         UserError: the folder cannot be read.
@@ -165,7 +151,6 @@ def _files_in(folder: pathlib.Path) -> list[pathlib.Path]:
 
 
 def _speech_among(files: Sequence[pathlib.Path]) -> list[pathlib.Path]:
-    """Return the files with sound, without what was generated from the others before."""
     sounds = [path for path in files if has_sound(path)]
     results = {f"{path.stem}{_APPENDED}" for path in sounds}
     return [path for path in sounds if path.stem not in results]
@@ -178,14 +163,12 @@ def _check_speech(path: pathlib.Path) -> None:
 
 
 def _check_writable(folder: pathlib.Path) -> None:
-    """Check that a folder can be written, or made in the nearest one that exists."""
     existing = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     if not (existing.is_dir() and os.access(existing, os.W_OK)):
         raise UserError(f"cannot write in {shown(folder)}; give another folder with --out")
 
 
 def _check_distinct(tasks: list[Task]) -> None:
-    """Check that no result would overwrite another result."""
     writers: dict[pathlib.Path, pathlib.Path] = {}
     for task in tasks:
         for path in task.paths:
@@ -202,8 +185,8 @@ def load(checkpoint: str | pathlib.Path, backend: str | None = None) -> Generato
     """Load a model for a backend.
 
     Args:
-        checkpoint: a file of `ha2g export-onnx`, or a model, see `synthesis.load`.
-        backend: one of `BACKENDS`; by default "onnx" for a file of `ha2g export-onnx`, and "jax" for any other model.
+        checkpoint: a file of `ha2g model onnx`, or a model, see `synthesis.load`.
+        backend: one of `BACKENDS`; by default "onnx" for a file of `ha2g model onnx`, and "jax" for any other model.
             With "onnx", the demo or a model folder is exported to the cache folder once.
 
     Raises:
@@ -301,7 +284,6 @@ def generate_files(
 
 
 def _others(words: pathlib.Path | None, options: Options) -> list[Path]:
-    """Return the paths of the files that are read beside the speech."""
     paths: list[Path] = [] if words is None else [words]
     seed_pose = options.get("seed_pose")
     if isinstance(seed_pose, Path):
@@ -320,7 +302,6 @@ def _generate(
     report: Callable[[pathlib.Path], None],
     options: Options,
 ) -> None:
-    """Write the files of one file of speech, all or none."""
     with stage("reading the speech"):
         audio = read_speech(task.speech)
     spoken = read_words(model, task.speech, audio.samples, words)
@@ -343,7 +324,6 @@ def _write(
     rig: str | None,
     size: int | tuple[int, int],
 ) -> None:
-    """Write a motion in the format of the suffix of the path, with the sound if the format has sound."""
     suffix = path.suffix.lower()
     if suffix == VIDEO:
         from ha2g_jax.motion.formats.video import write_video

@@ -49,10 +49,7 @@ Speech = str | pathlib.Path | np.ndarray | Audio
 
 
 def read_speech(speech: Speech) -> Audio:
-    """Read and check speech; speech that was read before is returned unchanged.
-
-    Args:
-        speech: path of a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
+    """Read and check speech: a file with sound, (samples,) float mono samples at 16 kHz, or a result of this function.
 
     Raises:
         UserError: the speech cannot be used, see `features.audio.read_audio`.
@@ -73,17 +70,13 @@ _MIN_LENGTH = 1e-6  # length below which a vector has no direction
 
 
 def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int) -> tuple[np.ndarray, str]:
-    """Return a seed pose for a model, and its name for the metadata of the motion.
+    """Return a seed pose for a model, (M, bones, 3) float32 unit vectors, and its name for the metadata of the motion.
 
     Args:
         source: motion, or the path of its `.npz`, whose last frames are used; a pose (bones, 3); or poses
             (F, bones, 3) at `fps`, the last of which are used.
-        skeleton: skeleton of the model.
-        fps: frames per second of the model.
+        skeleton, fps: those of the model.
         count: number of frames of a seed pose, M; if the source is shorter, its first pose is repeated.
-
-    Returns:
-        (M, bones, 3) float32 unit vectors, and the name.
 
     Raises:
         UserError: there is no such file, it has another skeleton, or a vector has no direction.
@@ -115,14 +108,9 @@ def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int)
 
 
 def start_from(directions: np.ndarray, seed: np.ndarray) -> np.ndarray:
-    """Blend a seed pose into the first frames of a motion, so that frame 0 is that of the seed pose.
+    """Blend a seed pose (M, bones, 3) into the first frames of a motion (T, bones, 3), so that frame 0 is its first.
 
-    Args:
-        directions: (T, bones, 3) unit vectors of the motion.
-        seed: (M, bones, 3) unit vectors of the seed pose.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
+    Both are unit vectors; the result is float32.
     """
     count = min(len(seed), len(directions))
     weight = (np.arange(count, dtype=np.float32) / len(seed))[:, None, None]
@@ -282,7 +270,7 @@ def join(
     words: Sequence[Word] = (),
     start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the joined frames of the windows that cover speech that has been checked; they may be longer than it.
+    """Return the joined frames (T, bones, 3) of the windows that cover checked speech; they may be longer than it.
 
     Args:
         generator: trained generator.
@@ -291,9 +279,6 @@ def join(
         seed: seed of the noise and of the choice of a seed pose.
         words: words of the audio, for a model that reads words.
         start: (M, bones, 3) unit vectors, the seed pose; by default `seed` selects one stored with the model.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
 
     Raises:
         UserError: the values of the model are not finite.

@@ -138,13 +138,7 @@ def generate_directions(
 ) -> np.ndarray:
     """Generate direction vectors at the frame rate of the model, from samples that have been checked.
 
-    Args:
-        model: trained model.
-        audio: (samples,) float32 mono samples at 16 kHz.
-        f_id: (style_dim,) style.
-        seed: seed of the noise and of the choice of a seed pose.
-        words: words of the audio, for a model that reads words.
-        start: (M, bones, 3) unit vectors, the seed pose; by default `seed` selects one stored with the model.
+    The arguments are those of `generator.join`.
 
     Returns:
         (T, bones, 3) float32 unit vectors, T = max(1, round(duration x fps)).

@@ -108,10 +108,7 @@ class OnnxModel(Generator[Description]):
 
 
 def load_onnx(path: str | pathlib.Path) -> OnnxModel:
-    """Load a model from a file of `ha2g export-onnx`.
-
-    Args:
-        path: path of the file.
+    """Load a model from a file of `ha2g model onnx`.
 
     Raises:
         UserError: there is no such file, it is damaged or of another kind, or the extra onnx is not installed.
@@ -197,7 +194,7 @@ def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[s
     """Return what a web page needs beside an ONNX file, the contents of its model.json.
 
     Args:
-        path: file of `ha2g export-onnx`.
+        path: file of `ha2g model onnx`.
         seeds: number of seeds, from 0 on, whose random choices are included.
 
     Returns:
@@ -213,11 +210,7 @@ def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[s
 
 
 def takes(description: Description, seeds: int = NUM_SEEDS) -> list[dict[str, Any]]:
-    """Return the random choices of `Generator.generate` for each seed from 0 on.
-
-    Args:
-        description: model that generates.
-        seeds: number of seeds.
+    """Return the random choices of `Generator.generate` for each seed from 0 on, where there is no NumPy.
 
     Returns:
         For each seed "style", the values of the style without a request; "variation", what is added to the style of a

@@ -37,8 +37,7 @@ def write_sample(
 ) -> None:
     """Write the video `folder`/step-00001000.mp4 of ten seconds: true motion on the left, generated on the right.
 
-    The style is that of the speaker of the clip, otherwise that of the reference images of the clip, otherwise a random
-    one. A sample that cannot be written does not end the run, but is reported in a line on stderr.
+    The style is that of `clip_style`. A sample that cannot be written does not end the run, but is reported on stderr.
 
     Args:
         folder: folder of the samples; created if it does not exist.
@@ -65,12 +64,7 @@ def write_sample(
 
 
 def clip_style(model: Model, clip: Clip) -> np.ndarray:
-    """Return the style (style_dim,) to generate a clip in: that of its speaker, of its images, or a random one.
-
-    Args:
-        model: model that generates the motion.
-        clip: clip of the corpus that the model was trained on.
-    """
+    """Return the style (style_dim,) to generate a clip in: that of its speaker, of its images, or a random one."""
     spec, parts = model.spec, (model.spec, model.variables, model.assets)
     if len(model.assets.speakers.get(clip.speaker, ())):
         return choose_style(*parts, Style(speaker=clip.speaker, variation=0))[0]

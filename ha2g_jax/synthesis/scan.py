@@ -29,13 +29,7 @@ _CHUNK = 4
 
 
 def encode_windows(spec: Spec, variables: Variables, speech: Speech, vocabulary: Vocabulary, count: int) -> Any:
-    """Encode the speech of the first `count` windows of a clip; past its end there is silence.
-
-    Args:
-        spec, variables: the generator.
-        speech: speech of the clip, from `data.speech.prepare`.
-        vocabulary: words of the model.
-        count: number of windows.
+    """Encode the speech of the first `count` windows of a clip, with silence past its end.
 
     Returns:
         Features of `GeneratingMethod.encode_speech`, such as `Features` of HA2G, with a leading axis (count, ...).
@@ -118,12 +112,9 @@ def _sample(
     key: jax.Array,
     first: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Sample consecutive windows of a clip.
+    """Sample consecutive windows of a clip, whose features have a leading axis of K windows.
 
     Args:
-        spec, variables: the generator.
-        features: features of K windows.
-        style: (style_dim,) style.
         start: (M, bones, 3) unit vectors, the last poses of the window before.
         key: key of the clip.
         first: () number of the first of the windows in the clip.

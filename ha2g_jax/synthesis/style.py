@@ -143,12 +143,6 @@ def _random(assets: Assets, style_dim: int, seed: int) -> np.ndarray:
 def read_mixture(text: str) -> dict[str, float]:
     """Parse the weights of speakers from a text such as A:0.3,B:0.7; a name without a weight has weight 1.
 
-    Args:
-        text: names and weights, separated by commas.
-
-    Returns:
-        Name of a speaker -> weight.
-
     Raises:
         UserError: the text has another form, or names a speaker twice.
     """
@@ -168,7 +162,6 @@ def read_mixture(text: str) -> dict[str, float]:
 
 
 def _normalized(weights: Mapping[str, float]) -> dict[str, float]:
-    """Return weights whose sum is 1."""
     total = sum(weights.values())
     if not (math.isfinite(total) and total > 0 and min(weights.values()) >= 0):
         found = ", ".join(f"{name} {weight:g}" for name, weight in weights.items()) or "none"
@@ -183,7 +176,6 @@ def _varied(f_id: np.ndarray, variation: float, seed: int) -> np.ndarray:
 
 
 def _checked(values: np.ndarray, style_dim: int) -> np.ndarray:
-    """Return the values of a style as float32."""
     f_id = np.asarray(values, np.float32)
     if f_id.shape != (style_dim,) or not np.isfinite(f_id).all():
         raise UserError(f"the style has values of shape {f_id.shape}; expected {style_dim} finite numbers")
@@ -191,7 +183,6 @@ def _checked(values: np.ndarray, style_dim: int) -> np.ndarray:
 
 
 def _speaker(assets: Assets, name: str) -> np.ndarray:
-    """Return the style (style_dim,) of a speaker of the training data."""
     if name not in assets.speakers:
         known = _names(assets)
         expected = f"expected one of: {known}" if known else "the model has no speakers"
@@ -237,9 +228,6 @@ def _encode_images(
 
 def describe_speakers(checkpoint: str | pathlib.Path) -> list[dict[str, Any]]:
     """Return the speakers of a model in the order of training.
-
-    Args:
-        checkpoint: model, see `synthesis.load`.
 
     Returns:
         For each speaker its "name" and, if the model was trained on the default Talk corpus, the "hand" that does more

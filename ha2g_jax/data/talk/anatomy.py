@@ -56,14 +56,7 @@ class Body(NamedTuple):
 
 
 def within_limits(body: Body) -> Body:
-    """Clip every angle of a body to its anatomical limits.
-
-    Args:
-        body: joint angles in degrees.
-
-    Returns:
-        A body of the same shapes, all of whose angles lie within the limits of this module.
-    """
+    """Clip every angle of a body to its anatomical limits."""
     low, high = np.array(list(ARM_LIMITS.values())).T
     return Body(
         np.clip(body.trunk, -np.array(TRUNK_LIMITS), TRUNK_LIMITS),
@@ -75,14 +68,9 @@ def within_limits(body: Body) -> Body:
 
 
 def body_directions(skeleton: skeletons.Skeleton, body: Body) -> np.ndarray:
-    """Compute the direction vectors of a body by forward kinematics.
+    """Compute the direction vectors (T, bones, 3) of a body by forward kinematics, of unit length and float64.
 
-    Args:
-        skeleton: skeleton with the 43 joints of TED-Expressive.
-        body: joint angles over T frames, in degrees.
-
-    Returns:
-        (T, bones, 3) unit direction vectors, float64.
+    The skeleton has the 43 joints of TED-Expressive.
     """
     neutral = _neutral_directions(skeleton)
     directions = np.zeros((len(body.trunk), skeleton.num_bones, 3))
@@ -145,12 +133,9 @@ def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.
 
     The flexion of a finger is the sum of the angles at its two joints, divided by the sum of their full ranges.
 
-    Args:
-        skeleton: skeleton of the direction vectors.
-        directions: (..., bones, 3) direction vectors.
-
     Returns:
-        (..., 2, 5) flexions of both hands' fingers, left hand first; 0 is straight, 1 is closed.
+        (..., 2, 5) flexions of both hands' fingers, left hand first, of directions (..., bones, 3); 0 is straight, 1 is
+        closed.
     """
     unit = skeletons.normalize(directions)
     flexions = np.zeros((*directions.shape[:-2], 2, len(lexicon.FINGERS)), directions.dtype)
@@ -219,15 +204,7 @@ def _rotation(angles: np.ndarray) -> np.ndarray:
 
 
 def axis_rotation(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Build rotation matrices about a coordinate axis.
-
-    Args:
-        axis: 0, 1 or 2 for x, y or z.
-        angle: (T,) angles in radians.
-
-    Returns:
-        (T, 3, 3) rotation matrices.
-    """
+    """Build rotation matrices (T, 3, 3) about axis 0, 1 or 2 (x, y or z) by angles (T,) in radians."""
     matrix = np.tile(np.eye(3), (len(angle), 1, 1))
     first, second = (axis + 1) % 3, (axis + 2) % 3
     matrix[:, first, first] = matrix[:, second, second] = np.cos(angle)

@@ -34,9 +34,6 @@ class Style(NamedTuple):
 def sample_style(rng: np.random.Generator) -> Style:
     """Draw a random style: uniform in [-1, 1], except that two of three speakers are right-handed and none is
     ambidextrous.
-
-    Args:
-        rng: generator of the random draws.
     """
     style = Style(*(float(value) for value in rng.uniform(-1, 1, len(Style._fields))))
     side = 1.0 if rng.random() < 2 / 3 else -1.0
@@ -55,11 +52,7 @@ _HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for th
 
 
 def look_of(style: Style) -> figure.Look:
-    """Return the look of a speaker; each number of the style changes one feature that is large in the image.
-
-    Args:
-        style: style of the speaker.
-    """
+    """Return the look of a speaker; each number of the style changes one feature that is large in the image."""
     return figure.Look(
         skin=_colour(_SKINS, style.curl),
         hair=_colour(_HAIR, style.mixing),
@@ -71,16 +64,7 @@ def look_of(style: Style) -> figure.Look:
 
 
 def portrait(positions: np.ndarray, style: Style, size: int = 224) -> np.ndarray:
-    """Draw a speaker in a pose.
-
-    Args:
-        positions: (43, 3) joint positions in metres.
-        style: style of the speaker.
-        size: width and height of the image in pixels.
-
-    Returns:
-        (size, size, 3) uint8 image.
-    """
+    """Draw a speaker in a pose (43, 3) in metres, as an image (size, size, 3) uint8."""
     return figure.draw_figure(positions, skeletons.load_skeleton(_SKELETON), look_of(style), size, size)
 
 
@@ -126,13 +110,7 @@ SYNTHESISERS = {
 
 
 class Speaker(NamedTuple):
-    """A synthetic speaker.
-
-    Attributes:
-        name: name of the speaker in the corpus.
-        voice: voice that speaks the sentences.
-        style: style of the gestures.
-    """
+    """A synthetic speaker: its name in the corpus, the voice that speaks, and the style of the gestures."""
 
     name: str
     voice: speech.Voice | flite.FliteVoice

@@ -43,14 +43,7 @@ class Cues(NamedTuple):
 
 
 def find_cues(audio: np.ndarray) -> Cues:
-    """Find the acoustic cues of speech; silence gives flat tracks and no events.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-
-    Returns:
-        The cues, with n = 1 + samples // 160 values per track.
-    """
+    """Find the acoustic cues of speech (samples,) at 16 kHz; silence gives flat tracks and no events."""
     padded = np.pad(audio.astype(np.float32), (_WINDOW // 2, _WINDOW // 2 + _HOP))
     frames = np.lib.stride_tricks.sliding_window_view(padded, _WINDOW)[: len(audio) + 1 : _HOP]
     power = np.abs(np.fft.rfft(frames * np.hanning(_WINDOW).astype(np.float32), _FFT)) ** 2
@@ -62,7 +55,6 @@ def find_cues(audio: np.ndarray) -> Cues:
 
 
 def _syllables(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the loudness between 0 and 1 and its peaks, the syllable nuclei."""
     low, high = (int(edge * _FFT / SAMPLE_RATE) for edge in _VOICE_BAND)
     band = ndimage.gaussian_filter1d(power[:, low:high].sum(axis=-1, dtype=np.float64), 0.025 * RATE)
     level = 10 * np.log10(band / (_WINDOW * _FFT / 4) + 1e-12)
@@ -174,15 +166,7 @@ def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float
 
 
 def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
-    """Choose the loud syllables that cause a beat, at most one in 0.5 seconds, louder ones first.
-
-    Args:
-        cues: acoustic cues of the speech.
-        latency: delay of the movement after the speech, in seconds.
-
-    Returns:
-        The beats in order of time.
-    """
+    """Choose the loud syllables that cause a beat, at most one in 0.5 seconds, louder ones first, in order of time."""
     chosen: list[np.ndarray] = []
     for nucleus in cues.nuclei[np.argsort(-cues.nuclei[:, 1], kind="stable")]:
         if nucleus[1] >= WEAKEST_BEAT and all(abs(nucleus[0] - other[0]) >= _BEAT_GAP for other in chosen):
@@ -200,14 +184,9 @@ def plan_beats(cues: Cues, latency: float) -> tuple[Beat, ...]:
 
 
 def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float, float]]:
-    """Return the keys of the height of a hand that beats.
+    """Return the keys (time, height), for `track`, of a hand that beats.
 
-    Args:
-        beats: beats in order of time.
-        sizes: height of each beat at its apex, in metres; at the hit the hand is a little below rest.
-
-    Returns:
-        (time, height) pairs in order of time, for `track`.
+    Each beat has a height in metres at its apex; at the hit the hand is a little below rest.
     """
     keys = [(-1.0, 0.0)]
     for beat, size in zip(beats, sizes, strict=True):
@@ -222,15 +201,7 @@ def beat_keys(beats: Sequence[Beat], sizes: Sequence[float]) -> list[tuple[float
 
 
 def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGesture, ...]:
-    """Plan a gesture for each word that carries one; it is prepared before the word's onset and held after it.
-
-    Args:
-        words: words in order of time.
-        latency: delay of the movement after the speech, in seconds.
-
-    Returns:
-        The gestures in order of time.
-    """
+    """Plan a gesture for each word that carries one; it is prepared before the word's onset and held after it."""
     onsets = [(word.start, lexicon.word_class(word.text)) for word in words if lexicon.word_class(word.text)]
     peaks = [onset + latency + 0.12 for onset, _ in onsets]
     gestures = []
@@ -243,15 +214,12 @@ def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGestu
 
 
 def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequence) -> tuple[list, list]:
-    """Return the keys of the weight of the gestures (0 or 1) and of their value.
+    """Return the keys, for `track`, of the weight of the gestures (0 or 1) and of their value.
 
     Args:
         gestures: gestures in order of time.
         ready: value of each gesture at the end of its preparation.
         peak: value of each gesture while it is held.
-
-    Returns:
-        (time, weight) pairs and (time, value) pairs in order of time, for `track`.
     """
     weight: list[tuple[float, float]] = [(-1.0, 0.0)]
     value: list[tuple[float, Sequence[float]]] = []
@@ -269,13 +237,9 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
 
 
 def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
-    """Return the keys of the lean of the body, which changes sides in the first second of each pause.
+    """Return the keys, for `track`, of the lean of the body in [-1, 1].
 
-    Args:
-        pauses: (p, 2) start and end of each pause in seconds.
-
-    Returns:
-        (time, lean) pairs in order of time, for `track`; the lean lies in [-1, 1].
+    It changes sides in the first second of each pause (start, end), in seconds.
     """
     keys = [(-1.0, 0.7)]
     side = -1.0
@@ -289,7 +253,6 @@ def plan_posture(pauses: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _in_order(keys: list) -> list:
-    """Make the times of the keys non-decreasing."""
     if not keys:
         return keys
     moments = np.maximum.accumulate([moment for moment, _ in keys])

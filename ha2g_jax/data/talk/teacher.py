@@ -78,17 +78,10 @@ def hand_gains(style: Style) -> np.ndarray:
 
 
 def beat_hands(beats: Sequence[strokes.Beat], style: Style) -> np.ndarray:
-    """Choose the hands that make each beat.
+    """Choose the hands that make each beat, (beats, 2) left and right.
 
     A loud syllable moves both hands, another one of low pitch the hand that is not dominant, and the rest the dominant
     hand.
-
-    Args:
-        beats: beats in order of time.
-        style: style of the speaker.
-
-    Returns:
-        (beats, 2) whether the left and the right hand make the beat.
     """
     is_loud = np.array([beat.loudness >= _LOUD for beat in beats], bool)
     is_low = np.array([beat.pitch <= _LOW_PITCH for beat in beats], bool)

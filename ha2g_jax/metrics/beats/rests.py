@@ -146,18 +146,12 @@ class Beat2Row:
 
 
 def beat_consistency(joints: np.ndarray, onsets: np.ndarray, speeds: np.ndarray) -> float:
-    """Compute BC of a sequence: the mean over 13 joints and over onsets of exp(-d^2 / (2 0.3^2)) to the nearest rest.
-
-    A rest is a minimum of the speed below 7 frames on either side, above 0.3 of the joint's mean speed. The first and
-    the last 2 seconds are not scored.
+    """Compute BC of a sequence by EMAGE: `beat_align` without the first and the last 2 seconds.
 
     Args:
         joints: (T, 13, 3) metres of the joints of `UPPER_BODY`.
         onsets: (n,) seconds.
         speeds: (13,) mean speeds over the data set.
-
-    Returns:
-        A number in [0, 1]; NaN where no onset or no frame is scored.
     """
     return beat_align(joints[: len(joints) - EDGE], onsets, speeds, FPS, first_frame=EDGE)
 

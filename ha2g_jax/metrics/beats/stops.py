@@ -205,12 +205,7 @@ def find_stops(
 
 
 def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
-    """Return the indices of samples below both neighbours, and below at least one of them by the threshold.
-
-    Args:
-        rate: (n,) angle change rate.
-        threshold: least rise to the next sample on either side.
-    """
+    """Return the indices of samples of a rate (n,) below both neighbours, and below one by the threshold."""
     before, after = rate[:-2] - rate[1:-1], rate[2:] - rate[1:-1]
     is_low = (before > 0) & (after > 0) & ((before >= threshold) | (after >= threshold))
     return 1 + np.flatnonzero(is_low)
