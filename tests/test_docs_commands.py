@@ -300,7 +300,7 @@ def write_corpora(folder, tiny_talk):
     """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
     for name in ("DST", "corpora/video", "corpora/own_all", "talk-v3"):
         (folder / name).symlink_to(tiny_talk)
-    write = functions_of("data/test_merge.py")
+    write = functions_of("data/test_regroup.py")
     for name in ("ONE", "TWO"):
         write["write"](folder / name, {"train": [write["make_clip"](f"clip of {name}", "ada", "hello")]})
 

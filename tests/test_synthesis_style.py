@@ -1,14 +1,19 @@
-"""A random style has the distribution of the styles of the model's speakers."""
+"""Styles to generate motion in, and the random choices that a page in a browser repeats."""
 
+import json
 import types
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import load_skeleton
+from ha2g_jax.synthesis import load_onnx
+from ha2g_jax.synthesis.onnx_model import page_description
 from ha2g_jax.synthesis.style import VARIATION, Style, choose_style
 
 DIM = 3
@@ -52,3 +57,36 @@ def test_the_seed_of_the_style_decides(speakers):
     same = draw(speakers, 2, seed=7)
     np.testing.assert_array_equal(same[0], same[1])
     assert np.abs(same[0] - draw(speakers, 1, seed=8)[0]).max() > 1e-3
+
+
+@pytest.fixture(scope="module")
+def path(debug_model, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("models") / "debug"
+    model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
+    return export(folder, folder.with_suffix(".onnx"))
+
+
+def test_choices_are_those_of_generate(path, monkeypatch):
+    model = load_onnx(path)
+    takes = json.loads(json.dumps(page_description(path, seeds=8)))["takes"]
+    assert len({take["seed_pose"] for take in takes}) > 1
+    starts = []
+    sample = type(model).sample_windows
+    monkeypatch.setattr(
+        type(model), "sample_windows", lambda self, *inputs: starts.append(inputs[3]) or sample(self, *inputs)
+    )
+    for seed, take in enumerate(takes):
+        style, _ = model.choose_style(Style(), seed)
+        varied, _ = model.choose_style(Style(speaker="ada", variation=0.5), seed)
+        np.testing.assert_array_equal(style, np.float32(take["style"]))
+        exact = np.float32(model.assets.speakers["ada"])
+        np.testing.assert_array_equal(varied, exact + np.float32(0.5) * np.float32(take["variation"]))
+        model.generate(np.zeros(4800, np.float32), seed=seed)
+        np.testing.assert_array_equal(starts[-1], model.assets.seed_poses[take["seed_pose"]])
+
+
+def test_the_metadata_is_included(path):
+    found = page_description(path, seeds=1)
+    assert found["format"] == "ha2g-jax 1"
+    assert found["skeleton"]["name"] == "ted_expressive"
+    assert set(found["speakers"]) == {"ada", "ben"}

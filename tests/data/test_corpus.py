@@ -1,21 +1,30 @@
-"""A corpus is whole or is not there, and its statistics are those of the training split alone."""
+"""A corpus is whole or not there, whatever happens; its statistics are those of training, and its sizes are limited."""
 
 import dataclasses
 import json
+import os
+import pathlib
 import pickle
+import signal
+import subprocess
+import sys
+import textwrap
 from typing import cast
 
 import msgpack
 import numpy as np
 import pytest
+from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
 from fixtures.corpora import write_records
 
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data import corpus
+from ha2g_jax.data.corpus import Corpus, check_sizes
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary, Word
+from ha2g_jax.limits import MAX_CLIP_BYTES
 
 SKELETON = "ted_gesture"
 
@@ -297,3 +306,116 @@ def test_a_shard_without_permission(path, monkeypatch):
     with pytest.raises(UserError, match=r"train-00000\.array_record cannot be read .*chmod"):
         Corpus.open(path).clips("train")
     assert len(Corpus.open(path).clips("test")) == 2
+
+
+# The process kills itself at the n-th call of one of the functions that write.
+_CHILD = """
+    import os, pathlib, resource, shutil, signal, sys
+    import filelock
+    from array_record.python import array_record_module
+    from ha2g_jax import cli
+
+    def deadly(function, n):
+        calls = [0]
+        def call(*args, **kwargs):
+            calls[0] += 1
+            if calls[0] == n:
+                os.kill(os.getpid(), signal.SIGKILL)
+            result = function(*args, **kwargs)
+            if calls[0] == -n:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return result
+        return call
+
+    point, src, dst = sys.argv[1:]
+    owner, name, n = {
+        "after the lock": (pathlib.Path, "mkdir", 1),
+        "first clip": (array_record_module, "ArrayRecordWriter", 1),
+        "second shard": (array_record_module, "ArrayRecordWriter", 2),
+        "dataset.json": (pathlib.Path, "write_text", 1),
+        "before the rename": (pathlib.Path, "rename", 1),
+        "after the rename": (shutil, "rmtree", 1),
+        "full disk": (resource, "getrlimit", 0),
+    }[point]
+    if point == "full disk":
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+    elif point == "after the lock":
+        acquire = filelock.FileLock.acquire
+        def locked(self, *args, **kwargs):
+            result = acquire(self, *args, **kwargs)
+            os.kill(os.getpid(), signal.SIGKILL)
+            return result
+        filelock.FileLock.acquire = locked
+    else:
+        setattr(owner, name, deadly(getattr(owner, name), n))
+    sys.exit(cli.main(["data", "split", src, dst, "--fractions", "0.5", "0.5", "0"]))
+"""
+
+
+def _divide(point: str, src: pathlib.Path, dst: pathlib.Path) -> subprocess.CompletedProcess:
+    argv = [sys.executable, "-c", textwrap.dedent(_CHILD), point, str(src), str(dst)]
+    return subprocess.run(argv, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.mark.parametrize("point", ["after the lock", "second shard", "before the rename", "after the rename"])
+def test_a_killed_process_leaves_a_whole_corpus_or_none(tiny_talk, tmp_path, point):
+    """The next process removes what the dead one has left, but nothing of others."""
+    dst = tmp_path / "new"
+    (tmp_path / ".new-work").mkdir()
+    assert _divide(point, tiny_talk, dst).returncode == -signal.SIGKILL
+    assert any(path.name.endswith(".lock") for path in tmp_path.iterdir())
+    if point == "after the rename":
+        assert len(Corpus.open(dst).clips("train"))
+        return
+    with pytest.raises(UserError, match="no corpus in"):
+        Corpus.open(dst)
+    from ha2g_jax.data.regroup import divide
+
+    divide(tiny_talk, dst, fractions={"train": 1, "val": 1})
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".new-work", "new"]
+    assert Corpus.open(dst).has_clips("train")
+
+
+def test_a_full_disk(tiny_talk, tmp_path):
+    done = _divide("full disk", tiny_talk, tmp_path / "new")
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "cannot write" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def write_shard(path, records, options="group_size:1"):
+    writer = array_record_module.ArrayRecordWriter(str(path), options)
+    for record in records:
+        writer.write(record)
+    writer.close()
+    return path
+
+
+@pytest.mark.parametrize("options", ["group_size:1", "group_size:1,zstd:3", "group_size:1,uncompressed"])
+def test_sizes_are_those_of_the_records(tmp_path, options):
+    random = np.random.default_rng(0)
+    sizes = random.integers(0, 200_000, 40).tolist()  # many begin in one block and end in another
+    path = write_shard(tmp_path / "x", (random.bytes(size) for size in sizes), options)
+    with path.open("rb") as file:
+        found = list(corpus._unpacked_sizes(file))
+    assert [size for size in found if size in sizes] == sizes
+
+
+def test_a_record_that_unpacks_to_more_than_the_limit_is_refused(tmp_path):
+    path = write_shard(tmp_path / "x", [b"small", bytes(MAX_CLIP_BYTES + 1), b"small"])
+    assert path.stat().st_size < MAX_CLIP_BYTES / 100
+    with pytest.raises(UserError, match=f"unpacks to {MAX_CLIP_BYTES + 1} bytes"):
+        check_sizes(path)
+
+
+def test_damaged_headers_are_left_to_the_reader(tmp_path):
+    path = write_shard(tmp_path / "x", [os.urandom(1000)] * 5)
+    whole = path.read_bytes()
+    for number in range(0, 8000, 7):
+        path.write_bytes(whole[:number] + b"\xff" * 8 + whole[number + 8 :])
+        try:
+            check_sizes(path)
+        except UserError as error:
+            assert "unpacks to" in str(error)  # the damage is in the stated size

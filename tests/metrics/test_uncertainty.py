@@ -1,11 +1,11 @@
-"""Bootstrap intervals have the width that theory gives them, respect clusters, and agree by every path."""
+"""Intervals and standard errors have the width that theory gives them, and respect clusters; Holm by hand."""
 
 import numpy as np
 import pytest
 
 from ha2g_jax.metrics import frechet
 from ha2g_jax.metrics.row import Cut, Latents, mean_by_recording
-from ha2g_jax.metrics.uncertainty import Interval, bootstrap
+from ha2g_jax.metrics.uncertainty import Interval, bootstrap, holm, jackknife
 
 X = np.random.default_rng(0).normal(size=200) + 3
 EACH = np.arange(200)
@@ -110,3 +110,38 @@ def test_draws_without_a_score_are_left_out():
     """Only one of three clips has a value: a draw that misses it has no mean, the others all have the same."""
     values = np.array([np.nan, 4.0, np.nan])
     assert by_sums(values, np.arange(3)) == Interval(4.0, 4.0, 4.0)
+
+
+SAMPLES = np.random.default_rng(0).normal(size=200)
+
+
+def test_error_of_a_mean_is_the_textbook_one():
+    value, error = jackknife(SAMPLES, lambda x: float(np.mean(x)), np.arange(200))
+    assert value == pytest.approx(SAMPLES.mean())
+    assert error == pytest.approx(SAMPLES.std(ddof=1) / np.sqrt(200))
+
+
+def test_repeating_a_sample_within_its_cluster_lowers_no_error():
+    once = jackknife(SAMPLES, lambda x: float(np.mean(x)), np.arange(200))
+    thrice = jackknife(np.repeat(SAMPLES, 3), lambda x: float(np.mean(x)), np.repeat(np.arange(200), 3))
+    assert thrice == pytest.approx(once)
+
+
+def test_no_error_where_there_is_too_little():
+    assert np.isnan(jackknife(SAMPLES[:0], lambda x: float(np.mean(x)), SAMPLES[:0])).all()
+    value, error = jackknife(SAMPLES, lambda x: float(np.mean(x)), np.zeros(200))
+    assert value == pytest.approx(SAMPLES.mean()) and np.isnan(error)
+
+
+def test_by_hand():
+    # 0.01 x 4; 0.02 x 3; 0.03 x 2 = 0.06; 0.04 x 1 is raised to 0.06.
+    assert holm([0.03, 0.01, 0.04, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
+    assert holm([0.9, 0.8]) == [1.0, 1.0] and holm([]) == []
+
+
+def test_as_in_statsmodels():
+    multitest = pytest.importorskip("statsmodels.stats.multitest")
+    random = np.random.default_rng(0)
+    for num in (1, 2, 7, 24):
+        values = (random.uniform(size=num) ** 3).tolist()
+        assert holm(values) == pytest.approx(multitest.multipletests(values, method="holm")[1])
