@@ -215,15 +215,13 @@ class Corpus:
 
 
 def _checked(content: bytes, name: str) -> dict[str, Any]:
-    """Return the contents of a `dataset.json` in the present version after all checks."""
     metadata = parse_json(content)
     version = metadata.get("schema_version") if isinstance(metadata, dict) else None
-    if type(version) is not int or not 1 <= version <= schema.VERSION:
+    if version != schema.VERSION or type(version) is not int:
         raise UserError(
-            f"{name} has schema version {reprlib.repr(version)}, this version of ha2g-jax reads 1 to "
-            f"{schema.VERSION}; upgrade ha2g-jax, or make or import the corpus again"
+            f"{name} has schema version {reprlib.repr(version)}, this version of ha2g-jax reads {schema.VERSION}; "
+            "upgrade ha2g-jax, or make or import the corpus again"
         )
-    metadata = schema.upgrade(metadata)
     schema.check(metadata)
     return metadata
 

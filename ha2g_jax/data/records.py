@@ -280,8 +280,7 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
         UserError: the bytes are not a whole record.
     """
     try:
-        stored: dict[str, Any] = _YOUNGER | unpack_values(record)
-        fields = {_FIELD_NAMES.get(name, name): value for name, value in stored.items()}
+        fields: dict[str, Any] = {_FIELD_NAMES.get(name, name): value for name, value in unpack_values(record).items()}
         fields["positions"] = unpack_array(fields["positions"])
         if fields["confidence"] is not None:
             fields["confidence"] = unpack_array(fields["confidence"])
@@ -297,8 +296,6 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
 
 
 _FIELD_NAMES = {stored: name for name, stored in STORED_NAMES.items()}
-# Defaults of the fields that a record of an older version does not have (see `data.schema`).
-_YOUNGER = {"confidence": None}
 
 
 def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndarray:

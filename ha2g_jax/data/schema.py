@@ -1,16 +1,9 @@
-"""Versions of the format of a corpus on disk, and conversion of older versions when they are read.
-
-A later version only adds. A record gains fields, each with a default that `records.unpack` fills in for an older
-record; `dataset.json` gains entries, which the steps below add in memory when it is read. No file is ever changed, so
-an older corpus stays readable by the version that made it. A newer version than this one is refused, because its
-additions are unknown here.
-"""
+"""The format of `dataset.json`, the description of a corpus: its version, and a check of every entry."""
 
 import collections
 import json
 import re
 import reprlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,17 +21,6 @@ MIN_FPS, MAX_FPS = 1, 1000  # frames per second
 _MAX_SHOWN = 60  # characters of an entry in a message
 _SIGNED = ("mean_directions", "mean_pose")  # statistics that may be negative
 _STATISTICS = (*_SIGNED, "lengths", "angle_mean", "angle_variance", "angle_change")
-
-
-def upgrade(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Convert the contents of a `dataset.json` of any version from 1 on to the present version.
-
-    Raises:
-        KeyError: the version is unknown.
-    """
-    while (version := metadata["schema_version"]) != VERSION:
-        metadata = {**_STEPS[version](metadata), "schema_version": version + 1}
-    return metadata
 
 
 def check(metadata: dict[str, Any]) -> None:
@@ -101,12 +83,12 @@ def is_split_name(name: str) -> bool:
 def _check_split(split: str, entry: dict[str, Any]) -> None:
     _require(_is_count(entry["clips"]), f"{split}: clips", entry["clips"])
     _require(_are_names(entry["speakers"]), f"{split}: speakers", entry["speakers"])
-    _require(_is_count(entry.get("windows", 0)), f"{split}: windows", entry.get("windows"))
-    seconds = entry.get("seconds", 0)
+    _require(_is_count(entry["windows"]), f"{split}: windows", entry["windows"])
+    seconds = entry["seconds"]
     _require(_is_number(seconds) and 0 <= seconds < 2**63, f"{split}: seconds", seconds)
     _require(_is_list_of_dicts(entry["shards"]), f"{split}: shards", entry["shards"])
     for shard in entry["shards"]:
-        name, digest = shard["name"], shard.get("sha256", "")
+        name, digest = shard["name"], shard["sha256"]
         _require(isinstance(name, str) and _FILE_NAME.fullmatch(name) is not None, f"{split}: shard", name)
         _require(_is_count(shard["bytes"]), f"{split}: bytes of {name}", shard["bytes"])
         _require(isinstance(digest, str), f"{split}: sha256 of {name}", digest)
@@ -150,11 +132,3 @@ def _are_names(value: object) -> bool:
 
 def _is_list_of_dicts(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(item, dict) for item in value)
-
-
-def _to_2(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Convert to version 2: records have the confidence of their poses, `dataset.json` has the report of its import."""
-    return {"import": {}, **metadata}
-
-
-_STEPS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _to_2}

@@ -179,15 +179,6 @@ def test_statistics_are_of_what_training_sees(tmp_path):
     assert first == second
 
 
-def test_an_older_corpus_is_read(path):
-    """Version 1: no report of the import, and records without confidence."""
-    dataset = json.loads((path / "dataset.json").read_text())
-    (path / "dataset.json").write_text(json.dumps(dataset | {"schema_version": 1}))
-    corpus = Corpus.open(path)
-    assert corpus.metadata["import"] == {}
-    assert json.loads((path / "dataset.json").read_text())["schema_version"] == 1
-
-
 @pytest.mark.parametrize("text", ["{", "[]", "{}", '{"schema_version": 99}', '{"schema_version": 1}', "\0"])
 def test_damaged_description(path, text):
     (path / "dataset.json").write_text(text)

@@ -59,13 +59,6 @@ def test_positions_keep_their_precision(clip):
     np.testing.assert_array_equal(decode_clip(encode_clip(precise)).positions, precise.positions)
 
 
-def test_a_record_of_version_1(clip):
-    """It has no confidence."""
-    fields = msgpack.unpackb(encode_clip(clip))
-    del fields["confidence"]
-    assert decode_clip(msgpack.dumps(fields) or b"").confidence is None
-
-
 @pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
 def test_truncated(clip, keep):
     record = encode_clip(clip)
