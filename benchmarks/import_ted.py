@@ -21,7 +21,7 @@ import lmdb
 
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.ted import arrow_values, importer, lmdb_videos
+from ha2g_jax.importers.ted import arrow, importer
 
 _LEAST_SPEED = 100
 
@@ -53,8 +53,8 @@ def measure(src: pathlib.Path, hours: float, workers: int) -> dict[str, float]:
     Returns:
         Hours and seconds of both imports, and the imported hours in an hour.
     """
-    lmdb_videos.check(src)
-    values = [lmdb_videos.read_value(src, key) for key in lmdb_videos.read_keys(src)]
+    importer.check_whole(src)
+    values = [importer.read_value(src, key) for key in importer.read_keys(src)]
     with tempfile.TemporaryDirectory() as folder:
         own_hours, own_seconds = _import(values, 0, pathlib.Path(folder) / "one", workers)
         all_hours, all_seconds = _import(values, hours, pathlib.Path(folder) / "many", workers)
@@ -93,7 +93,7 @@ def _copies(values: list[bytes], hours: float) -> Iterator[tuple[bytes, float]]:
 
 
 def _hours(value: bytes) -> float:
-    clips = arrow_values.deserialize(value, "a record")["clips"]
+    clips = arrow.deserialize(value, "a record")["clips"]
     return sum(clip["end_time"] - clip["start_time"] for clip in clips) / 3600
 
 

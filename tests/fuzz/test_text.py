@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.words import read_words
 from ha2g_jax.features.words.subtitles import without_brackets
-from ha2g_jax.importers.ted import arrow_values
+from ha2g_jax.importers.ted import arrow
 from ha2g_jax.importers.video import pose, settings
 from ha2g_jax.motion import control
 from ha2g_jax.motion.control import Controls, apply
@@ -179,7 +179,7 @@ VALUE = ted_files["_serialize"](VIDEO)
 @given(content=damaged_bytes(VALUE))
 def test_values_of_ted(content):
     try:
-        arrow_values.deserialize(content, "record 1")
+        arrow.deserialize(content, "record 1")
     except UserError as error:
         assert "\n" not in str(error) and len(str(error)) < 1_000
 

@@ -4,6 +4,7 @@ import json
 import math
 import pathlib
 import re
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +17,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
-from ha2g_jax.importers.ted import arrow_values, clips, lmdb_videos
+from ha2g_jax.importers.ted import arrow, clips, importer
 from ha2g_jax.importers.ted.importer import import_ted
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
@@ -64,7 +65,7 @@ def raw_clips(sample: dict[str, Any], split: str) -> list[tuple[str, dict[str, A
     """(video, the clip's fields, what is expected of it) of every clip."""
     folder, made = sample["folders"][split], []
     for video in sample["expected"][split]["videos"]:
-        value = arrow_values.deserialize(lmdb_videos.read_value(folder, video["key"].encode()), "a record")
+        value = arrow.deserialize(importer.read_value(folder, video["key"].encode()), "a record")
         assert value["vid"] == video["vid"]
         assert len(value["clips"]) == len(video["clips"])
         made += [(video["vid"], *pair) for pair in zip(value["clips"], video["clips"], strict=True)]
@@ -257,7 +258,7 @@ def test_folders_without_data_are_refused(dataset: pathlib.Path, tmp_path: pathl
 
 
 def test_existing_corpus_is_kept(dataset: pathlib.Path, tmp_path: pathlib.Path):
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "before").mkdir(parents=True)
     refused(dataset, tmp_path, "out exists already")
 
 
@@ -324,3 +325,8 @@ def test_nothing_left_is_an_error_with_the_reasons(
     src.mkdir()
     refused(write_database(src, [video]), tmp_path, "no usable window .2 clips, 4 windows, left out: too_few_words 4")
     refused(write_database(src, [make_video("video", 0)]), tmp_path, "no poses in .*data.mdb")
+
+
+def test_a_missing_library_is_named_with_its_extra(dataset, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "lmdb", None)
+    refused(dataset, tmp_path, r"needs lmdb: pip install 'ha2g-jax\[import\]'")

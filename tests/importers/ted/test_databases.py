@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ha2g_jax.data import processes
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.ted import lmdb_videos
+from ha2g_jax.importers.ted import importer
 
 PAGE = 4096
 VALUES = [b"first", b"x" * 5 * PAGE, b"third"]
@@ -27,12 +27,12 @@ def database(tmp_path: pathlib.Path, write_database: Callable[..., pathlib.Path]
 
 
 def read_all(folder: pathlib.Path) -> list[bytes]:
-    return [lmdb_videos.read_value(folder, key) for key in lmdb_videos.read_keys(folder)]
+    return [importer.read_value(folder, key) for key in importer.read_keys(folder)]
 
 
 def test_reads_what_lmdb_wrote(database: pathlib.Path):
-    assert lmdb_videos.check(database) == 3
-    assert lmdb_videos.read_keys(database) == [b"0000000000", b"0000000001", b"0000000002"]
+    assert importer.check_whole(database) == 3
+    assert importer.read_keys(database) == [b"0000000000", b"0000000001", b"0000000002"]
     assert read_all(database) == VALUES
     assert sorted(path.name for path in database.iterdir()) == ["data.mdb"]
 
@@ -42,7 +42,7 @@ def test_the_newer_of_the_two_meta_pages_counts(database: pathlib.Path):
         for number in range(3, 6):
             with environment.begin(write=True) as transaction:
                 transaction.put(f"{number:010d}".encode(), b"y" * 3 * PAGE)
-            assert lmdb_videos.check(database) == number + 1
+            assert importer.check_whole(database) == number + 1
 
 
 def damage(database: pathlib.Path, change: Callable[[bytes], bytes]) -> None:
@@ -67,15 +67,15 @@ def damage(database: pathlib.Path, change: Callable[[bytes], bytes]) -> None:
 def test_files_that_are_not_whole_are_refused(database: pathlib.Path, change: Callable[[bytes], bytes], message: str):
     damage(database, change)
     with pytest.raises(UserError, match=message):
-        lmdb_videos.check(database)
+        importer.check_whole(database)
 
 
 def test_missing_and_unreadable_files_are_refused(tmp_path: pathlib.Path):
     with pytest.raises(UserError, match=r"has no data\.mdb"):
-        lmdb_videos.check(tmp_path)
+        importer.check_whole(tmp_path)
     (tmp_path / "data.mdb").mkdir()
     with pytest.raises(UserError, match=r"has no data\.mdb"):
-        lmdb_videos.check(tmp_path)
+        importer.check_whole(tmp_path)
 
 
 @settings(max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -86,7 +86,7 @@ def test_any_meta_pages(database: pathlib.Path, tmp_path: pathlib.Path, changes:
         data[place : place + len(change)] = change
     (tmp_path / "data.mdb").write_bytes(data)
     try:
-        lmdb_videos.check(tmp_path)
+        importer.check_whole(tmp_path)
     except UserError as error:
         assert "data.mdb" in str(error)
         assert "\n" not in str(error)
@@ -96,7 +96,7 @@ def test_pages_that_name_each_other_end(database: pathlib.Path):
     # The leaf with the keys: two nodes are made one and the same.
     damage(database, lambda data: data.replace(b"0000000002", b"0000000000"))
     with pytest.raises(UserError, match="keys out of order"):
-        lmdb_videos.read_keys(database)
+        importer.read_keys(database)
 
 
 @pytest.mark.parametrize("size", [2**31 - 1, 40 * PAGE])
@@ -122,7 +122,7 @@ def test_any_pages(database: pathlib.Path, tmp_path: pathlib.Path, seed: int):
         for _ in range(rng.randrange(4)):
             data[page * PAGE + rng.randrange(rng.choice((24, PAGE)))] = rng.choice((0, 1, 127, 255))
     (tmp_path / "data.mdb").write_bytes(data)
-    lmdb_videos.check(tmp_path)
+    importer.check_whole(tmp_path)
     with processes.workers(1) as executor:
         try:
             [values] = processes.in_order(executor, read_all, [(tmp_path,)], 1, str(tmp_path / "data.mdb"))

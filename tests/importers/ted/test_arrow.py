@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.ted.arrow_values import deserialize
+from ha2g_jax.importers.ted.arrow import deserialize
 
 Serialize = Callable[[Any], bytes]
 
