@@ -106,7 +106,7 @@ def data_set():
     (folder / "one.tsv").write_text(f"start\tend\tword\n{lines}")
     runpy.run_path("experiments/import_points.py")["main"]("recordings", "corpora/points")
 
-    config = launch.load_config("experiments/configs/points.py:debug", ["--config.data.path=corpora/points"])
+    config = launch.load_config("bvh:debug", ["--config.data.path=corpora/points"])
     corpus = open_corpus(config)
     vocabulary = corpus.vocabulary()
     spec = build(config, corpus.skeleton, len(vocabulary), len(corpus.speakers_of("train")))
