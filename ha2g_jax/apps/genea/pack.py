@@ -51,6 +51,7 @@ SAMPLES = 5  # that the rules ask for of a system with randomness
 ZIP = ".zip"
 
 Path = str | os.PathLike
+
 _FILE = re.compile(r"sample_([1-9][0-9]?)/([^/]+)\.npz")
 _EXPECTED = "a pack of ha2g genea: a folder or a .zip"
 _GENDERS = ("neutral", "female", "male")

@@ -2,7 +2,7 @@
 
 import pathlib
 
-from ha2g_jax.apps.serve.settings import Settings
+from ha2g_jax.apps.serve.settings import Settings, check
 from ha2g_jax.errors import require
 
 __all__ = ["Settings", "serve"]
@@ -22,6 +22,7 @@ def serve(checkpoint: str | pathlib.Path, settings: Settings) -> None:
     """
     for module in ("fastapi", "prometheus_client", "python_multipart", "uvicorn", "websockets"):
         require(module, "serve", by="ha2g serve")
+    check(settings)
     if settings.workers > 1:
         from ha2g_jax.apps.serve import workers
 

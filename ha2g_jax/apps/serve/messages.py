@@ -3,7 +3,7 @@
 Paths are no part of them: a request reads no file of the machine.
 """
 
-from typing import Literal
+from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -17,6 +17,8 @@ from ha2g_jax.synthesis.style import VARIATION, Style, read_mixture
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in SUFFIXES)
 _MAX_LETTERS = 200  # of a message about a mistake
+
+Message = TypeVar("Message", bound="_Message")
 
 
 class MotionQuery(BaseModel):
@@ -106,26 +108,14 @@ class Change(_Message):
     end: Literal[True] | None = None
 
 
-def read_begin(text: str) -> Begin:
-    """Parse the first message of a stream.
+def read_message(kind: type[Message], text: str) -> Message:
+    """Parse a message of a stream, of the class `Begin` or `Change`.
 
     Raises:
         UserError: the text is not JSON of this form.
     """
     try:
-        return Begin.model_validate_json(text)
-    except ValidationError as error:
-        raise UserError(one_line(error.errors())) from None
-
-
-def read_change(text: str) -> Change:
-    """Parse a later message of a stream.
-
-    Raises:
-        UserError: the text is not JSON of this form.
-    """
-    try:
-        return Change.model_validate_json(text)
+        return kind.model_validate_json(text)
     except ValidationError as error:
         raise UserError(one_line(error.errors())) from None
 

@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 from ha2g_jax.apps.serve.app import create_app
 from ha2g_jax.apps.serve.service import Service
-from ha2g_jax.apps.serve.settings import Settings, bound, check, url
+from ha2g_jax.apps.serve.settings import Settings, bound, url
 from ha2g_jax.apps.serve.workers import Report
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -49,7 +49,6 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         UserError: the settings or the model cannot be used, or the address is taken.
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
-    check(settings)
     with (
         bound(settings.host, settings.port) as listener,
         tempfile.TemporaryDirectory(prefix="ha2g-serve-", ignore_cleanup_errors=True) as folder,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # the process that shares connections among workers loads no 
     from ha2g_jax.synthesis.model import Model
 
 Result = TypeVar("Result")
+
 FOLDER = "PROMETHEUS_MULTIPROC_DIR"  # variable of prometheus_client: folder in which workers share their values
 
 _MOTION_SECONDS = (0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)

@@ -16,7 +16,7 @@ import soxr
 from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from ha2g_jax.apps.serve.guard import refusal
-from ha2g_jax.apps.serve.messages import Begin, Change, read_begin, read_change
+from ha2g_jax.apps.serve.messages import Begin, Change, read_message
 from ha2g_jax.apps.serve.service import Full, Service, Stopped
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
@@ -163,7 +163,7 @@ async def _run(service: Service, websocket: WebSocket) -> None:
     first = await _receive(service, websocket)
     if isinstance(first, bytes):
         raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
-    asked = read_begin(first)
+    asked = read_message(Begin, first)
     session = await service.compute(lambda: Session.begin(service, asked))
     stream, sent = session.stream, 0  # frames that were sent since the last clear
     facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
@@ -172,7 +172,7 @@ async def _run(service: Service, websocket: WebSocket) -> None:
     while True:
         message = await _receive(service, websocket)
         if isinstance(message, str):
-            change = read_change(message)
+            change = read_message(Change, message)
             await service.compute(functools.partial(session.change, change))
             if change.clear:
                 session, sent = await service.compute(functools.partial(session.cleared, service)), 0

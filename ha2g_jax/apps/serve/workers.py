@@ -21,7 +21,7 @@ from prometheus_client.multiprocess import mark_process_dead
 from tqdm import tqdm
 
 from ha2g_jax.apps.serve.service import FOLDER
-from ha2g_jax.apps.serve.settings import Settings, bound, check, url
+from ha2g_jax.apps.serve.settings import Settings, bound, url
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason
 from ha2g_jax.progress import stage
@@ -162,7 +162,6 @@ def run(checkpoint: str | pathlib.Path, settings: Settings) -> None:
         UserError: the settings or the model cannot be used, the address is taken, or a first worker has failed.
         KeyboardInterrupt: Ctrl-C, after the running requests.
     """
-    check(settings)
     if not hasattr(socket, "send_fds"):
         raise UserError("this system cannot share connections among processes; leave out --workers")
     with (

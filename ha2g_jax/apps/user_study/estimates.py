@@ -16,9 +16,10 @@ from ha2g_jax.apps.user_study.answers import Choices
 
 LEVEL = 0.95
 """Confidence level of every interval of a report."""
+
+_ROUNDING = 1e-6  # a variance below the square of this, relative to the statistic, is that of rounding
 _CHUNK = 256  # participants left out at a time
-_RIDGE = 1e-10
-_TOLERANCE = 1e-5
+_RIDGE, _TOLERANCE = 1e-10, 1e-5  # of the equations of the differences
 
 
 class Estimate(NamedTuple):
@@ -37,10 +38,6 @@ class Estimate(NamedTuple):
     error: np.ndarray
     freedom: np.ndarray
     p: np.ndarray
-
-
-# A variance below the square of this, relative to the statistic, is that of rounding.
-_ROUNDING = 1e-6
 
 
 class Spread(NamedTuple):

@@ -21,13 +21,15 @@ from ha2g_jax.apps.user_study.estimates import LEVEL, crossed, interval, ratio
 from ha2g_jax.errors import UserError
 from ha2g_jax.progress import progress_bar
 
+MOS = "mos"
+"""Measure of a difference of mean opinion scores; those of shares are `PREFERENCE` and `MISMATCH`."""
+
 FEWEST = 3
 """Participants of the smallest study that is tried."""
 
 _GRID = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320, 480, 640, 960)
 _NODES = 61  # of the quadrature over normal logits
 _CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there were this many clips or more
-MOS = "mos"  # a difference of mean opinion scores, where other measures are shares of choices
 
 
 class Spreads(NamedTuple):

@@ -162,5 +162,5 @@ def test_command(folder, capsys):
 
 def test_missing_extra(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "choix", None)
-    with pytest.raises(UserError, match=r"needs choix: pip install 'ha2g-jax\[user-study\]'"):
+    with pytest.raises(UserError, match=r"needs choix: pip install 'ha2g-jax\[report\]'"):
         run(folder)

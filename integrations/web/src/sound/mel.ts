@@ -1,4 +1,4 @@
-/** The log-mel spectrogram of the models, as `ha2g_jax/features/audio.py` computes it. */
+/** The log-mel spectrogram of the models, as `ha2g_jax/features/spectrum.py` computes it. */
 
 import { round, toFloat16 } from "../rounding.js";
 import { melFilters, PowerSpectrum } from "./spectrum.js";
