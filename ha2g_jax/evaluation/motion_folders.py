@@ -101,7 +101,7 @@ def from_folders(
     Folders may have subfolders, which then must be alike; the clips of a subfolder are taken to be cut from one
     recording, without subfolders every clip is a recording of its own. The sound of a clip is the file of sound with
     the same name beside the reference, or else beside the motion. `_gestures` at the end of a name does not count. All
-    motion is brought to 15 frames per second, see `motion_files`.
+    motion is brought to 15 frames per second, see `motion.readers`.
 
     Args:
         motion: folder of the motion to be evaluated.

@@ -23,6 +23,17 @@ _ORDERS = np.array(list(itertools.permutations(range(4))))
 # Whether the second of two parts is in front of the first, in each order of the four parts from back to front.
 _PLACES = np.argsort(_ORDERS, axis=1)
 _IS_BEFORE = (_PLACES[:, :, None] < _PLACES[:, None, :]).astype(np.float64)
+_MARGIN = 0.04  # metres between the figure and the edge of the image
+_LIMB = 0.06  # metres of a limb around its joints, with the tips of the fingers
+_HEAD = 0.18  # metres of the head around its centre
+_MITTEN = 0.11  # metres from the wrist to the last joint of a hand without fingers
+_KNEES = 0.95  # metres below the spine to which the legs are drawn in most poses
+_PIECE = 2048  # frames that are projected at a time
+
+DEFAULT_LOOK = Look((232, 190, 160), (74, 52, 42), (62, 110, 158), (232, 234, 238))
+
+_SUPERSAMPLE = 2
+_LARGE = 400  # pixels from which curves need more points
 
 
 class Ranks(NamedTuple):
@@ -41,7 +52,6 @@ def arm_ranks(points: dict[str, np.ndarray], head: np.ndarray) -> tuple[Ranks, R
     """Compute the order of upper arms and forearms, by their depths where they cross.
 
     Args:
-        points: (T, 3) positions of the joints in metres by name.
         head: (T, 3) centre of the head in metres.
 
     Returns:
@@ -105,7 +115,6 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
     Args:
         positions: (T, joints, 3) metres, y down; the root may be anywhere.
         skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
-        look: colours and build of the figure.
         detail: factor of the number of points of a curve; 1 suffices for images of a few hundred pixels.
 
     Returns:
@@ -145,23 +154,8 @@ def from_the_front(positions: np.ndarray, skeleton: Skeleton) -> dict[str, np.nd
     return dict(zip(skeleton.joints, np.moveaxis(centred, 1, 0), strict=True))
 
 
-_MARGIN = 0.04  # metres between the figure and the edge of the image
-_LIMB = 0.06  # metres of a limb around its joints, with the tips of the fingers
-_HEAD = 0.18  # metres of the head around its centre
-_MITTEN = 0.11  # metres from the wrist to the last joint of a hand without fingers
-_KNEES = 0.95  # metres below the spine to which the legs are drawn in most poses
-_PIECE = 2048  # frames that are projected at a time
-
-
 class View(NamedTuple):
-    """A rectangle of the picture plane in metres from the spine, y down.
-
-    Attributes:
-        left: smallest x.
-        top: smallest y.
-        right: largest x.
-        bottom: largest y.
-    """
+    """A rectangle of the picture plane in metres from the spine, y down."""
 
     left: float
     top: float
@@ -170,10 +164,6 @@ class View(NamedTuple):
 
     def place(self, width: float, height: float) -> tuple[float, np.ndarray]:
         """Place the view in an image as large as it fits, in the middle; the legs use half of the unused height.
-
-        Args:
-            width: width of the image in pixels.
-            height: height of the image in pixels.
 
         Returns:
             Pixels per metre, and the (2,) position of the spine in pixels.
@@ -220,12 +210,6 @@ def _corners(points: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([places - reach, places + reach], axis=1)
 
 
-DEFAULT_LOOK = Look((232, 190, 160), (74, 52, 42), (62, 110, 158), (232, 234, 238))
-
-_SUPERSAMPLE = 2
-_LARGE = 400  # pixels from which curves need more points
-
-
 def draw_figure(
     positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int, view: View = DEFAULT_VIEW
 ) -> np.ndarray:
@@ -234,9 +218,6 @@ def draw_figure(
     Args:
         positions: (joints, 3) metres, y down; the root may be anywhere.
         skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
-        look: colours and build of the figure.
-        width: width of the image in pixels.
-        height: height of the image in pixels.
         view: part of the picture plane that the image shows at least; `fit` finds it for a motion.
 
     Returns:

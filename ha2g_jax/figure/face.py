@@ -15,9 +15,6 @@ _FRONT += ((0.0, 0.060, 0.085), (0.0, -0.040, 0.098), (-0.03, -0.075, 0.075), (0
 def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
     """Compute the position and orientation of the head.
 
-    Args:
-        points: (T, 3) positions of the joints in metres by name.
-
     Returns:
         (4, T, 3): the centre of the head and its axes to the left, up and ahead, scaled to the size of the head.
     """
@@ -45,11 +42,6 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
     """Build the hair that is behind the face and the shoulders.
 
-    Args:
-        head: (4, T, 3) result of `head_frame`.
-        look: colours of the figure and length of the hair.
-        detail: factor of the number of points of a curve.
-
     Returns:
         Shapes from back to front.
     """
@@ -70,12 +62,6 @@ def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
 
 def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, detail: int) -> list[Shape]:
     """Build neck, face and the hair over the forehead.
-
-    Args:
-        points: (T, 3) positions of the joints in metres by name.
-        head: (4, T, 3) result of `head_frame`.
-        look: colours of the figure and length of the hair.
-        detail: factor of the number of points of a curve.
 
     Returns:
         Shapes from back to front.

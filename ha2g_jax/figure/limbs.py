@@ -20,7 +20,7 @@ from ha2g_jax.figure.shapes import (
     unit,
 )
 
-EDGE = 0.003  # metres; width of the dark line around a limb and around the trunk
+_CLOTH_EDGE = 0.003  # metres; width of the dark line around a limb and around the trunk
 
 _DOWN = np.array([0.0, 1.0, 0.0])
 _BREADTH = 0.215  # metres from the neck to a shoulder of a trunk of average width
@@ -29,15 +29,28 @@ _TROUSERS = (62, 66, 78)
 _SECTIONS = ((0.06, 0, 0.12), (0, 0, 0.163), (-0.08, 0, 0.152), (-0.16, 0, 0.146), (-0.16, 0.16, 0.160))
 _SECTIONS += ((-0.16, 0.33, 0.178), (-0.16, 0.35, 0.170), (-0.16, 0.355, 0.15))
 _THICK = 0.68  # thickness of the trunk, as a fraction of its width
+_LIT = np.array([-0.008, -0.012, 0.0])  # metres; the light comes from the upper left of the image
+
+_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+_HAND_EDGE = 0.0028  # metres
+_RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
+_BONES = np.repeat(_RADII, 3) * np.tile([1.08, 1.0, 0.94], 5)
+_TIPS = np.repeat(_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
+_OUT = 0.4  # fraction of the first bone of a finger that has no edge within the palm
+# Metres from the wrist, and radii.
+_MITTEN = (
+    (0.0, 0.026),
+    (0.025, 0.0315),
+    (0.05, 0.0350),
+    (0.075, 0.0355),
+    (0.1, 0.033),
+    (0.125, 0.0285),
+    (0.145, 0.022),
+)
 
 
 def trunk_shapes(points: dict[str, np.ndarray], look: Look, detail: int) -> list[Shape]:
     """Build shoulders, chest, belly and legs, which overlap in any pose.
-
-    Args:
-        points: (T, 3) positions of the joints in metres by name.
-        look: colours and build of the figure.
-        detail: factor of the number of points of a curve.
 
     Returns:
         Shapes from back to front: all edges, and then what they surround.
@@ -45,7 +58,7 @@ def trunk_shapes(points: dict[str, np.ndarray], look: Look, detail: int) -> list
     span = np.linalg.norm(points["left_shoulder"] - points["neck"], axis=-1)
     span += np.linalg.norm(points["right_shoulder"] - points["neck"], axis=-1)
     build = look.build * np.clip(span / (2 * _BREADTH), 0.75, 1.15)
-    layers = ((EDGE, 0.76), (0.0, 1.0))
+    layers = ((_CLOTH_EDGE, 0.76), (0.0, 1.0))
     return [
         Shape(outline, shade(colour, factor))
         for margin, factor in layers
@@ -106,9 +119,6 @@ def _sections(
     return np.concatenate([line + half * normal, (line - half * normal)[:, ::-1]], axis=1)
 
 
-_LIT = np.array([-0.008, -0.012, 0.0])  # metres; the light comes from the upper left of the image
-
-
 class Arm(NamedTuple):
     """Shapes of an arm without the hand, each list from back to front.
 
@@ -131,12 +141,6 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     The edges of both sleeves are drawn before both, so that no line crosses the elbow. Each sleeve has its edge a
     second time, away from the elbow, for where it crosses the other one.
 
-    Args:
-        points: (T, 3) positions of the joints in metres by name.
-        side: "left" or "right".
-        look: colours and build of the figure.
-        detail: factor of the number of points of a curve.
-
     Returns:
         The shapes.
     """
@@ -148,7 +152,7 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     def lower(part: float) -> np.ndarray:
         return elbow + part * (wrist - elbow)
 
-    top, joint, hem, edge = 0.057 * look.build, 0.0445 * look.build, 0.034 * look.build, EDGE
+    top, joint, hem, edge = 0.057 * look.build, 0.0445 * look.build, 0.034 * look.build, _CLOTH_EDGE
     dark, light, skin = shade(look.shirt, 0.70), shade(look.shirt, 1.07), shade(look.skin, 0.84)
     # There is no edge between sleeve and trunk, so over the trunk the edge starts below the shoulder.
     rows = [
@@ -170,32 +174,8 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     return Arm(shapes[:1], shapes[1:3], shapes[3:6], shapes[6:])
 
 
-_FINGERS = ("thumb", "index", "middle", "ring", "pinky")
-_EDGE = 0.0028  # metres
-_RADII = np.array((0.0125, 0.0105, 0.011, 0.0105, 0.009))
-_BONES = np.repeat(_RADII, 3) * np.tile([1.08, 1.0, 0.94], 5)
-_TIPS = np.repeat(_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
-_OUT = 0.4  # fraction of the first bone of a finger that has no edge within the palm
-# Metres from the wrist, and radii.
-_MITTEN = (
-    (0.0, 0.026),
-    (0.025, 0.0315),
-    (0.05, 0.0350),
-    (0.075, 0.0355),
-    (0.1, 0.033),
-    (0.125, 0.0285),
-    (0.145, 0.022),
-)
-
-
 def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int) -> list[Part]:
     """Build palm and fingers, or a mitten where the skeleton has no fingers.
-
-    Args:
-        points: (T, 3) positions of the joints in metres by name.
-        side: "left" or "right".
-        look: colours of the figure.
-        detail: factor of the number of points of a curve of the mitten.
 
     Returns:
         The edge of the hand, which is behind everything else of it, the palm and each finger as parts of their own,
@@ -217,12 +197,12 @@ def hand_parts(points: dict[str, np.ndarray], side: str, look: Look, detail: int
     radii = np.array([0.023, 0.0125, 0.0125, 0.0120, 0.0115])
     ball = np.stack([wrist + 0.2 * (chains[:, 0, 0] - wrist), chains[:, 0, 0]], axis=1)
     ball_radii = np.array([0.020, 0.0145])
-    base = [Shape(hull(discs, radii + _EDGE), edge), Shape(hull(ball, ball_radii + _EDGE), edge)]
+    base = [Shape(hull(discs, radii + _HAND_EDGE), edge), Shape(hull(ball, ball_radii + _HAND_EDGE), edge)]
     palm = [Shape(hull(ball, ball_radii), lit), Shape(hull(discs, radii), lit)]
     out = starts.copy()
     out[:, ::3] += _OUT * (ends - starts)[:, ::3]
-    whole = capsules(starts[:, ::3], ends[:, ::3], _BONES[::3] + _EDGE, _TIPS[::3] + _EDGE)
-    outer = capsules(out, ends, _BONES + _EDGE, _TIPS + _EDGE)
+    whole = capsules(starts[:, ::3], ends[:, ::3], _BONES[::3] + _HAND_EDGE, _TIPS[::3] + _HAND_EDGE)
+    outer = capsules(out, ends, _BONES + _HAND_EDGE, _TIPS + _HAND_EDGE)
     inner = capsules(starts, ends, _BONES, _TIPS)
     parts = [
         Part(behind, [*base, *(Shape(outline, edge) for outline in whole)]),

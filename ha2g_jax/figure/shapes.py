@@ -79,7 +79,6 @@ def capsules(
         ends: (T, n, 3) second ends in metres.
         wide: (n,) radii at the first ends in metres.
         narrow: (n,) radii at the second ends in metres.
-        detail: factor of the number of points.
 
     Returns:
         n outlines (T, 14 * detail + 4, 2).
@@ -108,7 +107,6 @@ def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
     Args:
         centres: (T, n, 3) metres.
         radii: (n,) or (T, n) metres.
-        detail: factor of the number of points.
 
     Returns:
         (T, 32 * detail, 2) outline.
@@ -143,13 +141,7 @@ def smooth(outline: np.ndarray, detail: int = 1) -> np.ndarray:
 
 @functools.lru_cache(maxsize=8)
 def backdrop(colour: Colour, width: int, height: int) -> Image.Image:
-    """Return a background image of one colour that darkens towards the corners.
-
-    Args:
-        colour: colour in the centre.
-        width: width in pixels.
-        height: height in pixels.
-    """
+    """Return a background image of one colour that darkens towards the corners."""
     light = light_behind(width, height)
     return Image.fromarray(np.clip(light[..., None] * np.array(colour), 0, 255).astype(np.uint8))
 

@@ -73,13 +73,7 @@ class Drawing(NamedTuple):
 
 
 def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
-    """Divide an image into panels in rows from the left, with the number of columns that makes the figures largest.
-
-    Args:
-        count: number of panels.
-        width: width of the image in pixels.
-        height: height of the image in pixels.
-    """
+    """Divide an image into panels in rows from the left, with the number of columns that makes the figures largest."""
     columns = max(range(1, count + 1), key=lambda columns: min(width // columns, height // math.ceil(count / columns)))
     rows = math.ceil(count / columns)
     xs = [2 * (width * column // (2 * columns)) for column in range(columns + 1)]
@@ -93,9 +87,6 @@ def set_stage(names: Sequence[str], background: Colour, width: int, height: int)
 
     Args:
         names: name of each figure, "" for none.
-        background: colour of the background.
-        width: even width of the image in pixels.
-        height: even height of the image in pixels.
 
     Returns:
         The stage, with a panel for each name.
@@ -116,11 +107,7 @@ def draw(
     """Prepare the drawing of a figure.
 
     Args:
-        stage: stage with the panel of the figure.
-        index: index of the panel.
         positions: (T, joints, 3) metres, y down.
-        skeleton: skeleton of the positions.
-        look: colours and build of the figure.
         view: part of the picture plane that the panel shows at least.
 
     Returns:
@@ -153,9 +140,6 @@ def paint(stage: Stage, drawings: Sequence[Drawing], frame: int, planes: Sequenc
     """Paint one frame of figures into the planes of an image.
 
     Args:
-        stage: stage of the figures.
-        drawings: drawings of the figures.
-        frame: index of the frame.
         planes: three uint8 arrays of the shapes of `Stage.clean`, which are overwritten.
     """
     for plane, clean in zip(planes, stage.clean, strict=True):

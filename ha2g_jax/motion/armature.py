@@ -45,13 +45,11 @@ class Armature:
 
 @dataclasses.dataclass(frozen=True)
 class Animation:
-    """Rotations of the joints of an armature over time.
+    """Rotations of the joints of an armature over time; frame k shows the time k / fps.
 
     Attributes:
-        armature: the armature.
         rotations: (T, J, 4) rotation of each joint relative to its parent; at rest it is `armature.rest`.
         translation: (T, 3) position of the root in metres.
-        fps: frames per second; frame k shows the time k / fps.
         meta: how the motion was made, see `Motion.meta`.
     """
 
@@ -67,14 +65,7 @@ class Animation:
 
 
 def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the forward kinematics of an animation.
-
-    Args:
-        animation: animation with T frames of an armature with J joints.
-
-    Returns:
-        (T, J, 4) rotations and (T, J, 3) positions in metres, both in the world.
-    """
+    """Compute the forward kinematics of an animation: (T, J, 4) rotations and (T, J, 3) metres in the world."""
     armature, local = animation.armature, animation.rotations
     rotated = np.empty(local.shape)
     positions = np.empty((*local.shape[:2], 3))
@@ -89,9 +80,6 @@ def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
 @functools.lru_cache(maxsize=16)
 def generations(parents: tuple[int, ...]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Group the joints of a tree by the number of joints above them, so that a group is computed at once.
-
-    Args:
-        parents: index of each joint's parent, which comes before it, -1 for the root.
 
     Returns:
         The indices of the joints of each group and of their parents, the root first.
@@ -108,27 +96,18 @@ def export_axes(skeleton: Skeleton) -> np.ndarray:
 
     y down becomes y up. In TED-Expressive the person's left is at +x and the person faces -z; in TED-Gesture the left
     is at -x and the person faces +z.
-
-    Args:
-        skeleton: skeleton whose axes are converted.
     """
     left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
     return np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0])
 
 
 def ha2g_armature(skeleton: Skeleton) -> Armature:
-    """Build the armature of a skeleton in a T-pose: palms down, fingers along the arm, head up.
+    """Build the armature "ha2g" of a skeleton in a T-pose: palms down, fingers along the arm, head up.
 
     At rest all rotations are zero. All joints of the skeleton are joints of the armature, at the same positions. Where
     several bones leave one joint, each bone has a further joint there, with offset 0, that rotates it: left_clavicle;
-    head, from the neck to the nose (nose_0 in TED-Gesture, where head is the top of the head); left_eye_0;
-    left_index_0 and so on, and the same on the right. A joint at the end of a chain never rotates.
-
-    Args:
-        skeleton: skeleton with the names of the joints and the bone lengths.
-
-    Returns:
-        The armature, named "ha2g".
+    head, from the neck to the nose (nose_0 in TED-Gesture, where head is the top of the head); left_eye_0; left_index_0
+    and so on, and the same on the right. A joint at the end of a chain never rotates.
     """
     directions = rest_directions(skeleton)
     joints, parents, offsets = [skeleton.joints[0]], [-1], [np.zeros(3)]
@@ -153,17 +132,10 @@ def ha2g_armature(skeleton: Skeleton) -> Armature:
 
 
 def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
-    """Put an animation of the `ha2g` armature on a pelvis with legs.
+    """Put an animation of the `ha2g` armature on a pelvis with legs, whose joints come before its own.
 
     The pelvis becomes the root, and the joint `spine` its child at a constant offset, so that the chest is where the
     spine carries it only on average. Rotations in the world stay those of the animation.
-
-    Args:
-        animation: animation with T frames of the `ha2g` armature.
-        lower: pelvis and legs with T frames.
-
-    Returns:
-        Animation of an armature with the joints of `lower_body.JOINTS` before those of `animation`.
     """
     armature, legs = animation.armature, lower_body.JOINTS
     turned = rotations.unit(lower.rotations)
@@ -181,11 +153,7 @@ def add_lower_body(animation: Animation, lower: LowerBody) -> Animation:
 
 
 def carriers(skeleton: Skeleton) -> tuple[str, ...]:
-    """Return the name of the joint of `ha2g_armature` that rotates each bone of a skeleton.
-
-    Args:
-        skeleton: skeleton of the bones.
-    """
+    """Return the name of the joint of `ha2g_armature` that rotates each bone of a skeleton."""
     starts = [parent for parent, _ in skeleton.bones]
     return tuple(
         _carrier(skeleton, skeleton.joints[child]) if starts.count(parent) > 1 else skeleton.joints[parent]
@@ -207,9 +175,6 @@ def rest_directions(skeleton: Skeleton) -> np.ndarray:
     Trunk, arms and fingers are straight. Collarbones and face are those of the mean pose of the data, made symmetric,
     and so are the bones within the hand, rotated so that the bone of the middle finger lies along the arm and the palm
     is level.
-
-    Args:
-        skeleton: skeleton of the bones.
     """
     mean = skeleton.mean_directions.astype(np.float64)
     mean = normalize(mean + mirror_directions(skeleton, mean)) * export_axes(skeleton)

@@ -67,14 +67,7 @@ class LowerBody:
         return 0.0 if abs(height) <= _TRUSTED else height
 
     def check(self, num_frames: int) -> None:
-        """Check shapes and values.
-
-        Args:
-            num_frames: number of frames of the motion.
-
-        Raises:
-            UserError: an array has another shape, or values that are not finite, too large or no rotations.
-        """
+        """Raise a UserError if an array has another shape, or values that are not finite, too large or no rotations."""
         shapes = ((len(JOINTS) + 1, 3), (num_frames, len(JOINTS), 4), (num_frames, 3))
         for name, array, shape in zip(ARRAYS, self.as_arrays().values(), shapes, strict=True):
             if array.shape != shape or array.dtype.kind != "f":
@@ -92,14 +85,7 @@ class LowerBody:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "LowerBody | None":
-        """Return the lower body of a file, None where the file has none.
-
-        Args:
-            arrays: arrays of the file by name.
-
-        Raises:
-            UserError: some of the arrays are missing.
-        """
+        """Return the lower body of a file, None where the file has none; some of `ARRAYS` are a UserError."""
         found = [arrays[name] for name in ARRAYS if name in arrays]
         if not found:
             return None

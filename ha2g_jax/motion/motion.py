@@ -4,25 +4,16 @@ import dataclasses
 import json
 import os
 import pathlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import parse_json, reading, reason, shown
 from ha2g_jax.files.writing import whole_file
-from ha2g_jax.limits import (
-    MAX_FACE_VALUES,
-    MAX_MOTION_BYTES,
-    MAX_MOTION_FPS,
-    MAX_MOTION_FRAMES,
-    MAX_MOTION_JOINTS,
-    MAX_MOTION_META_BYTES,
-    MAX_MOTION_SECONDS,
-    MIN_MOTION_FPS,
-)
 from ha2g_jax.motion import lower_body
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.skeleton import (
@@ -34,147 +25,16 @@ from ha2g_jax.skeleton import (
     positions_to_directions,
 )
 
-MAX_METRES = 100.0
-
-_MIN_LENGTH, _MAX_LENGTH = 1e-3, 1e3  # of a direction vector, which should have length 1
-_MIN_BONE = 1e-3  # metres between the two joints of a bone
-_BLOCK = 10_000  # frames that are looked at together, so that a long motion needs no second copy
-
-
-def check_parts(
-    directions: np.ndarray, positions: np.ndarray, fps: float, joint_names: Sequence[str], meta: Mapping[str, Any]
-) -> None:
-    """Check the parts of a motion, whose meaning is that of the attributes of `motion.Motion`.
-
-    Args:
-        directions: (T, bones, 3) unit direction vectors.
-        positions: (T, joints, 3) metres.
-        fps: frames per second.
-        joint_names: names of the joints.
-        meta: facts with the name of the skeleton.
-
-    Raises:
-        UserError: the skeleton or the joints are unknown, the arrays do not fit together, there are no or too many
-            frames, the frame rate is out of range, a value is not finite, a direction vector has no usual length, a
-            bone has no length, or a position is too far away.
-    """
-    name = meta.get("skeleton")
-    if name not in SKELETONS:
-        raise UserError(f"the motion has skeleton {str(name)[:40]!r}; expected {' or '.join(SKELETONS)}")
-    skeleton = load_skeleton(name)
-    if tuple(joint_names) != skeleton.joints:
-        pairs = zip(joint_names, skeleton.joints, strict=False)
-        first = next((f"{str(found)[:40]!r} for {ours}" for found, ours in pairs if found != ours), "another number")
-        raise UserError(
-            f"the motion has {len(joint_names)} joints, not the {skeleton.num_joints} of {name} ({first}); "
-            "give one that ha2g generate wrote"
-        )
-    frames = directions.shape[0] if directions.ndim else 0
-    for kind, array, count in (
-        ("directions", directions, skeleton.num_bones),
-        ("positions", positions, skeleton.num_joints),
-    ):
-        if array.shape != (frames, count, 3) or array.dtype.kind != "f":
-            raise UserError(
-                f"the motion's {kind} are {array.dtype} of shape {array.shape}; expected floats, {(frames, count, 3)}"
-            )
-    check_length(frames, fps)
-    _check_values(directions, positions, skeleton)
-
-
-def check_length(frames: int, fps: float) -> None:
-    """Check the number of frames of a motion, their rate, and the length in seconds that follows.
-
-    Args:
-        frames: number of frames.
-        fps: frames per second.
-
-    Raises:
-        UserError: one of the three is out of range.
-    """
-    if not 1 <= frames <= MAX_MOTION_FRAMES:
-        raise UserError(
-            f"the motion has {frames} frames; expected 1 to {MAX_MOTION_FRAMES}: cut it, or generate at a lower frame "
-            "rate"
-        )
-    if not MIN_MOTION_FPS <= fps <= MAX_MOTION_FPS:
-        raise UserError(
-            f"the motion has {fps} frames per second; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}: give its true rate"
-        )
-    if frames > MAX_MOTION_SECONDS * fps:
-        raise UserError(
-            f"the motion has {frames / fps:.0f} seconds, {frames} frames at {fps:g} a second; expected at most "
-            f"{MAX_MOTION_SECONDS}: cut it"
-        )
-
-
-def check_face(face: Mapping[str, np.ndarray], frames: int) -> None:
-    """Check the passengers of a motion, see `motion.Motion.face`.
-
-    Args:
-        face: arrays (T, n) by name.
-        frames: number of frames of the motion.
-
-    Raises:
-        UserError: an array has another shape, or values that are not finite or too large.
-    """
-    for name, values in face.items():
-        if values.ndim != 2 or len(values) != frames or values.dtype.kind != "f" or values.shape[1] > MAX_FACE_VALUES:
-            raise UserError(
-                f"the motion's face_{name} are {values.dtype} of shape {values.shape}; expected floats, "
-                f"({frames}, at most {MAX_FACE_VALUES})"
-            )
-        if not (np.abs(values) <= _MAX_LENGTH).all():
-            raise UserError(f"the motion's face_{name} have values that are not finite or too large; export it again")
-
-
-def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skeleton) -> None:
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    ends = [skeleton.joints[child] for child in children]
-    for start, (vectors, places) in _blocks(directions, positions):
-        for kind, array, names in (
-            ("direction of the bone to", vectors, ends),
-            ("position of", places, skeleton.joints),
-        ):
-            is_bad = ~np.isfinite(array).all(axis=-1)
-            if is_bad.any():
-                frame, index = np.argwhere(is_bad)[0]
-                raise UserError(
-                    f"the {kind} {names[index]} in frame {start + frame} is not a number; expected finite values: "
-                    "generate the motion again"
-                )
-        if (largest := float(np.abs(places).max())) > MAX_METRES:
-            raise UserError(f"a joint of the motion is {largest:.4g} m away; expected metres, within {MAX_METRES:g}")
-        # The largest part of a vector, because the square of an odd number may be infinite.
-        lengths = np.abs(vectors).max(axis=-1)
-        is_odd = (lengths < _MIN_LENGTH) | (lengths > _MAX_LENGTH)
-        if is_odd.any():
-            frame, bone = np.argwhere(is_odd)[0]
-            raise UserError(
-                f"the bone to {ends[bone]} in frame {start + frame} has a direction of length "
-                f"{lengths[frame, bone]:.4g}; expected unit vectors: generate the motion again"
-            )
-    bones = np.linalg.norm(positions[0, children].astype(np.float64) - positions[0, parents], axis=-1)
-    if (bones < _MIN_BONE).any():
-        bone = int(np.argmin(bones))
-        raise UserError(
-            f"the bone to {ends[bone]} is {bones[bone]:.4g} m long; expected at least {_MIN_BONE}: generate the motion "
-            "again"
-        )
-
-
-def _blocks(*arrays: np.ndarray) -> Iterator[tuple[int, tuple[np.ndarray, ...]]]:
-    """Yield the first frame and the arrays of one block of frames after the other."""
-    for start in range(0, len(arrays[0]), _BLOCK):
-        yield start, tuple(array[start : start + _BLOCK] for array in arrays)
-
-
 FACE = ("expressions", "jaw", "arkit")
 """Names of the arrays of `Motion.face`; in a file with "face_" before them."""
 
 ARRAYS = ("directions", "positions", "fps", "joint_names", "meta", *lower_body.ARRAYS, *(f"face_{it}" for it in FACE))
 
 _SAMPLED = 500  # frames whose bone lengths are averaged
+_MIN_LENGTH, _MAX_LENGTH = 1e-3, 1e3  # of a direction vector, which should have length 1
+_MAX_METRES = 100.0
+_MIN_BONE = 1e-3  # metres between the two joints of a bone
+_BLOCK = 10_000  # frames that are looked at together, so that a long motion needs no second copy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,13 +67,8 @@ class Motion:
         """Build a motion from direction vectors and the bone lengths of a skeleton.
 
         Args:
-            skeleton: skeleton of the direction vectors.
             directions: (T, bones, 3) direction vectors of any positive length; they are normalised.
-            fps: frames per second.
             meta: further entries of `Motion.meta`, as JSON values.
-
-        Returns:
-            The motion with T frames.
         """
         directions = normalize(np.asarray(directions, np.float32))
         left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
@@ -240,15 +95,10 @@ class Motion:
         """Build a motion from joint positions, which it keeps, relative to the root of each frame.
 
         Args:
-            skeleton: skeleton of the joints and the axes.
             positions: (T, joints, 3) metres in the axes of the skeleton.
-            fps: frames per second.
             meta: further entries of `Motion.meta`, as JSON values.
             lower: pelvis and legs with T frames.
             face: see `Motion.face`.
-
-        Returns:
-            The motion with T frames.
         """
         directions = positions_to_directions(skeleton, np.asarray(positions, np.float64))
         motion = cls.from_directions(skeleton, directions, fps, meta)
@@ -270,15 +120,17 @@ class Motion:
         return len(self.directions)
 
     def check(self) -> None:
-        """Check that the motion is valid.
+        """Check the motion before it is converted, drawn, exported or continued.
 
         Raises:
-            UserError: see `check_parts`.
+            UserError: the skeleton or the joints are unknown, the arrays do not fit together, there are no or too many
+                frames, the frame rate is out of range, a value is not finite, a direction vector has no usual length,
+                a bone has no length, or a position is too far away.
         """
-        check_parts(self.directions, self.positions, self.fps, self.joint_names, self.meta)
+        _check_skeleton(self)
         if self.lower is not None:
             self.lower.check(self.num_frames)
-        check_face(self.face, self.num_frames)
+        _check_face(self.face, self.num_frames)
 
     def save(self, path: str | pathlib.Path) -> None:
         """Write the motion to an `.npz` file; `formats.export` writes the files of other programs.
@@ -286,9 +138,6 @@ class Motion:
         The file is a numpy archive without pickle that holds directions, positions, fps, joint_names, meta (JSON text),
         and where they are known the arrays of `lower_body.ARRAYS` and of the face. The same motion gives the same
         bytes. The file is written completely or not at all.
-
-        Args:
-            path: `.npz` file to write.
 
         Raises:
             UserError: the path does not end in `.npz`, or the file cannot be written.
@@ -315,13 +164,7 @@ class Motion:
 
     @classmethod
     def load(cls, path: str | pathlib.Path) -> "Motion":
-        """Read a motion from a file that `save` wrote.
-
-        Args:
-            path: `.npz` file to read.
-
-        Returns:
-            The motion.
+        """Read a motion from an `.npz` file that `save` wrote.
 
         Raises:
             UserError: the file is missing or does not hold a motion.
@@ -335,18 +178,14 @@ class Motion:
         with reading(path, "a motion of ha2g generate"):
             if not path.is_file():
                 raise UserError(f"no motion at {shown(path)}; give an .npz that ha2g generate wrote")
-        return cls.from_arrays(read_npz(path, max_bytes=MAX_MOTION_BYTES, names=ARRAYS), path)
+        return cls.from_arrays(read_npz(path, max_bytes=limits.MAX_MOTION_BYTES, names=ARRAYS), path)
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray], path: str | os.PathLike) -> "Motion":
-        """Build a motion from the arrays of a file that `save` wrote, and check it.
-
-        Args:
-            arrays: `ARRAYS` by name; others are not read.
-            path: path of the file, for messages.
+        """Build a motion from the arrays of a file that `save` wrote, `ARRAYS` by name, and check it.
 
         Raises:
-            UserError: the arrays do not hold a motion.
+            UserError: the arrays do not hold a motion; the message names the path.
         """
         try:
             motion = cls(
@@ -368,16 +207,117 @@ class Motion:
 
 
 def _parse_names(names: np.ndarray) -> tuple[str, ...]:
-    if names.size > MAX_MOTION_JOINTS or names.nbytes > MAX_MOTION_META_BYTES:
+    if names.size > limits.MAX_MOTION_JOINTS or names.nbytes > limits.MAX_MOTION_META_BYTES:
         raise ValueError(f"joint_names of shape {names.shape} and {names.nbytes} bytes")
     return tuple(str(name) for name in names)
 
 
 def _parse_meta(text: np.ndarray) -> dict[str, Any]:
-    if text.nbytes > 4 * MAX_MOTION_META_BYTES:  # four bytes a letter
-        raise ValueError(f"meta of {text.nbytes // 4} bytes, more than the {MAX_MOTION_META_BYTES} allowed")
+    if text.nbytes > 4 * limits.MAX_MOTION_META_BYTES:  # four bytes a letter
+        raise ValueError(f"meta of {text.nbytes // 4} bytes, more than the {limits.MAX_MOTION_META_BYTES} allowed")
     meta = parse_json(str(text.reshape(())))
     if not isinstance(meta, dict):
         raise TypeError(f"meta is a {type(meta).__name__}, not an object")
     json.dumps(meta, allow_nan=False)
     return meta
+
+
+def check_length(frames: int, fps: float) -> None:
+    """Check the number of frames of a motion, their rate, and the length in seconds that follows.
+
+    Raises:
+        UserError: one of the three is out of range.
+    """
+    if not 1 <= frames <= limits.MAX_MOTION_FRAMES:
+        raise UserError(
+            f"the motion has {frames} frames; expected 1 to {limits.MAX_MOTION_FRAMES}: cut it, or generate at a lower "
+            "frame rate"
+        )
+    if not limits.MIN_MOTION_FPS <= fps <= limits.MAX_MOTION_FPS:
+        raise UserError(
+            f"the motion has {fps} frames per second; expected {limits.MIN_MOTION_FPS} to {limits.MAX_MOTION_FPS}: "
+            "give its true rate"
+        )
+    if frames > limits.MAX_MOTION_SECONDS * fps:
+        raise UserError(
+            f"the motion has {frames / fps:.0f} seconds, {frames} frames at {fps:g} a second; expected at most "
+            f"{limits.MAX_MOTION_SECONDS}: cut it"
+        )
+
+
+def _check_skeleton(motion: Motion) -> None:
+    """Check the names, the shapes and the values of a motion, see `Motion.check`."""
+    name = motion.meta.get("skeleton")
+    if name not in SKELETONS:
+        raise UserError(f"the motion has skeleton {str(name)[:40]!r}; expected {' or '.join(SKELETONS)}")
+    skeleton = load_skeleton(name)
+    if motion.joint_names != skeleton.joints:
+        pairs = zip(motion.joint_names, skeleton.joints, strict=False)
+        first = next((f"{str(found)[:40]!r} for {ours}" for found, ours in pairs if found != ours), "another number")
+        raise UserError(
+            f"the motion has {len(motion.joint_names)} joints, not the {skeleton.num_joints} of {name} ({first}); "
+            "give one that ha2g generate wrote"
+        )
+    frames = motion.directions.shape[0] if motion.directions.ndim else 0
+    for kind, array, count in (
+        ("directions", motion.directions, skeleton.num_bones),
+        ("positions", motion.positions, skeleton.num_joints),
+    ):
+        if array.shape != (frames, count, 3) or array.dtype.kind != "f":
+            raise UserError(
+                f"the motion's {kind} are {array.dtype} of shape {array.shape}; expected floats, {(frames, count, 3)}"
+            )
+    check_length(frames, motion.fps)
+    _check_values(motion.directions, motion.positions, skeleton)
+
+
+def _check_values(directions: np.ndarray, positions: np.ndarray, skeleton: Skeleton) -> None:
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    ends = [skeleton.joints[child] for child in children]
+    for start in range(0, len(directions), _BLOCK):
+        vectors, places = directions[start : start + _BLOCK], positions[start : start + _BLOCK]
+        for kind, array, names in (
+            ("direction of the bone to", vectors, ends),
+            ("position of", places, skeleton.joints),
+        ):
+            is_bad = ~np.isfinite(array).all(axis=-1)
+            if is_bad.any():
+                frame, index = np.argwhere(is_bad)[0]
+                raise UserError(
+                    f"the {kind} {names[index]} in frame {start + frame} is not a number; expected finite values: "
+                    "generate the motion again"
+                )
+        if (largest := float(np.abs(places).max())) > _MAX_METRES:
+            raise UserError(f"a joint of the motion is {largest:.4g} m away; expected metres, within {_MAX_METRES:g}")
+        # The largest part of a vector, because the square of an odd number may be infinite.
+        lengths = np.abs(vectors).max(axis=-1)
+        is_odd = (lengths < _MIN_LENGTH) | (lengths > _MAX_LENGTH)
+        if is_odd.any():
+            frame, bone = np.argwhere(is_odd)[0]
+            raise UserError(
+                f"the bone to {ends[bone]} in frame {start + frame} has a direction of length "
+                f"{lengths[frame, bone]:.4g}; expected unit vectors: generate the motion again"
+            )
+    bones = np.linalg.norm(positions[0, children].astype(np.float64) - positions[0, parents], axis=-1)
+    if (bones < _MIN_BONE).any():
+        bone = int(np.argmin(bones))
+        raise UserError(
+            f"the bone to {ends[bone]} is {bones[bone]:.4g} m long; expected at least {_MIN_BONE}: generate the motion "
+            "again"
+        )
+
+
+def _check_face(face: Mapping[str, np.ndarray], frames: int) -> None:
+    for name, values in face.items():
+        if (
+            values.ndim != 2
+            or len(values) != frames
+            or values.dtype.kind != "f"
+            or values.shape[1] > limits.MAX_FACE_VALUES
+        ):
+            raise UserError(
+                f"the motion's face_{name} are {values.dtype} of shape {values.shape}; expected floats, "
+                f"({frames}, at most {limits.MAX_FACE_VALUES})"
+            )
+        if not (np.abs(values) <= _MAX_LENGTH).all():
+            raise UserError(f"the motion's face_{name} have values that are not finite or too large; export it again")

@@ -12,25 +12,21 @@ _CHUNK = 4096  # moments at a time, so that half an hour at 240 frames per secon
 
 
 def num_frames(duration: float, fps: float) -> int:
-    """Return the number of frames of a motion: round(duration x fps), at least 1.
-
-    Args:
-        duration: length in seconds.
-        fps: frames per second.
-    """
+    """Return the number of frames of a motion of a duration in seconds: round(duration x fps), at least 1."""
     return max(1, round(duration * fps))
 
 
+def moments_at(frames: int, fps: float, new_fps: float) -> np.ndarray:
+    """Return the moments (T,) in frames at which a motion is sampled at another rate, up to its last frame."""
+    last = frames - 1
+    return np.minimum(np.arange(int(last * new_fps / fps + 1e-6) + 1) * (fps / new_fps), last)
+
+
 def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """Interpolate between unit vectors on the sphere.
+    """Interpolate between unit vectors (..., 3) on the sphere.
 
-    Args:
-        first: (..., 3) unit vectors.
-        second: (..., 3) unit vectors.
-        fraction: array that broadcasts with (..., 1); 0 gives `first`, 1 gives `second`.
-
-    Returns:
-        (..., 3) unit vectors; between opposite vectors, which have no shortest arc, the nearer of the two.
+    The fraction, which broadcasts with (..., 1), is 0 at `first` and 1 at `second`. Between opposite vectors, which
+    have no shortest arc, the result is the nearer of the two.
     """
     chord = np.linalg.norm(first - second, axis=-1, keepdims=True)
     angle = 2 * np.arctan2(chord, np.linalg.norm(first + second, axis=-1, keepdims=True))
@@ -43,15 +39,9 @@ def slerp(first: np.ndarray, second: np.ndarray, fraction: np.ndarray) -> np.nda
 
 
 def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return the tangent vectors at unit vectors that lead to other unit vectors along great circles.
+    """Return the tangent vectors (..., 3) at unit vectors `base` that lead to other unit vectors along great circles.
 
-    Args:
-        base: (..., 3) unit vectors.
-        vectors: (..., 3) unit vectors.
-
-    Returns:
-        (..., 3) tangent vectors at `base`, whose lengths are the angles in radians; 0 between opposite vectors, which
-        have no shortest arc.
+    Their lengths are the angles in radians; 0 between opposite vectors, which have no shortest arc.
     """
     chord = np.linalg.norm(vectors - base, axis=-1, keepdims=True)
     angle = 2 * np.arctan2(chord, np.linalg.norm(vectors + base, axis=-1, keepdims=True))
@@ -61,15 +51,7 @@ def log_map(base: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def exp_map(base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    """Return the unit vectors that tangent vectors lead to along great circles, the inverse of `log_map`.
-
-    Args:
-        base: (..., 3) unit vectors.
-        tangents: (..., 3) tangent vectors at `base`, whose lengths are angles in radians.
-
-    Returns:
-        (..., 3) unit vectors.
-    """
+    """Return the unit vectors (..., 3) that tangent vectors at `base` lead to, the inverse of `log_map`."""
     angle = np.linalg.norm(tangents, axis=-1, keepdims=True)
     return np.cos(angle) * base + np.sinc(angle / np.pi) * tangents
 
@@ -79,8 +61,6 @@ def resample(directions: np.ndarray, fps: float, new_fps: float, new_frames: int
 
     Args:
         directions: (T, bones, 3) unit vectors.
-        fps: frames per second of `directions`.
-        new_fps: frames per second of the result.
         new_frames: number of frames of the result; after the last frame of the input the last pose is held.
 
     Returns:

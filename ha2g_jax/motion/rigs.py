@@ -1,4 +1,4 @@
-"""Rigs: the joints of other programs, each a table in `assets/rigs/`.
+"""Rigs, the joints of other programs, each a table in `assets/rigs/`, and the transfer of an animation to a rig.
 
 Each file `assets/rigs/NAME.json` is a rig of that name; a new file is a new rig. It has the rig's `name`, a `comment`,
 `proportions` ("motion" for the bone lengths of the motion, "table" for those of the file) and `joints`, a list in
@@ -35,23 +35,12 @@ RIGS = (OWN, *sorted(file.name.removesuffix(".json") for file in _TABLES.iterdir
 
 # Joints whose rotation another joint has, where the skeleton has a joint of that name for another purpose.
 OTHER_NAMES = {"head": "nose_0"}
+PELVIS = LOWER_JOINTS[0]
 
 
 @dataclasses.dataclass(frozen=True)
 class RigJoint:
-    """One joint of a rig; the docstring of the module says what each field means.
-
-    Attributes:
-        name: the rig's name of the joint.
-        parent: index of the parent, -1 for the root.
-        carries: name of a joint of the `ha2g` armature, or None.
-        place: name of a joint of the `ha2g` armature, or None.
-        offset: (3,) metres.
-        weight: fraction of the rotation, 0 to 1.
-        rest: (4,) orientation in the world.
-        t_pose: (4,) orientation in the world, or None.
-        direction: (3,) unit vector in the world, or None.
-    """
+    """One joint of a rig; the docstring of the module says what each field means."""
 
     name: str
     parent: int
@@ -66,13 +55,7 @@ class RigJoint:
 
 @dataclasses.dataclass(frozen=True)
 class Rig:
-    """The joints of another program.
-
-    Attributes:
-        name: one of `RIGS`.
-        has_own_lengths: whether the bones have the lengths of the rig's file; otherwise those of the motion.
-        joints: all joints, each after its parent; joint 0 is the root.
-    """
+    """The joints of another program, each after its parent; the bones have the motion's lengths or the file's own."""
 
     name: str
     has_own_lengths: bool
@@ -86,13 +69,7 @@ class Rig:
 
 @functools.cache
 def load_rig(name: str) -> Rig:
-    """Load a rig.
-
-    Args:
-        name: one of `RIGS`; "ha2g" is the rig of the joints of TED-Expressive.
-
-    Returns:
-        The rig.
+    """Load one of `RIGS`; "ha2g" is the rig of the joints of TED-Expressive.
 
     Raises:
         UserError: there is no such rig.
@@ -124,11 +101,7 @@ def load_rig(name: str) -> Rig:
 
 
 def carriers(armature: Armature) -> dict[str, int]:
-    """Return the index of the joint that rotates as each `ha2g` joint does, by the name of the latter.
-
-    Args:
-        armature: armature of any rig.
-    """
+    """Return the index of the joint that rotates as each `ha2g` joint does, by the name of the latter."""
     if armature.name == OWN:
         own = {name: index for index, name in enumerate(armature.joints)}
         return own | {name: own[other] for name, other in OTHER_NAMES.items() if other in own}
@@ -136,11 +109,7 @@ def carriers(armature: Armature) -> dict[str, int]:
 
 
 def places(armature: Armature) -> dict[str, int]:
-    """Return the index of the joint that has the place of each `ha2g` joint, by the name of the latter.
-
-    Args:
-        armature: armature of any rig.
-    """
+    """Return the index of the joint that has the place of each `ha2g` joint, by the name of the latter."""
     if armature.name == OWN:
         return {name: index for index, name in enumerate(armature.joints)}
     return {joint.place: index for index, joint in enumerate(load_rig(armature.name).joints) if joint.place}
@@ -151,9 +120,6 @@ def rest_positions(armature: Armature) -> tuple[np.ndarray, np.ndarray]:
     still = Animation(armature, armature.rest[None], np.zeros((1, 3)), 1.0, {})
     orientations, positions = world(still)
     return orientations[0], positions[0]
-
-
-PELVIS = LOWER_JOINTS[0]
 
 
 def retarget(animation: Animation, rig: Rig) -> Animation:
@@ -168,7 +134,6 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
     pose and stand on the ground, y = 0.
 
     Args:
-        animation: animation of the `ha2g` armature.
         rig: rig to transfer it to; for "ha2g" the result is the animation itself.
 
     Returns:
@@ -204,12 +169,7 @@ class Transfer:
 
     @classmethod
     def between(cls, armature: Armature, rig: Rig) -> "Transfer":
-        """Prepare the transfer from the `ha2g` armature of a skeleton to a rig.
-
-        Args:
-            armature: `ha2g` armature.
-            rig: any other rig.
-        """
+        """Prepare the transfer from the `ha2g` armature of a skeleton to any other rig."""
         places, to_rest, rest = _rest_pose(armature, rig)
         found = [_source(armature, joint.carries) for joint in rig.joints]
         above: list[int] = []  # the source of the nearest joint above that takes a whole rotation
@@ -228,14 +188,9 @@ class Transfer:
         )
 
     def apply(self, animation: Animation, before: np.ndarray | None = None) -> Animation:
-        """Transfer an animation of the `ha2g` armature.
+        """Transfer an animation of the armature that the transfer was prepared for.
 
-        Args:
-            animation: animation of the armature that the transfer was prepared for.
-            before: (J, 4) rotations of the frame before, which the signs of the quaternions continue.
-
-        Returns:
-            Animation of `armature`.
+        The signs of the quaternions continue those of the frame `before`, (J, 4).
         """
         sources, _ = world(animation)
         rotation = sources[:, self.sources]

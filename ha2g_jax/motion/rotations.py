@@ -16,15 +16,7 @@ _MIN_NORM = 1e-12
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the rotation b followed by the rotation a.
-
-    Args:
-        a: (..., 4) quaternions.
-        b: (..., 4) quaternions of a shape that broadcasts with that of `a`.
-
-    Returns:
-        (..., 4) quaternions.
-    """
+    """Return the rotation b followed by the rotation a, of quaternions (..., 4) whose shapes broadcast."""
     (ax, ay, az, aw), (bx, by, bz, bw) = ([q[..., k] for k in range(4)] for q in (a, b))
     return np.stack(
         [
@@ -68,14 +60,9 @@ def perpendicular(v: np.ndarray) -> np.ndarray:
 
 
 def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the shortest rotation from u to v.
+    """Return the shortest rotations (..., 4) from u to v, (..., 3) vectors of any positive length.
 
-    Args:
-        u: (..., 3) vectors of any positive length.
-        v: (..., 3) vectors of any positive length.
-
-    Returns:
-        (..., 4) rotations; between opposite vectors a rotation by 180 degrees about `perpendicular(u)`.
+    Between opposite vectors it is a rotation by 180 degrees about `perpendicular(u)`.
     """
     u, v = np.broadcast_arrays(unit(u), unit(v))
     half = u + v
@@ -107,20 +94,10 @@ def from_matrix(matrices: np.ndarray) -> np.ndarray:
     return q.reshape(*matrices.shape[:-2], 4)
 
 
-def from_axes(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Return the rotations (..., 4) that take the axes of the world to right-handed unit vectors x, y, z (..., 3)."""
-    return from_matrix(np.stack([x, y, z], axis=-1))
-
-
 def to_euler(q: np.ndarray, order: str = "ZXY") -> np.ndarray:
-    """Return intrinsic Euler angles.
+    """Return intrinsic Euler angles (..., 3) in degrees of quaternions (..., 4).
 
-    Args:
-        q: (..., 4) quaternions.
-        order: axes of the three rotations; each is that of the already rotated axes.
-
-    Returns:
-        (..., 3) angles in degrees.
+    `order` names the axes of the three rotations; each is that of the already rotated axes.
     """
     q = np.asarray(q, np.float64)
     with warnings.catch_warnings():
@@ -159,14 +136,9 @@ def from_vector(vectors: np.ndarray) -> np.ndarray:
 
 
 def continuous(q: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
-    """Choose the signs of quaternions so that they are continuous over time.
+    """Choose the signs of quaternions (T, ..., 4) so that they are continuous over time.
 
-    Args:
-        q: (T, ..., 4) rotations.
-        before: (..., 4) the rotations of the frame before, which the signs continue.
-
-    Returns:
-        (T, ..., 4) the same rotations; without `before`, w >= 0 in the first frame.
+    They continue those of the frame `before`, (..., 4); without it w >= 0 in the first frame.
     """
     q = np.array(q, np.float64)
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
@@ -176,16 +148,10 @@ def continuous(q: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
 
 
 def split_twist(q: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split rotations into q = swing x twist.
+    """Split rotations (..., 4) into swing and twist, q = swing x twist.
 
-    The twist rotates about `axis`; the swing is the shortest rotation from there to where q takes the axis.
-
-    Args:
-        q: (..., 4) rotations.
-        axis: (..., 3) unit vectors.
-
-    Returns:
-        Swing and twist, (..., 4) each. Where q reverses the axis, the twist is the identity.
+    The twist rotates about `axis`, (..., 3) unit vectors; the swing is the shortest rotation from there to where q
+    takes the axis. Where q reverses the axis, the twist is the identity.
     """
     along = np.sum(q[..., :3] * axis, axis=-1, keepdims=True)
     twist = np.concatenate([along * axis, q[..., 3:]], axis=-1)
@@ -202,16 +168,7 @@ def twist_angle(q: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def slerp(a: np.ndarray, b: np.ndarray, fraction: npt.ArrayLike) -> np.ndarray:
-    """Interpolate between rotations along the shorter arc.
-
-    Args:
-        a: (..., 4) rotations.
-        b: (..., 4) rotations.
-        fraction: (...) position between them; 0 gives `a`, 1 gives `b`.
-
-    Returns:
-        (..., 4) rotations.
-    """
+    """Interpolate between rotations (..., 4) along the shorter arc; the fraction (...) 0 gives `a`, 1 gives `b`."""
     b = np.where(np.sum(a * b, axis=-1, keepdims=True) < 0, -b, b)
     difference = to_vector(multiply(b, conjugate(a)))
     return multiply(from_vector(np.asarray(fraction, np.float64)[..., None] * difference), a)

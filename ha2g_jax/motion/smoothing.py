@@ -19,7 +19,6 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 
     Args:
         directions: (T, bones, 3) unit vectors.
-        fps: frames per second.
         seconds: width of the window in seconds; one of at most 2 frames changes nothing.
 
     Returns:
@@ -44,26 +43,12 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 
 
 def minimum_jerk(time: np.ndarray) -> np.ndarray:
-    """Return the minimum-jerk curve, which goes from 0 to 1 and is at rest at both ends (Flash and Hogan 1985).
-
-    Args:
-        time: times from 0 to 1, an array of any shape.
-
-    Returns:
-        Values from 0 to 1 of the same shape.
-    """
+    """Return the minimum-jerk curve, which goes from 0 to 1 and is at rest at both ends (Flash and Hogan 1985)."""
     return time**3 * (10 - 15 * time + 6 * time**2)
 
 
 def check_width(seconds: float) -> None:
-    """Check the width of the window of `smooth`.
-
-    Args:
-        seconds: width in seconds.
-
-    Raises:
-        UserError: the width is not a number from 0 to 2.
-    """
+    """Raise a UserError if the width in seconds of the window of `smooth` is not a number from 0 to 2."""
     if not (math.isfinite(seconds) and 0 <= seconds <= MAX_SMOOTHING):
         raise UserError(f"the smoothing window is {seconds} s; expected 0 to {MAX_SMOOTHING:g}")
 
@@ -75,8 +60,7 @@ def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 
     Args:
         poses: (T, ..., n) unit vectors, or quaternions with signs that are continuous over time.
-        fps: frames per second.
-        seconds: width of the window in seconds.
+        seconds: width of the window.
 
     Returns:
         (T, ..., n) float64 unit vectors.

@@ -11,24 +11,18 @@ _TOLERANCE = 2.0  # times the usual distance from the course, which is no step
 
 
 def num_windows(frames: int, window: int, overlap: int) -> int:
-    """Return the number of windows that cover T frames, K = max(1, ceil((T - N) / (N - M)) + 1).
-
-    Args:
-        frames: number of frames T.
-        window: frames N of a window.
-        overlap: frames M that two consecutive windows have in common.
-    """
+    """Return the number of windows of N frames that cover T frames, K = max(1, ceil((T - N) / (N - M)) + 1)."""
     return max(1, -((window - frames) // (window - overlap)) + 1)
 
 
 def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
-    """Join windows to one motion, with a crossfade over the frames that two windows have in common.
+    """Join windows to one motion, with a crossfade over the M frames that two windows have in common.
 
-    In these M frames the weight of the later window is 1/(M+1), ..., M/(M+1), interpolated on the sphere.
+    In these frames the weight of the later window is 1/(M+1), ..., M/(M+1), interpolated on the sphere.
 
     Args:
         windows: (K, N, bones, 3) unit vectors.
-        overlap: frames M that two consecutive windows have in common.
+        overlap: M.
 
     Returns:
         (N + (K - 1)(N - M), bones, 3) unit vectors.
@@ -40,7 +34,7 @@ def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
 
 
 def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: bool = False) -> np.ndarray:
-    """Remove the step in a motion of `join_windows` at the border after the frames that two windows have in common.
+    """Remove the step in a motion of `join_windows` at the border after the M frames that two windows have in common.
 
     In its first M frames a window repeats the poses it was given; its first new frame may lie off the course of these,
     which the mean of the steps before and after it extrapolates. So do other frames of a lively motion: where a bone is
@@ -51,7 +45,7 @@ def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: b
     Args:
         motion: (T, bones, 3) unit vectors.
         window: frames N of a window.
-        overlap: frames M that two consecutive windows have in common.
+        overlap: M.
         from_start: whether the first M frames of the motion were given, too.
 
     Returns:
@@ -103,10 +97,7 @@ class RunningJoin:
         window: frames N of a window.
         overlap: frames M of the seed pose.
         hop: frames from one window to the next, 1 to N - 2 M, or N - M.
-        first: number of the first frame of a window that is shown, M to N - hop; not used with a hop of N - M.
-
-    Attributes:
-        first: number of the first frame of a window that is shown.
+        first: number of the first frame that is shown, M to N - hop; not used with a hop of N - M.
     """
 
     def __init__(self, window: int, overlap: int, hop: int, first: int | None = None):
@@ -118,15 +109,9 @@ class RunningJoin:
         self._shown: np.ndarray | None = None
 
     def add(self, window: np.ndarray) -> np.ndarray:
-        """Return the frames that the motion has so far from the first one that this window shows.
+        """Return the frames (N - first, bones, 3) that the motion has so far from the first one that this window shows.
 
-        The first `hop` frames do not change any more; the others change with the next window.
-
-        Args:
-            window: (N, bones, 3) unit vectors.
-
-        Returns:
-            (N - first, bones, 3) float32 unit vectors.
+        The first `hop` frames do not change any more; the others change with the next window (N, bones, 3).
         """
         shown = np.array(window[self.first :], np.float32)
         if self._shown is not None:

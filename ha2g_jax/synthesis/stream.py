@@ -19,7 +19,7 @@ from ha2g_jax.features.running_mel import RunningMel
 from ha2g_jax.features.spectrum import hide_unheard, window_column, window_columns
 from ha2g_jax.methods.method import Spec, Variables
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls
-from ha2g_jax.motion.control.running import Ramp, RunningControls, check_running
+from ha2g_jax.motion.control.effects import Ramp, RunningControls, check_running
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.windows import RunningJoin
 from ha2g_jax.skeleton import Skeleton

@@ -45,9 +45,6 @@ def live_page(
         source: "sound" for a page that sends sound to `/v1/stream` of its origin and shows the frames that it gets;
             "frames" for one that shows the frames that its origin sends, see `figure_message`.
         skeleton: skeleton of the frames; None if the server sends it.
-        fps: frames per second.
-        speakers: names that the page offers as styles.
-        needs_token: whether the page asks for a token.
     """
     content = {
         "source": source,
@@ -89,7 +86,6 @@ def frames_message(first: int, directions: np.ndarray) -> dict[str, Any]:
     """Return a message with frames, JSON values; it has the form of those of `/v1/stream`.
 
     Args:
-        first: number of the first frame.
         directions: (n, bones, 3) unit vectors in the axes of the skeleton.
     """
     rows = directions.reshape(len(directions), -1).astype(np.float64)

@@ -17,13 +17,12 @@ from ha2g_jax.skeleton import Skeleton, normalize
 PEAK_RATE = 50  # peaks of the waveform per second
 # 12 bits per octahedral coordinate: the error of a direction is at most 0.07 degrees, of a fingertip below 1 mm.
 LEVELS = 4095
+_RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # sample rates of MP3
+_BIT_RATE = 32000
 
 
 def pack_motion(motion: Motion) -> dict[str, Any]:
     """Encode a motion for a page, with y up and the person facing +z.
-
-    Args:
-        motion: motion in the axes of the TED data.
 
     Returns:
         JSON values: "fps", "frames" (their number), "joints" (names), "bones" (parent, child), "lengths" in metres and
@@ -54,15 +53,10 @@ def describe_skeleton(skeleton: Skeleton) -> dict[str, Any]:
 
 
 def octahedral(directions: np.ndarray) -> np.ndarray:
-    """Encode unit vectors as points of a square: the octahedron |x| + |y| + |z| = 1 with its back folded outwards.
+    """Encode unit vectors (..., 3) as points (..., 2) of a square, int32 in [0, 4095].
 
-    See Cigolle et al., A Survey of Efficient Representations for Independent Unit Vectors, JCGT 3(2), 2014.
-
-    Args:
-        directions: (..., 3) unit vectors.
-
-    Returns:
-        (..., 2) int32 in [0, 4095].
+    The square is the octahedron |x| + |y| + |z| = 1 with its back folded outwards, see Cigolle et al., A Survey of
+    Efficient Representations for Independent Unit Vectors, JCGT 3(2), 2014.
     """
     on_faces = directions / np.sum(np.abs(directions), axis=-1, keepdims=True)
     front, depth = on_faces[..., :2], on_faces[..., 2:]
@@ -72,14 +66,9 @@ def octahedral(directions: np.ndarray) -> np.ndarray:
 
 
 def peaks(audio: np.ndarray, sample_rate: int) -> str:
-    """Encode the peaks of a waveform, the largest absolute sample in each 20 ms.
+    """Encode the peaks of a mono waveform, the largest absolute sample in each 20 ms, as text of `deflated`.
 
-    Args:
-        audio: (samples,) float32 mono sound.
-        sample_rate: samples per second.
-
-    Returns:
-        One byte for each peak, 255 for the largest of all, as text of `deflated`.
+    Each is one byte, 255 for the largest of all.
     """
     num_peaks = -(-len(audio) * PEAK_RATE // sample_rate)
     edges = np.arange(num_peaks) * sample_rate // PEAK_RATE
@@ -92,22 +81,11 @@ def deflated(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
-_RATES = (16000, 22050, 24000, 32000, 44100, 48000)  # sample rates of MP3
-_BIT_RATE = 32000
-
-
 def encode_sound(audio: np.ndarray, sample_rate: int) -> bytes:
-    """Encode sound as an MP3 file.
+    """Encode mono sound as an MP3 file, which every browser plays, at an eighth of the size of the samples.
 
     Its header has the number of samples that the encoder puts before the sound, so that players skip them. The same
     sound gives the same bytes.
-
-    Args:
-        audio: (samples,) float32 mono sound.
-        sample_rate: samples per second.
-
-    Returns:
-        Content of the file.
     """
     if sample_rate not in _RATES:
         audio = soxr.resample(audio, sample_rate, _RATES[0], quality="HQ")

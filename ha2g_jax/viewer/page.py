@@ -23,66 +23,6 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.viewer import packing
 from ha2g_jax.viewer.packing import LEVELS, PEAK_RATE, deflated, pack_motion, peaks
 
-
-class Document(NamedTuple):
-    """An HTML document.
-
-    Attributes:
-        text: the document.
-        style: its style, as text.
-        scripts: its scripts, as text.
-    """
-
-    text: str
-    style: str
-    scripts: tuple[str, ...]
-
-
-def build_document(
-    template: str, title: str, content: Mapping[str, Any], styles: Sequence[str], scripts: Sequence[str]
-) -> Document:
-    """Build a document from files of `assets/viewer`.
-
-    Args:
-        template: name of the HTML file, which has places for what follows.
-        title: title of the document.
-        content: JSON values that the scripts read.
-        styles: names of the CSS files.
-        scripts: names of the JavaScript files, in the order in which they run.
-    """
-    style = "".join(read_asset(name) for name in styles)
-    code = tuple(f"\n{read_asset(name)}" for name in scripts)
-    text = string.Template(read_asset(template)).substitute(
-        title=html.escape(title),
-        style=style,
-        three=_three(),
-        # A "<" could end the script element.
-        content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
-        scripts="\n".join(f"<script>{script}</script>" for script in code),
-    )
-    return Document(text, style, code)
-
-
-def source_hash(text: str) -> str:
-    """Return the source of a Content-Security-Policy that allows an element with a text, and no other."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def read_asset(name: str) -> str:
-    """Return the text of a file of `assets/viewer`."""
-    return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / name).read_text("utf-8")
-
-
-def three_library() -> bytes:
-    """Return the script three.js, release 130 with OrbitControls, as UTF-8."""
-    return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / "three.min.js").read_bytes()
-
-
-@functools.cache
-def _three() -> str:
-    return deflated(three_library())
-
-
 MAX_MOTIONS = 12
 _SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", "timeline.js", "player.js")
 
@@ -104,13 +44,7 @@ class Page:
         return f'<iframe style="{style}" allow="autoplay; fullscreen" srcdoc="{html.escape(self.text)}"></iframe>'
 
     def save(self, path: str | pathlib.Path) -> pathlib.Path:
-        """Write the page to a file, completely or not at all.
-
-        Args:
-            path: `.html` file to write.
-
-        Returns:
-            The path.
+        """Write the page to an `.html` file, completely or not at all, and return its path.
 
         Raises:
             UserError: the path does not end in `.html`, or the file cannot be written.
@@ -137,10 +71,7 @@ def view(
     Args:
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
-        sample_rate: samples per second.
-        words: words of the speech with times in seconds.
         title: title of the page; by default the names of the motions.
-        height: height of the frame in a notebook in pixels.
 
     Returns:
         The page; `Page.save` writes it, and a notebook shows it.
@@ -182,18 +113,7 @@ def write_page(
     *,
     title: str = "",
 ) -> pathlib.Path:
-    """Write the page of `view` to a file. The same input gives the same bytes.
-
-    Args:
-        path: `.html` file to write.
-        motions: see `view`.
-        audio: see `view`.
-        sample_rate: see `view`.
-        words: see `view`.
-        title: see `view`.
-
-    Returns:
-        The path.
+    """Write the page of `view` to an `.html` file. The same input gives the same bytes.
 
     Raises:
         UserError: see `view`; or the path does not end in `.html`, or the file cannot be written.
@@ -211,3 +131,54 @@ def _check(motions: Mapping[str, Motion]) -> None:
         raise UserError(
             f"{frames} frames for one page; expected at most {MAX_MOTION_FRAMES}, cut the motion into parts"
         )
+
+
+class Document(NamedTuple):
+    """An HTML document with the texts of its style and its scripts."""
+
+    text: str
+    style: str
+    scripts: tuple[str, ...]
+
+
+def build_document(
+    template: str, title: str, content: Mapping[str, Any], styles: Sequence[str], scripts: Sequence[str]
+) -> Document:
+    """Build a document from files of `assets/viewer`.
+
+    Args:
+        template: name of the HTML file, which has places for what follows.
+        content: JSON values that the scripts read.
+        scripts: names of the JavaScript files, in the order in which they run.
+    """
+    style = "".join(read_asset(name) for name in styles)
+    code = tuple(f"\n{read_asset(name)}" for name in scripts)
+    text = string.Template(read_asset(template)).substitute(
+        title=html.escape(title),
+        style=style,
+        three=_three(),
+        # A "<" could end the script element.
+        content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
+        scripts="\n".join(f"<script>{script}</script>" for script in code),
+    )
+    return Document(text, style, code)
+
+
+def source_hash(text: str) -> str:
+    """Return the source of a Content-Security-Policy that allows an element with a text, and no other."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def read_asset(name: str) -> str:
+    """Return the text of a file of `assets/viewer`."""
+    return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / name).read_text("utf-8")
+
+
+def three_library() -> bytes:
+    """Return the script three.js, release 130 with OrbitControls, as UTF-8."""
+    return (importlib.resources.files("ha2g_jax") / "assets" / "viewer" / "three.min.js").read_bytes()
+
+
+@functools.cache
+def _three() -> str:
+    return deflated(three_library())

@@ -90,7 +90,7 @@ def test_other_rates_are_resampled_and_borders_with_them(skeleton, arrays, tmp_p
     [
         ({"fps": None}, "has no fps"),
         ({"positions": None, "joint_names": None}, "has no positions and no joint_names"),
-        ({"fps": 0.0}, "states 0 frames per second"),
+        ({"fps": 0.0}, "has 0.0 frames per second"),
         ({"fps": "fast"}, "holds no motion"),
         ({"positions": np.zeros((5, 3, 3))}, "shape .5, 3, 3. for 10 joint names"),
         ({"positions": [[1, 2], [3]]}, "holds no motion"),

@@ -41,8 +41,6 @@ def import_bvh(
 
     Args:
         src: path of a .bvh file or of a folder.
-        dst: folder to make.
-        options: options of all motion capture formats.
         joint_map: "auto", "mixamo", "zeroeggs", "beat", "genea", "ha2g" or the path of a YAML file; see `joint_maps`.
         unit: metres in one unit of the file; "auto" uses the unit of the joint map, or else millimetres, centimetres,
             inches or metres by the length of the arms.
@@ -98,7 +96,6 @@ def import_smplx(
 
     Args:
         src: path of a .npz file, of a .npy file of joint positions, or of a folder.
-        dst: folder to make.
         options: options of all motion capture formats. By default the speaker is taken from a file name of the form
             of BEAT2 or Seamless Interaction, else as described in `recordings.find_recordings`.
         model: path of an SMPL-X body model (.npz), for joints of the person's shape; None for the neutral template.

@@ -22,6 +22,12 @@ from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.readers.recordings import MotionRecording, compare_lengths, read_speech
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, positions_to_directions
 
+UNUSABLE = "unusable recording"
+
+_DIED = "a process that read the files was killed, perhaps because memory ran out; import fewer files at once"
+
+_logger = logging.getLogger(__name__)
+
 
 @dataclasses.dataclass(frozen=True)
 class ImportOptions:
@@ -49,19 +55,12 @@ class ImportOptions:
     licence: str = ""
 
 
-UNUSABLE = "unusable recording"
-
-_DIED = "a process that read the files was killed, perhaps because memory ran out; import fewer files at once"
-
-_logger = logging.getLogger(__name__)
-
-
 class FileMotion(NamedTuple):
     """The motion of one file.
 
     Attributes:
         positions: (T, joints, 3) metres in the axes of the skeleton, float32, at the corpus' frame rate.
-        seconds: length of the motion in the file, in seconds.
+        seconds: length of the motion in the file.
         description: how the file was interpreted, which is stored in the corpus.
         is_good: (T,) whether a pose can be used, None if all can. A recording is divided where poses cannot.
     """
@@ -97,15 +96,8 @@ def import_files(
     differ in length by more than half a second are cut to the shorter one, with a warning.
 
     Args:
-        recordings: motion files with their audio and words.
         read: picklable function that returns the motion of a file, or raises `UserError`.
-        dst: folder to make.
-        options: options of the import.
-        name: name of the corpus.
         source: origin of the data, stored in the corpus.
-
-    Returns:
-        The counts of what was kept and left out.
 
     Raises:
         UserError: no file can be used, no window is left, or `dst` exists.
@@ -155,7 +147,7 @@ def _import_file(
         audio, words = read_speech(recording, with_words=options.with_words)
         warning = compare_lengths(recording, motion.seconds, audio)
     except UserError as error:
-        return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=str(error))
+        return _failed(str(error))
     skeleton = load_skeleton(options.skeleton)
     positions = with_constant_lengths(motion.positions, skeleton)
     filters = MOCAP if words is not None else MOCAP._replace(min_words=None)
@@ -163,14 +155,17 @@ def _import_file(
     clips, report = list[Clip](), SplitReport()
     stretches = _good_stretches(motion.is_good, len(positions))
     if not stretches:
-        error = f"{shown(recording.path)} has no frame in which the person was tracked"
-        return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=error)
+        return _failed(f"{shown(recording.path)} has no frame in which the person was tracked")
     for start, end in stretches:
         part = cut(content, start, end, options.fps)
         new, counts = to_clips(part, skeleton, fps=options.fps, filters=filters, first=report.clips)
         clips, report = clips + new, report + counts
     report.videos = 1
     return _Result([records.encode_clip(clip) for clip in clips], report, motion.description, warning)
+
+
+def _failed(error: str) -> _Result:
+    return _Result([], SplitReport(rejected=collections.Counter({UNUSABLE: 1})), error=error)
 
 
 def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, int]]:
@@ -181,17 +176,10 @@ def _good_stretches(is_good: np.ndarray | None, count: int) -> list[tuple[int, i
 
 
 def with_constant_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Set each bone to its mean length; the root and all direction vectors stay.
+    """Set each bone of positions (T, joints, 3) to its mean length; the root and all direction vectors stay.
 
     The skeleton has bones from the neck to a shoulder and to the nose, where a body has joints in between (collarbone,
     head), so that these distances vary in motion capture. In the corpus, each bone has a constant length.
-
-    Args:
-        positions: (T, joints, 3) in metres.
-        skeleton: skeleton of the joints.
-
-    Returns:
-        (T, joints, 3) in the type of `positions`.
     """
     precise = positions.astype(np.float64)
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))

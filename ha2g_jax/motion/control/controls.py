@@ -16,13 +16,16 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.resample import sample
 from ha2g_jax.skeleton import Skeleton
 
+MOST = 2.0  # largest energy and extent
+_MAX_SECONDS = 1e6  # of a span, which may end after the motion
+
+_EXPECTED = "a motion of `ha2g generate`"
+
 
 class Pin(NamedTuple):
-    """A pose that the motion holds from `start` to `end`, or passes through where the two are equal.
+    """A pose that the motion holds from `start` to `end` in seconds, or passes through where the two are equal.
 
     Attributes:
-        start: start in seconds.
-        end: end in seconds.
         pose: (bones, 3) unit vectors; None for the rest pose.
         name: name of the pose for the record of the controls.
         skeleton: name of the skeleton of the pose, "" where it is not known.
@@ -36,12 +39,7 @@ class Pin(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A span of time.
-
-    Attributes:
-        start: start in seconds.
-        end: end in seconds.
-    """
+    """A span of time in seconds."""
 
     start: float
     end: float
@@ -70,17 +68,9 @@ class Controls:
 
 NEUTRAL = Controls()
 
-MOST = 2.0  # largest energy and extent
-_MAX_SECONDS = 1e6  # of a span, which may end after the motion
-
 
 def check(controls: Controls, skeleton: Skeleton, duration: float = math.inf) -> None:
-    """Check controls before they are applied.
-
-    Args:
-        controls: controls to check.
-        skeleton: skeleton of the motion.
-        duration: length of the motion in seconds.
+    """Check controls before they are applied to a motion of some seconds.
 
     Raises:
         UserError: an amount, a side, a pose or a span is not valid.
@@ -125,11 +115,7 @@ def _check_spans(name: str, spans: Sequence[Pin | Span], duration: float) -> Non
 
 
 def describe(controls: Controls) -> dict[str, Any]:
-    """Return the controls that are not neutral as JSON values, by name.
-
-    Args:
-        controls: controls to describe.
-    """
+    """Return the controls that are not neutral as JSON values, by name."""
     changed: dict[str, Any] = {
         name: getattr(controls, name)
         for name in ("energy", "extent", "handedness", "mirror")
@@ -142,18 +128,11 @@ def describe(controls: Controls) -> dict[str, Any]:
     return changed
 
 
-_EXPECTED = "a motion of `ha2g generate`"
-
-
 def read_pin(text: str) -> Pin:
     """Parse a pin from START:END:POSE.
 
-    Args:
-        text: start and end in seconds; POSE is "rest", MOTION.npz for the first pose of a motion, or
-            MOTION.npz@SECONDS for a pose at another time.
-
-    Returns:
-        The pin.
+    START and END are seconds; POSE is "rest", MOTION.npz for the first pose of a motion, or MOTION.npz@SECONDS for a
+    pose at another time.
 
     Raises:
         UserError: the text has another form, or there is no such motion.
@@ -179,13 +158,7 @@ def read_pin(text: str) -> Pin:
 
 
 def read_mute(text: str) -> Span:
-    """Parse a span from START:END.
-
-    Args:
-        text: start and end in seconds.
-
-    Returns:
-        The span.
+    """Parse a span from START:END in seconds.
 
     Raises:
         UserError: the text has another form.

@@ -1,30 +1,28 @@
-"""Application of controls: one pure function for each; with a neutral setting each returns its input."""
+"""Application of controls, one pure function for each, and of controls that change while a motion goes on.
 
+With a neutral setting each function returns its input. Directions are (T, bones, 3) float32 unit vectors, in and out;
+frame k shows the time k / fps.
+"""
+
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from ha2g_jax.motion.control.controls import Controls, Pin, Span, check
+from ha2g_jax.errors import UserError
+from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check
 from ha2g_jax.motion.control.parts import SIDES, arm_parts, bones_of, parts, rest_pose
-from ha2g_jax.motion.control.scaling import reach_farther, scale_about, scale_about_mean
+from ha2g_jax.motion.control.scaling import reach_farther, scale_about, scale_about_mean, scale_about_posture
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 
 EASE = 0.5  # seconds of the transition from the motion to a pose, and of the transition back
-POSTURE_SECONDS = 4.0  # window of the slow mean pose, which counts as posture and not as movement
+_POSTURE_SECONDS = 4.0  # window of the slow mean pose, which counts as posture and not as movement
+_RUNNING_SECONDS = _POSTURE_SECONDS / 2  # time constant of the mean of the poses so far
 
 
 def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Controls) -> np.ndarray:
     """Apply controls to a motion: mirror, then scale, then hold the poses of pins and mutes.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) float32 unit vectors.
-        fps: frames per second; frame k shows the time k / fps.
-        controls: controls to apply.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors; the input itself for neutral controls.
 
     Raises:
         UserError: an amount, a side, a pose or a span is not valid.
@@ -41,34 +39,19 @@ def apply(skeleton: Skeleton, directions: np.ndarray, fps: float, controls: Cont
 def energy(skeleton: Skeleton, directions: np.ndarray, fps: float, amount: float) -> np.ndarray:
     """Make a motion livelier or calmer by scaling the movement about its slow mean pose, and so the speed.
 
-    The timing and the posture do not change; above 1 neither do the shapes of the hands.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        fps: frames per second.
-        amount: factor from 0, the slow mean pose over 4 seconds, to 2; 1 is the unchanged motion.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
+    The timing and the posture do not change; above 1 neither do the shapes of the hands. The amount is a factor from 0,
+    the slow mean pose over 4 seconds, to 2.
     """
     if amount == 1:
         return directions
-    return scale_about_mean(skeleton, directions, fps, amount, POSTURE_SECONDS, parts(skeleton))
+    return scale_about_mean(skeleton, directions, fps, amount, _POSTURE_SECONDS, parts(skeleton))
 
 
 def extent(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndarray:
     """Make gestures larger or smaller by scaling the distance of the wrists from their rest position.
 
-    Trunk and head do not change; above 1 neither do the hands relative to the forearms.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        amount: factor from 0, both arms at rest, to 2; 1 is the unchanged motion.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
+    Trunk and head do not change; above 1 neither do the hands relative to the forearms. The amount is a factor from 0,
+    both arms at rest, to 2.
     """
     if amount == 1:
         return directions
@@ -78,18 +61,10 @@ def extent(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndar
 
 
 def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndarray:
-    """Put one arm into the rest pose, so that only the other arm gestures.
+    """Put the arm that is not on the given side into the rest pose; "both" is the unchanged motion.
 
     The arm that gestures, the trunk and the head do not change. For a motion that gestures with the other arm apply
     `mirror` first.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        side: arm that gestures, "left" or "right", or "both" for the unchanged motion.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
     """
     if side == "both":
         return directions
@@ -101,32 +76,14 @@ def handedness(skeleton: Skeleton, directions: np.ndarray, side: str) -> np.ndar
 
 
 def mirror(skeleton: Skeleton, directions: np.ndarray, is_mirrored: bool = True) -> np.ndarray:
-    """Exchange left and right in a motion.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        is_mirrored: False for the unchanged motion.
-
-    Returns:
-        (T, bones, 3) unit vectors.
-    """
+    """Exchange left and right in a motion."""
     return mirror_directions(skeleton, directions) if is_mirrored else directions
 
 
 def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[Pin]) -> np.ndarray:
     """Make a motion hold poses of the whole body, or pass through them.
 
-    More than half a second away from a pin the motion does not change.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        fps: frames per second.
-        pins: poses with their times, which do not overlap.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
+    More than half a second away from a pin the motion does not change. Pins do not overlap.
     """
     for one in pins:
         weight = motion_weight(one, [other for other in pins if other is not one], len(directions), fps)
@@ -136,18 +93,9 @@ def pin(skeleton: Skeleton, directions: np.ndarray, fps: float, pins: Sequence[P
 
 
 def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence[Span]) -> np.ndarray:
-    """Remove gestures from spans of time: both arms rest, while trunk and head do not change.
+    """Remove gestures from spans of time that do not overlap: both arms rest, while trunk and head do not change.
 
     More than half a second away from a span the arms do not change either.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        fps: frames per second.
-        mutes: spans that do not overlap.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
     """
     for one in mutes:
         weight = motion_weight(one, [other for other in mutes if other is not one], len(directions), fps)
@@ -156,19 +104,10 @@ def mute(skeleton: Skeleton, directions: np.ndarray, fps: float, mutes: Sequence
 
 
 def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, fps: float) -> np.ndarray:
-    """Compute the weight of the motion around a span: 0 within the span, 1 at least `EASE` seconds away from it.
+    """Compute the weight (T,) of the motion around a span: 0 within it, 1 at least `EASE` seconds away from it.
 
     Start and end are rounded to the nearest frames. The weight follows a minimum-jerk curve in the transitions. A
-    transition is not longer than the gap to the next span.
-
-    Args:
-        span: span in which the pose is held.
-        others: other spans of the motion.
-        frames: number of frames T.
-        fps: frames per second.
-
-    Returns:
-        (T,) weights from 0 to 1.
+    transition is not longer than the gap to the next of the other spans.
     """
     first, last = (round(moment * fps) for moment in (span.start, span.end))
     gaps_before = [first - round(other.end * fps) for other in others if other.end <= span.start]
@@ -177,3 +116,95 @@ def motion_weight(span: Pin | Span, others: Sequence[Pin | Span], frames: int, f
     frame = np.arange(frames)
     away = np.maximum(np.maximum((first - frame) / eases[0], (frame - last) / eases[1]), 0)
     return minimum_jerk(np.minimum(away, 1))
+
+
+class Ramp:
+    """Values that go to new ones within half a second, along a minimum-jerk curve."""
+
+    def __init__(self, values: np.ndarray, fps: float):
+        self._target = self._start = self._values = np.asarray(values, np.float64)
+        self._frames = math.ceil(EASE * fps)
+        self._frame = 0
+
+    def step(self, target: np.ndarray, frames: int = 1) -> np.ndarray:
+        """Return the values (n,) some frames later; the way to a new target begins at the present values."""
+        if not np.array_equal(target, self._target):
+            self._target, self._start, self._frame = np.asarray(target, np.float64), self._values, 0
+        self._frame = min(self._frame + frames, self._frames)
+        weight = minimum_jerk(np.asarray(self._frame / self._frames))
+        self._values = self._start + weight * (self._target - self._start)
+        return self._values
+
+
+def check_running(controls: Controls, skeleton: Skeleton) -> None:
+    """Check controls of a motion that goes on.
+
+    Raises:
+        UserError: a control is not valid, or needs the frames after it.
+    """
+    check(controls, skeleton)
+    if controls.pins or controls.mutes:
+        name = "pins" if controls.pins else "mutes"
+        raise UserError(
+            f"{name} are at times of a whole motion, which a stream does not have; leave them out, and set `muted` of "
+            "the stream for a time without gestures"
+        )
+
+
+class RunningControls:
+    """The controls energy, extent, handedness and mirror, and a mute, of a motion that goes on.
+
+    Energy scales the movement about the mean of the poses so far, an exponential mean with a time constant of two
+    seconds; in `energy` that mean is centred. The other controls do to a frame what they do in
+    `apply`. Changes are eased over half a second.
+    """
+
+    def __init__(self, skeleton: Skeleton, fps: float, controls: Controls = NEUTRAL):
+        self._skeleton = skeleton
+        self._ramp = Ramp(_amounts(controls, is_muted=False), fps)
+        self._least_weight = 1 / (_RUNNING_SECONDS * fps)
+        self._sum = np.zeros((skeleton.num_bones, 3))
+        self._num_frames = 0
+
+    def apply(self, directions: np.ndarray, controls: Controls, *, is_muted: bool = False) -> np.ndarray:
+        """Apply controls to the next frames: mirror, then scale, then rest.
+
+        Args:
+            directions: (n, bones, 3) unit vectors, the frames after those of the last call.
+            controls: controls that pass `check_running`.
+            is_muted: whether both arms rest.
+
+        Returns:
+            (n, bones, 3) float32 unit vectors; the same values where all controls are neutral.
+        """
+        target = _amounts(controls, is_muted)
+        frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]
+        return np.concatenate([np.zeros((0, *directions.shape[1:]), np.float32), *frames])
+
+    def _frame(self, frame: np.ndarray, amounts: np.ndarray) -> np.ndarray:
+        """Return one frame (1, bones, 3) after the controls."""
+        scale, reach, mirrored, *arms = amounts.tolist()
+        posture = self._posture(frame[0])
+        if scale != 1:
+            frame = scale_about_posture(self._skeleton, posture, frame, scale, parts(self._skeleton))
+        if mirrored:  # between the two, each part is on the way from one side to the other
+            other = mirror_directions(self._skeleton, frame)
+            frame = scale_about(other[0], frame, 1 - mirrored, parts(self._skeleton)) if mirrored < 1 else other
+        frame = extent(self._skeleton, frame, reach)
+        for side, weight in zip(SIDES, arms, strict=True):
+            if weight < 1:
+                frame = scale_about(rest_pose(self._skeleton), frame, weight, arm_parts(self._skeleton, side))
+        return frame
+
+    def _posture(self, pose: np.ndarray) -> np.ndarray:
+        """Add a pose (bones, 3) to the mean, and return the mean."""
+        self._num_frames += 1
+        self._sum += max(1 / self._num_frames, self._least_weight) * (pose - self._sum)
+        lengths = np.linalg.norm(self._sum, axis=-1, keepdims=True)
+        return np.where(lengths > 1e-6, self._sum / np.maximum(lengths, 1e-6), pose)
+
+
+def _amounts(controls: Controls, is_muted: bool) -> np.ndarray:
+    """Return energy, extent, the share of the mirror image, and the weight of the motion in each arm."""
+    arms = [0.0 if is_muted or controls.handedness not in (side, "both") else 1.0 for side in SIDES]
+    return np.array([controls.energy, controls.extent, float(controls.mirror), *arms])

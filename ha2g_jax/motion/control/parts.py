@@ -1,4 +1,9 @@
-"""Division of a skeleton into parts: trunk, head, and upper arm, forearm, hand and finger bones of each arm."""
+"""Division of a skeleton into parts, from the trunk to the finger bones, and the rotations of parts from a pose.
+
+The rotation of each part is relative to the part it is attached to: that of the forearm to the upper arm, that of the
+hand to the forearm. So a pose with scaled rotations still has a hand of the right shape on its arm; if the direction of
+each bone were scaled on its own, the hand would come apart.
+"""
 
 from typing import NamedTuple
 
@@ -12,6 +17,11 @@ TRUNK, HEAD, UPPER_ARM, FOREARM, HAND, FINGER = "trunk", "head", "upper arm", "f
 
 # Angle between a resting forearm and straight down; speakers hold the forearms so between gestures.
 _RESTING_FOREARM = np.deg2rad(65)
+# The rotation of a head or a hand is continued in its direction up to this angle; beyond it the short way is taken.
+_LONGEST = 1.3 * np.pi
+
+# Indices of the bones that rotate together -> (T, 4) unit quaternions.
+Rotations = dict[tuple[int, ...], np.ndarray]
 
 
 class Part(NamedTuple):
@@ -35,9 +45,6 @@ def parts(skeleton: Skeleton) -> tuple[Part, ...]:
 
     The upper arms are attached to no part: their direction follows gravity and the target of a gesture, not the
     inclination of the trunk.
-
-    Args:
-        skeleton: skeleton to divide.
     """
     arms = [part for side in SIDES for part in _arm(skeleton, side)]
     shoulders = [skeleton.paths[skeleton.joint(f"{side}_shoulder")] for side in SIDES]
@@ -48,12 +55,7 @@ def parts(skeleton: Skeleton) -> tuple[Part, ...]:
 
 
 def arm_parts(skeleton: Skeleton, *sides: str) -> tuple[Part, ...]:
-    """Return the parts of the arms: upper arm, forearm, hand and fingers.
-
-    Args:
-        skeleton: skeleton to divide.
-        *sides: "left" or "right"; both by default.
-    """
+    """Return the parts of the arms, by default of both: upper arm, forearm, hand and fingers."""
     return tuple(part for part in parts(skeleton) if part.side in (sides or SIDES))
 
 
@@ -87,9 +89,6 @@ def rest_pose(skeleton: Skeleton) -> np.ndarray:
 
     It is the mean pose of the skeleton's data, made symmetric, with forearms and hands lowered until the forearms are
     at 65 degrees from straight down.
-
-    Args:
-        skeleton: skeleton of the pose.
     """
     mean = skeleton.mean_directions.astype(np.float64)
     pose = normalize(mean + mirror_directions(skeleton, mean))
@@ -110,20 +109,10 @@ def _lowered(vectors: np.ndarray, forearm: np.ndarray) -> np.ndarray:
     return along + np.cos(angle) * (vectors - along) + np.sin(angle) * np.cross(axis, vectors)
 
 
-# The rotation of a head or a hand is continued in its direction up to this angle; beyond it the short way is taken.
-_LONGEST = 1.3 * np.pi
-
-# Indices of the bones that rotate together -> (T, 4) unit quaternions.
-Rotations = dict[tuple[int, ...], np.ndarray]
-
-
 def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[Part, ...]) -> Rotations:
-    """Compute the rotations of parts from a reference pose to the poses of a motion.
+    """Compute the rotations of parts from a reference pose (bones, 3) to the poses of a motion (T, bones, 3).
 
-    Args:
-        reference: (bones, 3) unit vectors.
-        directions: (T, bones, 3) unit vectors.
-        chosen: parts to convert, including the parts that they are attached to.
+    The parts include those that they are attached to.
 
     Returns:
         Unit quaternions (T, 4) of each bone, and of all bones of a head or a hand together, by the indices of the
@@ -145,12 +134,7 @@ def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[
 
 
 def apply_rotations(reference: np.ndarray, rotations: Rotations, chosen: tuple[Part, ...]) -> dict[int, np.ndarray]:
-    """Rotate the parts of a reference pose, the inverse of `rotations_from`.
-
-    Args:
-        reference: (bones, 3) unit vectors.
-        rotations: rotations of the parts, as `rotations_from` returns them.
-        chosen: parts to rotate, including the parts that they are attached to.
+    """Rotate the parts of a reference pose (bones, 3), the inverse of `rotations_from`.
 
     Returns:
         (T, 3) direction vectors by the index of the bone.
@@ -169,15 +153,7 @@ def apply_rotations(reference: np.ndarray, rotations: Rotations, chosen: tuple[P
 
 
 def power(rotation: np.ndarray, exponent: np.ndarray) -> np.ndarray:
-    """Scale the angles of rotations.
-
-    Args:
-        rotation: (T, 4) unit quaternions; one with w < 0 stands for the angle above pi.
-        exponent: (T,) factors of the angles.
-
-    Returns:
-        (T, 4) unit quaternions.
-    """
+    """Scale the angles of unit quaternions (T, 4) by factors (T,); one with w < 0 stands for the angle above pi."""
     axis = rotation[:, :3]
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     half = exponent[:, None] * np.arctan2(length, rotation[:, 3:])

@@ -1,4 +1,8 @@
-"""Scaling of a motion about a pose, and of the reach of its arms."""
+"""Scaling of a motion about a pose, and of the reach of its arms.
+
+Directions are (T, bones, 3) unit vectors; the parts to move include those that they are attached to, and other parts
+stay.
+"""
 
 import numpy as np
 
@@ -33,16 +37,9 @@ _LEAST_HEADROOM = 1e-3
 def scale_about(
     reference: np.ndarray, directions: np.ndarray, scale: np.ndarray | float, chosen: tuple[Part, ...]
 ) -> np.ndarray:
-    """Scale the rotations of a motion from a reference pose.
+    """Scale the rotations of a motion from a reference pose (bones, 3) by factors from 0 to 1, one or one a frame (T,).
 
-    Args:
-        reference: (bones, 3) unit vectors.
-        directions: (T, bones, 3) unit vectors.
-        scale: factor of the angles from 0 to 1, (T,) for each frame or one number for all.
-        chosen: parts to move, including the parts that they are attached to.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors: the input itself where the scale is 1 and in parts that are not chosen.
+    Where the scale is 1 the result is the input itself.
     """
     scales = np.broadcast_to(np.asarray(scale, np.float64), (len(directions),))
     rows = np.flatnonzero(scales != 1)
@@ -58,20 +55,9 @@ def scale_about(
 def scale_about_mean(
     skeleton: Skeleton, directions: np.ndarray, fps: float, scale: float, seconds: float, chosen: tuple[Part, ...]
 ) -> np.ndarray:
-    """Scale the rotations of a motion from its slow mean pose.
+    """Scale the rotations of a motion from its slow mean pose, the mean over a window of some seconds.
 
     A scale above 1 does not change the shape of a hand, and adds less near the limits of a joint.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        fps: frames per second.
-        scale: factor of the angles, at least 0.
-        seconds: width of the window of the mean in seconds.
-        chosen: parts to move, including the parts that they are attached to.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors: the input itself in parts that are not chosen.
     """
     reference = rest_pose(skeleton).astype(np.float64)
     rotations = rotations_from(reference, directions, chosen)
@@ -82,18 +68,7 @@ def scale_about_mean(
 def scale_about_posture(
     skeleton: Skeleton, posture: np.ndarray, directions: np.ndarray, scale: float, chosen: tuple[Part, ...]
 ) -> np.ndarray:
-    """Scale the rotations of a motion from a pose that it moves about, as `scale_about_mean` from the slow mean pose.
-
-    Args:
-        skeleton: skeleton of the directions.
-        posture: (bones, 3) unit vectors.
-        directions: (T, bones, 3) unit vectors.
-        scale: factor of the angles, at least 0.
-        chosen: parts to move, including the parts that they are attached to.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors: the input itself in parts that are not chosen.
-    """
+    """Scale the rotations of a motion from a pose (bones, 3) that it moves about, see `scale_about_mean`."""
     reference = rest_pose(skeleton).astype(np.float64)
     both = rotations_from(reference, np.concatenate([posture[None], directions]), chosen)
     rotations = {bones: rotation[1:] for bones, rotation in both.items()}
@@ -125,17 +100,13 @@ def _scaled(
 
 
 def limit_scale(scale: float, rise: np.ndarray, headroom: np.ndarray) -> np.ndarray:
-    """Limit a scale above 1 so that it adds less than the headroom.
+    """Limit a scale s above 1 so that it adds less than the headroom.
 
     The result is 1 + (s - 1) tanh(z) / z with z = (s - 1) rise / headroom.
 
     Args:
-        scale: requested scale s; up to 1 it is not limited.
         rise: (T,) difference between the motion and the reference, of either sign.
         headroom: (T,) most that may be added to the motion in the direction of `rise`.
-
-    Returns:
-        (T,) scales between 1 and the requested scale.
     """
     if scale <= 1:
         return np.full(len(rise), scale)
@@ -170,19 +141,11 @@ def _angle(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def reach_farther(skeleton: Skeleton, directions: np.ndarray, amount: float) -> np.ndarray:
-    """Move each wrist to `amount` times its distance from its rest position relative to the shoulder.
+    """Move each wrist to `amount` times, at least 1, its distance from its rest position relative to the shoulder.
 
     A wrist is not raised above its shoulder, where the hand would hide the face, unless the motion raises it. It moves
     less where the arm would be straight or folded. The elbow stays on its side of the arm, and the hand keeps its pose
-    relative to the forearm.
-
-    Args:
-        skeleton: skeleton of the directions.
-        directions: (T, bones, 3) unit vectors.
-        amount: factor of the distance, at least 1.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors; only those of the arms change.
+    relative to the forearm. Only the arms change.
     """
     result = np.array(directions, np.float32)
     resting = rest_pose(skeleton).astype(np.float64)

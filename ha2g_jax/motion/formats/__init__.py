@@ -6,7 +6,6 @@ centimetres.
 
 import dataclasses
 import pathlib
-from collections.abc import Callable
 
 import numpy as np
 
@@ -34,7 +33,6 @@ def export(
     same bytes. The file is written completely or not at all.
 
     Args:
-        motion: motion to export.
         path: file to write; its suffix is one of `SUFFIXES`.
         rig: name of the rig whose joints the file has, one of `rigs.RIGS`.
         audio_seconds: length of the speech in seconds, stored in `.glb` and `.vrma`; by default the length that is
@@ -59,12 +57,21 @@ def export(
     seconds, speech = motion.meta.get("duration") if audio_seconds is None else audio_seconds, motion.meta.get("speech")
     if not isinstance(seconds, int | float):  # the facts of a file may be any JSON
         seconds = motion.num_frames / motion.fps
-    if suffix == ".npz":
-        from ha2g_jax.motion.formats import tables
+    facts = {"duration": seconds, "audio_name": speech if isinstance(speech, str) else None}
+    from ha2g_jax.motion.formats import bvh, gltf, tables  # glTF's library takes a sixth of a second
 
+    if suffix == ".bvh":
+        bvh.write(path, animation)
+    elif suffix == ".glb":
+        gltf.write_glb(path, animation, **facts)
+    elif suffix == ".vrma":
+        gltf.write_vrma(path, animation, **facts)
+    elif suffix == ".json":
+        tables.write_json(path, animation)
+    elif suffix == ".csv":
+        tables.write_csv(path, animation)
+    else:
         tables.write_smplx(path, animation, moves=motion.lower is not None, face=motion.face)
-        return
-    _writers()[suffix](path, animation, duration=seconds, audio_name=speech if isinstance(speech, str) else None)
 
 
 def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
@@ -82,16 +89,3 @@ def choose_rig(path: pathlib.Path, rig: str) -> rigs.Rig:
     if target.name not in allowed:
         raise UserError(f"{path.name} takes the rig {' or '.join(allowed)}, not {rig}; write .glb or .bvh")
     return target
-
-
-def _writers() -> dict[str, Callable[..., None]]:
-    """Return for each suffix the function that writes (path, animation); its keywords are those of `gltf.write_glb`."""
-    from ha2g_jax.motion.formats import bvh, gltf, tables  # glTF's library takes a sixth of a second
-
-    return {
-        ".bvh": lambda path, animation, **_: bvh.write(path, animation),
-        ".glb": gltf.write_glb,
-        ".vrma": gltf.write_vrma,
-        ".json": lambda path, animation, **_: tables.write_json(path, animation),
-        ".csv": lambda path, animation, **_: tables.write_csv(path, animation),
-    }

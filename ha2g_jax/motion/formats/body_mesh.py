@@ -20,6 +20,54 @@ _RADII = {"thumb": 0.0125, "index": 0.0103, "middle": 0.0107, "ring": 0.0102, "p
 _TIPS = {"thumb": 0.028, "index": 0.026, "middle": 0.028, "ring": 0.027, "pinky": 0.022}
 _AHEAD = np.array([0.0, 0.0, 1.0])
 _CUFF = 0.93  # fraction of the forearm that the sleeve covers
+# Joints that a rig must have for a body, besides neck and head.
+_NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
+_SHOULDERS = 0.418
+_X, _Y, _Z = np.eye(3)
+
+# Pullover: height above the joint of the spine, half-width, half-depth and offset to the front, in metres.
+_TORSO = np.array(
+    [
+        (-0.385, 0.158, 0.108, 0.004),
+        (-0.360, 0.170, 0.117, 0.004),
+        (-0.290, 0.173, 0.119, 0.003),
+        (-0.210, 0.163, 0.111, 0.004),
+        (-0.140, 0.157, 0.107, 0.006),
+        (-0.060, 0.163, 0.112, 0.008),
+        (0.020, 0.176, 0.119, 0.010),
+        (0.080, 0.188, 0.120, 0.010),
+        (0.130, 0.197, 0.114, 0.008),
+        (0.170, 0.201, 0.103, 0.005),
+        (0.200, 0.192, 0.091, 0.002),
+        (0.222, 0.166, 0.081, -0.001),
+        (0.240, 0.130, 0.073, -0.002),
+        (0.257, 0.095, 0.067, -0.003),
+        (0.275, 0.067, 0.061, 0.000),
+        (0.287, 0.060, 0.058, 0.003),
+    ]
+)
+# Head: height above the chin, half-width, half-depth and offset to the front, in metres.
+_HEAD = np.array(
+    [
+        (0.000, 0.022, 0.024, 0.046),
+        (0.010, 0.034, 0.038, 0.039),
+        (0.028, 0.046, 0.054, 0.029),
+        (0.052, 0.056, 0.068, 0.019),
+        (0.080, 0.064, 0.080, 0.010),
+        (0.108, 0.070, 0.089, 0.004),
+        (0.135, 0.0745, 0.095, 0.000),
+        (0.162, 0.0755, 0.0975, -0.003),
+        (0.188, 0.0725, 0.095, -0.005),
+        (0.210, 0.063, 0.084, -0.006),
+        (0.226, 0.048, 0.066, -0.007),
+        (0.236, 0.031, 0.044, -0.008),
+    ]
+)
+_HEAD_SIZE = 1.14
+_CHIN = np.array([0.0, 0.088, 0.036])  # metres from the joint of the neck
+
+_BROW = ((0.016, 0.139, 0.0905), (0.026, 0.1425, 0.0885), (0.037, 0.1425, 0.0835), (0.048, 0.138, 0.0755))
+_BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
 
 
 class Joints:
@@ -53,29 +101,12 @@ def smooth(values: np.ndarray, start: float, end: float) -> np.ndarray:
 
 
 def mix(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Mix influences.
-
-    Args:
-        first: (J,) or (n, J) influence where the weight is 0.
-        second: (J,) or (n, J) influence where the weight is 1.
-        weight: (n,) weights from 0 to 1.
-
-    Returns:
-        (n, J) influence.
-    """
+    """Mix influences (J,) or (n, J) by weights (n,) from 0, the first, to 1, the second."""
     return (1 - weight)[:, None] * first + weight[:, None] * second
 
 
 def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
-    """Build the surfaces of an arm.
-
-    Args:
-        joints: joints of the body at rest.
-        side: "left" or "right".
-
-    Returns:
-        The sleeve, and the surfaces of the skin below it.
-    """
+    """Build the sleeve of an arm, and the surfaces of the skin below it."""
     size = joints.scale
     shoulder, elbow, wrist = (joints[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist"))
     inside = shoulder + 0.075 * size * unit(np.array([-np.sign(shoulder[0]), -0.25, 0.0]))
@@ -179,53 +210,6 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     return tube(path, radii, influence, _AHEAD, sides=12, caps=(0.5, 1.0))
 
 
-# Joints that a rig must have for a body, besides neck and head.
-_NEEDED = ("spine", *(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist")))
-_SHOULDERS = 0.418
-_X, _Y, _Z = np.eye(3)
-
-# Pullover: height above the joint of the spine, half-width, half-depth and offset to the front, in metres.
-_TORSO = np.array(
-    [
-        (-0.385, 0.158, 0.108, 0.004),
-        (-0.360, 0.170, 0.117, 0.004),
-        (-0.290, 0.173, 0.119, 0.003),
-        (-0.210, 0.163, 0.111, 0.004),
-        (-0.140, 0.157, 0.107, 0.006),
-        (-0.060, 0.163, 0.112, 0.008),
-        (0.020, 0.176, 0.119, 0.010),
-        (0.080, 0.188, 0.120, 0.010),
-        (0.130, 0.197, 0.114, 0.008),
-        (0.170, 0.201, 0.103, 0.005),
-        (0.200, 0.192, 0.091, 0.002),
-        (0.222, 0.166, 0.081, -0.001),
-        (0.240, 0.130, 0.073, -0.002),
-        (0.257, 0.095, 0.067, -0.003),
-        (0.275, 0.067, 0.061, 0.000),
-        (0.287, 0.060, 0.058, 0.003),
-    ]
-)
-# Head: height above the chin, half-width, half-depth and offset to the front, in metres.
-_HEAD = np.array(
-    [
-        (0.000, 0.022, 0.024, 0.046),
-        (0.010, 0.034, 0.038, 0.039),
-        (0.028, 0.046, 0.054, 0.029),
-        (0.052, 0.056, 0.068, 0.019),
-        (0.080, 0.064, 0.080, 0.010),
-        (0.108, 0.070, 0.089, 0.004),
-        (0.135, 0.0745, 0.095, 0.000),
-        (0.162, 0.0755, 0.0975, -0.003),
-        (0.188, 0.0725, 0.095, -0.005),
-        (0.210, 0.063, 0.084, -0.006),
-        (0.226, 0.048, 0.066, -0.007),
-        (0.236, 0.031, 0.044, -0.008),
-    ]
-)
-_HEAD_SIZE = 1.14
-_CHIN = np.array([0.0, 0.088, 0.036])  # metres from the joint of the neck
-
-
 def _linear(colour: tuple[int, int, int], factor: float = 1.0) -> tuple[float, float, float]:
     """Convert an sRGB colour of 0 to 255, times a factor, to the linear colour of glTF."""
     value = np.clip(np.array(colour) * factor / 255, 0, 1)
@@ -247,13 +231,10 @@ COLOURS = {
 
 
 def body_mesh(armature: Armature) -> dict[str, Surface]:
-    """Build the surfaces of the body in the rest pose of an armature.
-
-    Args:
-        armature: armature of any rig.
+    """Build the surfaces of the body in the rest pose of an armature, in metres from the root.
 
     Returns:
-        The surface of each material of `COLOURS` that is used, in metres from the root.
+        The surface of each material of `COLOURS` that is used.
 
     Raises:
         UserError: the rig lacks a joint that the body needs.
@@ -369,10 +350,6 @@ def _head(joints: Joints) -> dict[str, list[Surface]]:
         brow = np.array([place(sign * x, y, z) for x, y, z in _BROW])
         parts["hair"].append(tube(brow, scale * _BROW_THICK, still[: len(brow)], _Z, sides=8))
     return parts
-
-
-_BROW = ((0.016, 0.139, 0.0905), (0.026, 0.1425, 0.0885), (0.037, 0.1425, 0.0835), (0.048, 0.138, 0.0755))
-_BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
 
 
 def _hair(chin: np.ndarray, scale: float, head: np.ndarray) -> Surface:

@@ -24,13 +24,6 @@ def write(path: str | pathlib.Path, animation: Animation) -> None:
     Every joint has three rotations in the order Z, X, Y, in degrees, unwrapped over time. The root also has its
     position, and an offset of zero, so that the result is the same in programs that add the two and in others. A BVH
     has no axes of joints: at rest all joints have the axes of the world, whatever the axes of the rig.
-
-    Args:
-        path: file to write.
-        animation: animation of any rig.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     armature = animation.armature
     _, places = rest_positions(armature)

@@ -24,15 +24,13 @@ _COMPONENTS = {
     np.dtype(np.uint16): pygltflib.UNSIGNED_SHORT,
     np.dtype(np.uint8): pygltflib.UNSIGNED_BYTE,
 }
+_EXTENSION = "VRMC_vrm_animation"
+
+_FPS = 15.0
 
 
 class Document:
-    """A glTF document to which arrays and armatures are added.
-
-    Attributes:
-        gltf: the document as an object of pygltflib.
-        roots: indices of the root nodes of the scene.
-    """
+    """A glTF document to which arrays and armatures are added; `roots` are the root nodes of the scene."""
 
     def __init__(self) -> None:
         self.gltf = pygltflib.GLTF2(asset=pygltflib.Asset(version="2.0", generator="ha2g-jax"))
@@ -46,7 +44,7 @@ class Document:
 
         Args:
             values: (n,), (n, 3), (n, 4) or (n, 16) array of float32 or unsigned integers.
-            target: glTF's constant for the use of the buffer view, or None.
+            target: glTF's constant for the use of the buffer view.
             bounds: whether to store the minimum and maximum of the columns.
 
         Returns:
@@ -71,14 +69,7 @@ class Document:
         return len(self.gltf.accessors) - 1
 
     def add_armature(self, animation: Animation) -> list[int]:
-        """Add a node for each joint below a node with the name of the rig, and the animation.
-
-        Args:
-            animation: animation of any rig.
-
-        Returns:
-            Index of the node of each joint.
-        """
+        """Add the animation, and a node for each joint below a node with the name of the rig; return the former."""
         armature, gltf = animation.armature, self.gltf
         top = len(gltf.nodes)
         nodes = [top + 1 + index for index in range(len(armature.joints))]
@@ -123,13 +114,7 @@ class Document:
 
 
 def describe(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
-    """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`.
-
-    Args:
-        animation: animation of any rig.
-        duration: length of the speech in seconds, or None.
-        audio_name: file name of the speech, or None.
-    """
+    """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`."""
     facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
     known = {key: value for key, value in facts.items() if value is not None}
     return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))
@@ -143,19 +128,10 @@ def _plain(values: np.ndarray) -> list[float]:
 def write_glb(
     path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
 ) -> None:
-    """Write a `.glb` file (glTF 2.0): metres, y up, facing +z.
+    """Write a `.glb` file: metres, y up, facing +z.
 
-    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of
-    the scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
-
-    Args:
-        path: file to write_glb.
-        animation: animation of any rig.
-        duration: length of the speech in seconds.
-        audio_name: file name of the speech.
-
-    Raises:
-        UserError: the file cannot be written.
+    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of the
+    scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
     """
     document = Document()
     nodes = document.add_armature(animation)
@@ -210,9 +186,6 @@ def _inverse_bind(animation: Animation, root: np.ndarray) -> np.ndarray:
     return matrices.transpose(0, 2, 1).reshape(-1, 16)
 
 
-_EXTENSION = "VRMC_vrm_animation"
-
-
 def write_vrma(
     path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
 ) -> None:
@@ -220,15 +193,6 @@ def write_vrma(
 
     Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
     is the rest pose of the nodes.
-
-    Args:
-        path: file to write_vrma.
-        animation: animation of the rig vrm.
-        duration: length of the speech in seconds.
-        audio_name: file name of the speech.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     document = Document()
     nodes = document.add_armature(animation)
@@ -240,20 +204,10 @@ def write_vrma(
         temporary.write_bytes(document.to_bytes())
 
 
-_FPS = 15.0
-
-
 def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
     """Write the figure of a model as a `.glb` file with one frame, the T-pose.
 
-    Its nodes, mesh and skin are those of every `.glb` of a motion of the model; the page replaces the animation.
-
-    Args:
-        path: file to write.
-        skeleton: skeleton of the model, whose bone lengths the figure has.
-
-    Raises:
-        UserError: the file cannot be written.
+    Its nodes, mesh and skin are those of every `.glb` of a motion of the model; a page replaces the animation.
     """
     # A motion is exported with the rest pose of the package's skeleton and the bone lengths of the model.
     armature = ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))

@@ -18,152 +18,6 @@ from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import Skeleton
 
-_PAPER = (255, 255, 255)
-
-
-class Picture(NamedTuple):
-    """One pose in a square.
-
-    Attributes:
-        x: left edge in pixels from the left of the page.
-        y: upper edge in pixels from the top of the page.
-        size: side in pixels.
-        positions: (joints, 3) metres, y down.
-        skeleton: skeleton of the positions.
-        look: colours and build of the figure.
-        view: part of the picture plane that the square shows at least.
-    """
-
-    x: int
-    y: int
-    size: int
-    positions: np.ndarray
-    skeleton: Skeleton
-    look: Look
-    view: View
-
-
-class Text(NamedTuple):
-    """One line of words.
-
-    Attributes:
-        x: pixels from the left of the page to the start or the middle of the line.
-        y: pixels from the top of the page to the baseline.
-        words: each word with its colour.
-        size: size of the font in pixels.
-        anchor: which point of the line is at `x`.
-    """
-
-    x: float
-    y: float
-    words: tuple[tuple[str, Colour], ...]
-    size: float
-    anchor: Literal["start", "middle"] = "start"
-
-
-class Page(NamedTuple):
-    """The content of a page.
-
-    Attributes:
-        width: width in pixels.
-        height: height in pixels.
-        pictures: images of figures.
-        texts: lines of words.
-    """
-
-    width: int
-    height: int
-    pictures: tuple[Picture, ...]
-    texts: tuple[Text, ...]
-
-
-def text_width(text: str, size: float) -> float:
-    """Return the width of a text in pixels, as `as_png` writes it.
-
-    Args:
-        text: text in one line.
-        size: size of the font in pixels.
-    """
-    return ImageFont.load_default(size).getlength(text)
-
-
-def as_png(page: Page) -> bytes:
-    """Draw a page as a PNG.
-
-    Args:
-        page: content of the page.
-
-    Returns:
-        Bytes of the file.
-    """
-    image = Image.new("RGB", (page.width, page.height), _PAPER)
-    for picture in page.pictures:
-        size = picture.size
-        pixels = draw_figure(picture.positions, picture.skeleton, picture.look, size, size, picture.view)
-        image.paste(Image.fromarray(pixels), (picture.x, picture.y))
-    pen = ImageDraw.Draw(image)
-    for text in page.texts:
-        font = ImageFont.load_default(text.size)
-        width = font.getlength(" ".join(word for word, _ in text.words))
-        x = text.x - width / 2 if text.anchor == "middle" else text.x
-        for word, colour in text.words:
-            pen.text((x, text.y), word, fill=colour, font=font, anchor="ls")
-            x += font.getlength(f"{word} ")
-    buffer = io.BytesIO()
-    image.save(buffer, format="PNG", optimize=True)
-    return buffer.getvalue()
-
-
-def as_svg(page: Page) -> str:
-    """Draw a page as an SVG document whose texts remain texts.
-
-    Args:
-        page: content of the page.
-
-    Returns:
-        Text of the document.
-    """
-    return "\n".join(_svg_lines(page)) + "\n"
-
-
-def _svg_lines(page: Page) -> Iterator[str]:
-    yield (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{page.width}" height="{page.height}" '
-        f'viewBox="0 0 {page.width} {page.height}" font-family="Helvetica, Arial, sans-serif">'
-    )
-    yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
-    backgrounds = list(dict.fromkeys(picture.look.background for picture in page.pictures))
-    for index, background in enumerate(backgrounds):  # approximates `shapes.backdrop`
-        yield f'<radialGradient id="light{index}" cx="50%" cy="37.5%" r="75%">'
-        for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
-            yield f'<stop offset="{offset}" stop-color="{_hex(shade(background, light))}"/>'
-        yield "</radialGradient>"
-    for picture in page.pictures:
-        yield from _svg_picture(picture, backgrounds.index(picture.look.background))
-    for text in page.texts:
-        place = f'x="{text.x:.1f}" y="{text.y:.1f}" font-size="{text.size:g}" text-anchor="{text.anchor}"'
-        words = (f'<tspan fill="{_hex(colour)}">{html.escape(word)}</tspan>' for word, colour in text.words)
-        yield f"<text {place}>{' '.join(words)}</text>"
-    yield "</svg>"
-
-
-def _svg_picture(picture: Picture, light: int) -> Iterator[str]:
-    figure = outline(picture.positions[None], picture.skeleton, picture.look, detail=2)
-    scale, spine = picture.view.place(picture.size, picture.size)
-    points = figure.points[0] * scale + spine
-    yield f'<svg x="{picture.x}" y="{picture.y}" width="{picture.size}" height="{picture.size}">'
-    yield f'<rect width="100%" height="100%" fill="url(#light{light})"/>'
-    for shape in figure.order[0].tolist():
-        corners = points[figure.ends[shape] : figure.ends[shape + 1]]
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
-        yield f'<polygon points="{path}" fill="{_hex(figure.colours[shape])}"/>'
-    yield "</svg>"
-
-
-def _hex(colour: Colour) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
-
-
 MAX_COUNT = 100
 MIN_SIZE, MAX_SIZE = 64, 2048
 
@@ -174,6 +28,7 @@ _GAP = 6  # pixels between pictures
 _MOST_LINES = 3  # lines of words under a picture
 _NEAR = 1.0  # words are shown within so many seconds of a frame
 _INK, _GREY = (30, 34, 42), (140, 146, 156)
+_PAPER = (255, 255, 255)
 
 
 def choose(motion: Motion, count: int) -> list[int]:
@@ -183,10 +38,6 @@ def choose(motion: Motion, count: int) -> list[int]:
     into `count` equal spans. In each span the candidate is taken at which the wrists are farthest from their rest
     position, which is their median position in the slowest tenth of all frames; in a span without a candidate, the
     frame in the middle.
-
-    Args:
-        motion: motion to choose from.
-        count: number of frames to choose.
 
     Returns:
         Indices of `count` different frames in order of time, or of all frames where the motion has fewer.
@@ -225,9 +76,6 @@ def write(
     Args:
         path: `.png` or `.svg` file to write.
         motion: one motion, or several by name; the name is written above the row.
-        count: number of columns.
-        words: words of the speech in order of time.
-        look: colours and build of the figures.
         size: width and height of each picture in pixels.
 
     Raises:
@@ -250,9 +98,31 @@ def write(
     first = next(iter(motions.values()))
     times = [frame / first.fps for frame in choose(first, count)]
     page = _page(motions, times, words, look, size)
-    content = as_png(page) if suffix == ".png" else as_svg(page).encode()
+    content = _as_png(page) if suffix == ".png" else "".join(f"{line}\n" for line in _svg_lines(page)).encode()
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+class _Text(NamedTuple):
+    """One line of words with their colours; `x` is its start or its middle, and `y` its baseline, in pixels."""
+
+    x: float
+    y: float
+    words: tuple[tuple[str, Colour], ...]
+    size: float
+    anchor: Literal["start", "middle"] = "start"
+
+
+class _Page(NamedTuple):
+    """A page of square pictures of `size` pixels: left and upper edge, positions (joints, 3) and skeleton of each."""
+
+    width: int
+    height: int
+    size: int
+    look: Look
+    view: View
+    pictures: tuple[tuple[int, int, np.ndarray, Skeleton], ...]
+    texts: tuple[_Text, ...]
 
 
 def _wrists(motion: Motion) -> np.ndarray:
@@ -276,31 +146,31 @@ def _choose_in_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int
     return int(inside[np.argmax(reach[inside])]) if len(inside) else (start + end) // 2
 
 
-def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> Page:
+def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> _Page:
     letter = size / 14
     line, step = round(1.4 * letter), size + _GAP
-    view = fit((motion.positions, motion.skeleton) for motion in motions.values())
     pictures, texts, y = [], [], _GAP
     for name, motion in motions.items():
         if name:
-            texts.append(Text(_GAP, y + letter, ((name, _INK),), letter))
+            texts.append(_Text(_GAP, y + letter, ((name, _INK),), letter))
             y += line
         for column, time in enumerate(times):
             frame = min(round(time * motion.fps), motion.num_frames - 1)
-            place = _GAP + column * step, y, size
-            pictures.append(Picture(*place, motion.positions[frame], motion.skeleton, look, view))
+            pictures.append((_GAP + column * step, y, motion.positions[frame], motion.skeleton))
         y += step
     y += round(letter)
     lines = 0
     for column, time in enumerate(times):
-        left = _GAP + column * step
-        texts.append(Text(left + size / 2, y, ((f"{time:.2f} s", _GREY),), 0.85 * letter, "middle"))
+        middle = _GAP + column * step + size / 2
+        texts.append(_Text(middle, y, ((f"{time:.2f} s", _GREY),), 0.85 * letter, "middle"))
         spoken = list(_lines(_words_near(words, times, column), size, letter))
         lines = max(lines, len(spoken))
         for number, row in enumerate(spoken, start=1):
-            spoken_now = tuple((word.text, _INK if word.start <= time < word.end else _GREY) for word in row)
-            texts.append(Text(left + size / 2, y + number * line, spoken_now, letter, "middle"))
-    return Page(_GAP + len(times) * step, y + lines * line + line // 2, tuple(pictures), tuple(texts))
+            coloured = tuple((word.text, _INK if word.start <= time < word.end else _GREY) for word in row)
+            texts.append(_Text(middle, y + number * line, coloured, letter, "middle"))
+    view = fit((motion.positions, motion.skeleton) for motion in motions.values())
+    width, height = _GAP + len(times) * step, y + lines * line + line // 2
+    return _Page(width, height, size, look, view, tuple(pictures), tuple(texts))
 
 
 def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> list[Word]:
@@ -314,10 +184,11 @@ def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> l
 
 def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[Word]]:
     """Break words into lines of a width in pixels; words that do not fit in three lines are left out."""
+    font = ImageFont.load_default(letter)
     row: list[Word] = []
     rows = 0
     for word in words:
-        if row and text_width(" ".join(each.text for each in [*row, word]), letter) > width:
+        if row and font.getlength(" ".join(each.text for each in [*row, word])) > width:
             yield row
             row, rows = [], rows + 1
             if rows == _MOST_LINES:
@@ -325,3 +196,54 @@ def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[
         row.append(word)
     if row:
         yield row
+
+
+def _as_png(page: _Page) -> bytes:
+    image = Image.new("RGB", (page.width, page.height), _PAPER)
+    for x, y, positions, skeleton in page.pictures:
+        pixels = draw_figure(positions, skeleton, page.look, page.size, page.size, page.view)
+        image.paste(Image.fromarray(pixels), (x, y))
+    pen = ImageDraw.Draw(image)
+    for text in page.texts:
+        font = ImageFont.load_default(text.size)
+        width = font.getlength(" ".join(word for word, _ in text.words))
+        x = text.x - width / 2 if text.anchor == "middle" else text.x
+        for word, colour in text.words:
+            pen.text((x, text.y), word, fill=colour, font=font, anchor="ls")
+            x += font.getlength(f"{word} ")
+    buffer = io.BytesIO()
+    image.save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def _svg_lines(page: _Page) -> Iterator[str]:
+    """Yield the lines of an SVG document whose texts remain texts."""
+    yield (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{page.width}" height="{page.height}" '
+        f'viewBox="0 0 {page.width} {page.height}" font-family="Helvetica, Arial, sans-serif">'
+    )
+    yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
+    yield '<radialGradient id="light0" cx="50%" cy="37.5%" r="75%">'  # approximates `shapes.backdrop`
+    for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
+        yield f'<stop offset="{offset}" stop-color="{_hex(shade(page.look.background, light))}"/>'
+    yield "</radialGradient>"
+    scale, spine = page.view.place(page.size, page.size)
+    for x, y, positions, skeleton in page.pictures:
+        figure = outline(positions[None], skeleton, page.look, detail=2)
+        points = figure.points[0] * scale + spine
+        yield f'<svg x="{x}" y="{y}" width="{page.size}" height="{page.size}">'
+        yield '<rect width="100%" height="100%" fill="url(#light0)"/>'
+        for shape in figure.order[0].tolist():
+            corners = points[figure.ends[shape] : figure.ends[shape + 1]]
+            path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
+            yield f'<polygon points="{path}" fill="{_hex(figure.colours[shape])}"/>'
+        yield "</svg>"
+    for text in page.texts:
+        place = f'x="{text.x:.1f}" y="{text.y:.1f}" font-size="{text.size:g}" text-anchor="{text.anchor}"'
+        words = (f'<tspan fill="{_hex(colour)}">{html.escape(word)}</tspan>' for word, colour in text.words)
+        yield f"<text {place}>{' '.join(words)}</text>"
+    yield "</svg>"
+
+
+def _hex(colour: Colour) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -60,9 +60,6 @@ def loft(
         sides: number of points of a ring.
         squareness: exponent of the superellipse of a ring: 2 for an ellipse, more for a rounded rectangle.
         caps: height of the caps at both ends in radii; 1 for half spheres.
-
-    Returns:
-        The closed surface.
     """
     across, ahead = np.broadcast_to(across, centres.shape), np.broadcast_to(ahead, centres.shape)
     influence = influence if influence.ndim == 3 else np.repeat(influence[:, None], sides, axis=1)
@@ -97,9 +94,6 @@ def tube(
         influence: (R, J) influence of the joints on each ring.
         reference: (3,) vector that is not parallel to the path; the first axis of the rings is at right angles to it.
         **options: further arguments of `loft`.
-
-    Returns:
-        The closed surface.
     """
     along = unit(np.gradient(path, axis=0))
     across = unit(np.cross(along, reference))
@@ -109,17 +103,7 @@ def tube(
 
 
 def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], influence: np.ndarray) -> Surface:
-    """Build an ellipsoid.
-
-    Args:
-        centre: (3,) centre in metres.
-        axes: (3, 3) right-handed unit vectors of the axes, one in each row.
-        radii: half-length of each axis in metres.
-        influence: (J,) influence of the joints.
-
-    Returns:
-        The closed surface.
-    """
+    """Build an ellipsoid with half-lengths `radii` along its axes, unit vectors in the rows of (3, 3)."""
     height = np.linspace(-0.8, 0.8, 9)
     width = np.sqrt(1 - height**2)
     centres = centre + radii[1] * height[:, None] * axes[1]
@@ -129,13 +113,7 @@ def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], infl
 
 
 def finish(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
-    """Build a surface whose normals are the means of the normals of the faces around a point, weighted by area.
-
-    Args:
-        points: (n, 3) metres.
-        faces: (m, 3) indices of the corners of each triangle.
-        influence: (n, J) influence of the joints.
-    """
+    """Build a surface whose normals are the means of those of the faces around a point, weighted by area."""
     corners = points[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)

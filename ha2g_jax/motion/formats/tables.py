@@ -16,6 +16,7 @@ _AXES = {"units": "metres", "x": "the figure's left", "y": "up", "z": "ahead of 
 _QUATERNIONS = "x, y, z, w, relative to the parent's axes, the rest rotation included"
 _MILLIONTHS, _BLOCK = 6, 500
 _POSITION, _DIRECTION, _ROTATION = "xyz", ("dx", "dy", "dz"), ("qx", "qy", "qz", "qw")
+_NUM_BETAS = 16
 
 
 def write_json(path: str | pathlib.Path, animation: Animation) -> None:
@@ -25,13 +26,6 @@ def write_json(path: str | pathlib.Path, animation: Animation) -> None:
     root), `offset` and `rest` as in `armature.Armature`; `frames`, each with `time` in seconds and for every joint its
     `positions` [x, y, z] in metres, its `directions` [x, y, z], the unit vector in the world from its parent to it
     (zero for the root and for joints at the position of their parent), and its `rotations` [x, y, z, w].
-
-    Args:
-        path: file to write.
-        animation: animation of any rig.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     head = describe_joints(animation.armature, animation.fps) | {"meta": animation.meta}
     start = json.dumps(head, indent=1, sort_keys=True).removesuffix("\n}")
@@ -50,13 +44,6 @@ def write_csv(path: str | pathlib.Path, animation: Animation) -> None:
     The columns are `frame`, `time` in seconds, and ten for every joint: NAME_x, NAME_y, NAME_z, its position in
     metres; NAME_dx, NAME_dy, NAME_dz, the unit vector from its parent to it; NAME_qx, NAME_qy, NAME_qz, NAME_qw, its
     rotation. The values are those of `write_json`.
-
-    Args:
-        path: file to write.
-        animation: animation of any rig.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     fields = (*_POSITION, *_DIRECTION, *_ROTATION)
     names = ["frame", "time", *(f"{joint}_{field}" for joint in animation.armature.joints for field in fields)]
@@ -69,12 +56,7 @@ def write_csv(path: str | pathlib.Path, animation: Animation) -> None:
 
 
 def describe_joints(armature: Armature, fps: float) -> dict[str, Any]:
-    """Return `rig`, `fps`, `axes`, `quaternions` and `joints` of `write_json`.
-
-    Args:
-        armature: armature of any rig.
-        fps: frames per second.
-    """
+    """Return `rig`, `fps`, `axes`, `quaternions` and `joints` of `write_json`."""
     rows = zip(armature.joints, armature.parents, _rounded(armature.offsets), _rounded(armature.rest), strict=True)
     return {
         "rig": armature.name,
@@ -86,11 +68,7 @@ def describe_joints(armature: Armature, fps: float) -> dict[str, Any]:
 
 
 def describe_poses(animation: Animation) -> Iterator[dict[str, list]]:
-    """Yield `positions`, `directions` and `rotations` of each frame as `write_json` has them, rounded to six decimals.
-
-    Args:
-        animation: animation of any rig.
-    """
+    """Yield `positions`, `directions` and `rotations` of each frame as in `write_json`, rounded to six decimals."""
     _, positions = world(animation)
     parents = np.array([max(parent, 0) for parent in animation.armature.parents])
     starts = range(0, animation.num_frames, _BLOCK)
@@ -108,9 +86,6 @@ def _rounded(values: np.ndarray) -> list:
     return (np.round(values, _MILLIONTHS) + 0.0).tolist()
 
 
-_NUM_BETAS = 16
-
-
 def write_smplx(
     path: str | pathlib.Path,
     animation: Animation,
@@ -118,22 +93,13 @@ def write_smplx(
     moves: bool = False,
     face: Mapping[str, np.ndarray] | None = None,
 ) -> None:
-    """Write the poses of an animation of the rig smplx.
+    """Write an `.npz` file of the poses of an animation of the rig smplx, with the names of AMASS and BEAT2.
 
     Fields: `poses` (T, 165) float32, axis-angle vectors in radians of the 55 joints, each relative to its parent, with
     zero for the flat hand (flat_hand_mean=True); hips and legs are zero unless the motion has them, jaw and eyes are
-    zero but for the jaw of `face`. `trans` (T, 3) float32 metres, zero unless the person moves, y up, facing +z.
-    `betas` (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral", `surface_model_type`
-    "smplx", `joint_names` (55,). `expressions` (T, n) and `arkit` (T, 52) of `face`, where it has them.
-
-    Args:
-        path: file to write_smplx.
-        animation: animation of the rig smplx.
-        moves: whether the root of the animation moves, so that its place is `trans`.
-        face: passengers of the motion, see `Motion.face`.
-
-    Raises:
-        UserError: the file cannot be written.
+    zero but for the jaw of `face`. `trans` (T, 3) float32 metres, zero unless the root moves, y up, facing +z. `betas`
+    (16,) zero, the mean shape. `mocap_frame_rate` frames per second, `gender` "neutral", `surface_model_type` "smplx",
+    `joint_names` (55,). `expressions` (T, n) and `arkit` (T, 52) of `face`, where it has them.
     """
     with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez(
@@ -148,16 +114,7 @@ def write_smplx(
 
 
 def arrays_of(animation: Animation, *, moves: bool, face: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Return the arrays of a file that change over time.
-
-    Args:
-        animation: animation of the rig smplx.
-        moves: whether the root of the animation moves, so that its place is `trans`.
-        face: passengers of the motion, see `Motion.face`.
-
-    Returns:
-        `poses` (T, 165) and `trans` (T, 3) float32, and those of `face` but the jaw, which is in the poses.
-    """
+    """Return the arrays of `write_smplx` that change over time; the jaw of the face is in the poses."""
     vectors, frames = rotations.to_vector(animation.rotations), animation.num_frames
     if "jaw" in face:
         vectors[:, animation.armature.joint("jaw")] = face["jaw"]

@@ -9,7 +9,7 @@ import itertools
 import os
 import pathlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from typing import TypeVar, cast
+from typing import cast
 
 import av
 import numpy as np
@@ -43,8 +43,6 @@ _ENCODER = {
 _BT709 = 1  # number of this standard in the tables of H.264
 _TIME_BASE = fractions.Fraction(1, VIDEO_FPS)
 
-Result = TypeVar("Result")
-
 
 def write_video(
     path: str | pathlib.Path,
@@ -65,16 +63,12 @@ def write_video(
     machine, whatever the number of workers. The file is written completely or not at all.
 
     Args:
-        path: `.mp4` file to write.
         motion: one motion, or several by name, whose figures are drawn side by side with their names.
         audio: (samples,) float32 mono sound; with None the video is silent and lasts as long as the longest motion.
-        sample_rate: samples per second of the sound.
-        look: colours and build of the figures.
         size: width and height of the picture in pixels, both even, or one number for the side of a square for each
             figure.
         view: camera, such as that of `fit_view` for several videos; by default it is fitted to the figures of this one.
         workers: number of threads that draw and encode; by default one for each core.
-        has_progress: whether to show a progress bar on stderr.
 
     Raises:
         UserError: a motion is not valid (see `Motion.check`), the size is out of range, or the file cannot be written.
@@ -111,15 +105,7 @@ def write_video(
 
 
 def fit_view(motions: Iterable[Motion], seconds: float) -> View:
-    """Fit one camera to several motions, so that `write_video` shows each of them at the same size.
-
-    Args:
-        motions: motions of one or several videos.
-        seconds: length of the videos.
-
-    Returns:
-        The smallest view that contains all poses of the figures in that time.
-    """
+    """Fit one camera to all poses of several motions in some seconds, so that `write_video` shows them at one size."""
     frames = num_frames(seconds, VIDEO_FPS)
     return _fit_poses(_poses(each, frames) for each in motions)
 
@@ -133,13 +119,7 @@ def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Check the size of a video.
-
-    Args:
-        size: width and height in pixels.
-
-    Returns:
-        The same size.
+    """Return the width and height of a video in pixels.
 
     Raises:
         UserError: a side is odd, too small or too large.
@@ -152,13 +132,13 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _in_order(
-    executor: concurrent.futures.Executor, function: Callable[[int], Result], tasks: Iterable[int], workers: int
-) -> Generator[Result, None, None]:
-    """Yield the results of a function in the order of its tasks, with few more tasks at a time than workers."""
-    pending: collections.deque[concurrent.futures.Future[Result]] = collections.deque()
+    executor: concurrent.futures.Executor, encode: Callable[[int], list[av.Packet]], starts: Iterable[int], workers: int
+) -> Generator[list[av.Packet], None, None]:
+    """Yield the packets of pieces in order, with few more pieces at a time than workers."""
+    pending: collections.deque[concurrent.futures.Future[list[av.Packet]]] = collections.deque()
     try:
-        for task in tasks:
-            pending.append(executor.submit(function, task))
+        for start in starts:
+            pending.append(executor.submit(encode, start))
             if len(pending) > workers:
                 yield pending.popleft().result()
         while pending:

@@ -26,6 +26,7 @@ from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_FPS, MAX_MOTION_JSON_BY
 from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import array_files, bvh_motion, joint_maps, smplx, smplx_arrays
+from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length
 from ha2g_jax.motion.readers.bvh import read_bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
@@ -44,7 +45,6 @@ _PICKLE = b"\x80"  # begins every pickle of protocol 2 or later
 _BEGINNINGS = {b"PK": ".npz", b"\x93NUMPY": ".npy", b"{": ".json", b"[": ".json", b"HIERARCHY": ".bvh"}
 _HEAD = 64  # bytes that show the container
 _MAX_GROUPS = 2_000_000  # lists of a JSON file, which take long to parse; a position of a joint is one
-_ARM = (0.3, 1.0)  # metres from shoulder to wrist of a person
 
 
 def read_motion(
@@ -58,7 +58,6 @@ def read_motion(
     """Read the motion of a file of any kind.
 
     Args:
-        path: path of the file.
         skeleton: skeleton of the result, "ted_expressive" or "ted_gesture"; by default the first that the file fits.
         fps: frames per second of the result; None keeps those of the file. A motion of our own keeps its rate.
         source_fps: frames per second of a file that does not say it; direction vectors have 15 by default.
@@ -85,21 +84,13 @@ def read_motion(
 
 
 def find_skeleton(path: str | os.PathLike, joint_map: str = joint_maps.AUTO) -> str:
-    """Return the name of the first skeleton whose joints a file has.
-
-    Raises:
-        UserError: none of them, or the file cannot be read.
-    """
+    """Return the name of the first skeleton whose joints a file has, or raise a UserError."""
     content = read_content(pathlib.Path(path))
     return find_kind(content).find_skeleton(content, joint_map)
 
 
 def borders_of(motion: Motion, path: pathlib.Path) -> tuple[int, ...]:
-    """Return the first frames of the windows that a motion was joined from, as its file says.
-
-    Raises:
-        UserError: they are no frames.
-    """
+    """Return the first frames of the windows that a motion was joined from; others than frames are a UserError."""
     try:
         return tuple(array_files.read_borders(motion.meta, motion.num_frames).tolist())
     except (ValueError, TypeError, OverflowError) as error:
@@ -112,7 +103,6 @@ class Content(NamedTuple):
     """What a file of motion holds.
 
     Attributes:
-        path: path of the file.
         container: one of `SUFFIXES`, whatever the suffix of the path.
         arrays: values by name of `.npz` and `.json`; those of other names are not read.
         array: the array of a `.npy`, empty for others.
@@ -133,10 +123,9 @@ class Options(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """A kind of motion.
+    """A kind of motion, with the name of the documentation.
 
     Attributes:
-        name: name of the kind, as in the documentation.
         matches: function of the content of a file to whether it is of this kind.
         find_skeleton: function of the content and the joint map to the name of the skeleton that suits it.
         read: function of the content, a skeleton and the options to the motion.
@@ -271,9 +260,8 @@ def _from_named(arrays: array_files.Arrays, path: pathlib.Path, skeleton: Skelet
     if len(arrays.borders):
         meta["borders"] = arrays.borders.tolist()
     motion = Motion.from_positions(skeleton, positions, arrays.fps, meta)
-    arm = [skeleton.joint(f"left_{part}") for part in ("shoulder", "elbow", "wrist")]
-    length = float(np.median(np.linalg.norm(np.diff(positions[:, arm], axis=1), axis=-1).sum(axis=-1)))
-    if not _ARM[0] <= length <= _ARM[1]:  # not in metres: the bones of the skeleton take the place of the file's
+    length = arm_length(positions, skeleton, "left")
+    if not ARM_RANGE[0] <= length <= ARM_RANGE[1]:  # not in metres: take the skeleton's bones
         motion = Motion.from_directions(skeleton, motion.directions, arrays.fps, motion.meta)
     return _at_rate(motion, options.fps)
 

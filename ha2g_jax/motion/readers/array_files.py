@@ -1,4 +1,14 @@
-"""Arrays without a body model: positions of named joints, and bare direction vectors."""
+"""Arrays without a body model: positions of named joints, and bare direction vectors.
+
+Positions have any order of joints, more joints than the skeleton's and any right-handed axes. Motion with y down and
+the person's left where the skeleton has it is taken as it is, other motion is rotated as one rigid body. `borders`, the
+first frames of windows that the motion was joined from, may stand beside the positions.
+
+Models of the TED data sets write direction vectors whole or less the mean of the data. Such an array says neither its
+frame rate, which is that of the TED data unless another is given, nor whether the mean was subtracted. Unit lengths
+tell, before or after the mean is added. Outputs of networks have no unit length; there, the vectors must also resemble
+the mean, or not resemble it.
+"""
 
 import pathlib
 from collections.abc import Mapping
@@ -8,7 +18,7 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import reason, shown
-from ha2g_jax.limits import MAX_MOTION_FPS, MAX_MOTION_JOINTS, MIN_MOTION_FPS
+from ha2g_jax.limits import MAX_MOTION_JOINTS
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
@@ -22,17 +32,16 @@ _MIN_LENGTH = 1e-6  # metres of a bone that has a direction
 _MAX_PLACE = 1e9  # in any unit; the squares of greater numbers lose their digits
 _OURS_DOWN = "-y"  # the axis that points up where y points down
 _LISTED = 12
+FPS = 15.0  # frames per second of the TED data
+
+_EXACT = 0.02  # median difference of the lengths from 1 that rounding explains
+_MAX_ERROR = 0.35  # the same of outputs of networks
+_MAX_VALUE = 1e3
+_ALIKE, _UNLIKE = 0.7, 0.3  # fraction of the mean that direction vectors have, and residuals have not
 
 
 class Arrays(NamedTuple):
-    """The arrays of a file.
-
-    Attributes:
-        positions: (T, J, 3) positions in any unit.
-        fps: frames per second.
-        joint_names: (J,) names of the joints.
-        borders: (n,) first frames of windows.
-    """
+    """The arrays of a file: (T, J, 3) positions in any unit, J names, and (n,) borders, the first frames of windows."""
 
     positions: np.ndarray
     fps: float
@@ -42,10 +51,6 @@ class Arrays(NamedTuple):
 
 def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
     """Convert the content of a file to arrays that fit together.
-
-    Args:
-        content: values by name.
-        path: path of the file, for messages.
 
     Raises:
         UserError: an array is missing or has another form, or the length or the frame rate is out of range.
@@ -63,11 +68,6 @@ def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
         raise UserError(
             f"{shown(path)} has positions of shape {positions.shape} for {len(joints)} joint names; {EXPECTED}"
         )
-    if not MIN_MOTION_FPS <= fps <= MAX_MOTION_FPS:
-        raise UserError(
-            f"{shown(path)} states {fps:g} frames per second; expected {MIN_MOTION_FPS:g} to {MAX_MOTION_FPS:g} under "
-            "fps"
-        )
     try:
         check_length(len(positions), fps)
     except UserError as error:
@@ -77,10 +77,6 @@ def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
 
 def read_borders(content: Mapping[str, Any], frames: int) -> np.ndarray:
     """Return the first frames of windows, (n,) different whole numbers in ascending order, none by default.
-
-    Args:
-        content: values by name, "borders" among them.
-        frames: number of frames of the motion.
 
     Raises:
         ValueError, TypeError, OverflowError: they are not whole numbers from 0 to `frames`.
@@ -92,11 +88,7 @@ def read_borders(content: Mapping[str, Any], frames: int) -> np.ndarray:
 
 
 def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
-    """Return the name of the first skeleton whose joints the arrays have.
-
-    Raises:
-        UserError: they have the joints of none.
-    """
+    """Return the name of the first skeleton whose joints the arrays have, or raise a UserError."""
     for name in SKELETONS:
         if not _find_joints(arrays.joint_names, load_skeleton(name), joint_map)[1]:
             return name
@@ -107,11 +99,7 @@ def find_skeleton(arrays: Arrays, joint_map: str, path: pathlib.Path) -> str:
 def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathlib.Path) -> np.ndarray:
     """Return positions (T, joints, 3) of the joints of a skeleton in its axes, float64, in the unit of the file.
 
-    Args:
-        arrays: arrays of a file.
-        skeleton: skeleton of the joints.
-        joint_map: names of the joints, beside those of the skeleton; see `joint_maps`.
-        path: path of the file, for messages.
+    The map names joints beside the names of the skeleton, see `joint_maps`.
 
     Raises:
         UserError: joints are missing, or the positions are no motion.
@@ -133,11 +121,7 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> None:
-    """Check positions (T, joints, 3).
-
-    Raises:
-        UserError: a position is not finite or too far away, or a bone has no length.
-    """
+    """Raise a UserError if a position (T, joints, 3) is not finite or too far away, or a bone has no length."""
     if not np.isfinite(positions).all():
         frame, joint, _ = np.argwhere(~np.isfinite(positions))[0]
         raise UserError(
@@ -200,14 +184,6 @@ def _names(values: Any) -> tuple[str, ...]:
     return tuple(name.decode() if isinstance(name, bytes) else str(name) for name in values)
 
 
-FPS = 15.0  # frames per second of the TED data
-
-_EXACT = 0.02  # median difference of the lengths from 1 that rounding explains
-_MAX_ERROR = 0.35  # the same of outputs of networks
-_MAX_VALUE = 1e3
-_ALIKE, _UNLIKE = 0.7, 0.3  # fraction of the mean that direction vectors have, and residuals have not
-
-
 def directions_skeleton(array: np.ndarray) -> str | None:
     """Return the name of the skeleton whose direction vectors an array has by its shape, None without one."""
     for name in SKELETONS:
@@ -218,15 +194,9 @@ def directions_skeleton(array: np.ndarray) -> str | None:
 
 
 def read_directions(array: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> tuple[np.ndarray, bool]:
-    """Return the directions of an array.
+    """Return the directions (T, bones, 3) of an array, and whether `skeleton.mean_directions` was added to them.
 
-    Args:
-        array: (T, bones, 3) or (T, 3 * bones) direction vectors, or the same less `skeleton.mean_directions`.
-        skeleton: skeleton of the bones.
-        path: path of the file, for messages.
-
-    Returns:
-        (T, bones, 3) float64 vectors of any positive length, and whether the mean was added to them.
+    The array is (T, bones, 3) or (T, 3 * bones); the result is float64 of any positive length.
 
     Raises:
         UserError: the array has no numbers, or its lengths are those of neither.

@@ -4,10 +4,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.limits import MAX_POSED_JOINTS, MAX_SOUND_SECONDS
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
+from ha2g_jax.motion.rotations import unit
 from ha2g_jax.skeleton import Skeleton
 
 UPS = ("y", "-y", "z", "-z", "x", "-x")
+ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist of a person
+MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
 
 _UP_VECTORS = {
     **{"y": (0.0, 1.0, 0.0), "-y": (0.0, -1.0, 0.0), "z": (0.0, 0.0, 1.0), "-z": (0.0, 0.0, -1.0)},
@@ -15,22 +19,39 @@ _UP_VECTORS = {
 }
 # Minimum horizontal fraction of the shoulders' width, in a frame and on average, that determines where a person faces.
 _MIN_LEVEL, _MIN_MEAN_LEVEL = 0.2, 0.1
+_MIN_EVIDENCE = 0.15  # mean of what feet and hands say, each from -1 to 1, from which a verdict is given
+_FINGERS = ("index", "middle", "ring", "pinky")
+
+FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
+
+# Direction of the foot in the T-pose, from the ankle to its ball; a file without toes has feet of this length.
+_FOOT = np.array([0.0, -0.36, 0.93])
+_FOOT_LENGTH = 0.14
+_DOWN, _LEFT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+
+
+def arm_length(positions: np.ndarray, skeleton: Skeleton, *sides: str) -> float:
+    """Return the median length of the arms from shoulder to wrist, in the unit of positions (T, joints, 3)."""
+    arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in sides]
+    bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
+    return float(np.median(bones.sum(axis=-1)))
+
+
+def check_size(num_joints: int, num_frames: int) -> None:
+    """Raise a UserError if the joints in all frames together are more than `MAX_POSED_JOINTS`."""
+    if num_joints * num_frames > MAX_POSED_JOINTS:
+        raise UserError(
+            f"{num_joints} joints in {num_frames} frames, {num_joints * num_frames:,} together; expected at most "
+            f"{MAX_POSED_JOINTS:,}: cut the file"
+        )
 
 
 def to_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> np.ndarray:
-    """Rotate and translate a recording as one rigid body into the axes of a skeleton.
+    """Rotate and translate a recording (T, joints, 3), in metres, as one rigid body into the axes of a skeleton.
 
     The rotation maps the up axis and the mean heading onto those of the skeleton (TED-Expressive: left +x, ahead -z;
-    TED-Gesture: left -x, ahead +z), so the vertical stays vertical. The translation maps the mean position of the
-    spine onto that of the mean pose.
-
-    Args:
-        positions: (T, joints, 3) metres, right-handed.
-        skeleton: skeleton of the joints and the axes.
-        up: axis of the file that points up, one of `UPS`.
-
-    Returns:
-        (T, joints, 3) metres in float64.
+    TED-Gesture: left -x, ahead +z), so the vertical stays vertical. The translation maps the mean position of the spine
+    onto that of the mean pose.
 
     Raises:
         UserError: the shoulders lie along the up axis, so that there is no heading.
@@ -41,11 +62,10 @@ def to_skeleton_axes(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y"
 
 
 def mean_heading(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> np.ndarray:
-    """Find the axes of the skeleton in the coordinates of the file, for the whole recording.
+    """Return the axes of the skeleton in the coordinates of the file, for the whole recording.
 
     Args:
         positions: (T, joints, 3) in any unit.
-        skeleton: skeleton of the joints and the axes.
         up: axis of the file that points up, one of `UPS`.
 
     Returns:
@@ -66,14 +86,9 @@ def mean_heading(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") ->
 
 
 def headings(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> tuple[np.ndarray, np.ndarray]:
-    """Find the axes of the skeleton in the coordinates of the file, frame by frame.
+    """Find the axes of the skeleton in the coordinates of the file, frame by frame, see `mean_heading`.
 
     The axes follow the heading of the shoulders, and y is always vertical.
-
-    Args:
-        positions: (T, joints, 3) in any unit.
-        skeleton: skeleton of the joints and the axes.
-        up: axis of the file that points up, one of `UPS`.
 
     Returns:
         (T, 3, 3) rotation matrices whose columns are x, y and z of the skeleton, and (T,) reliability of each, from 0
@@ -86,15 +101,7 @@ def headings(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> tup
 
 
 def find_up(positions: np.ndarray, skeleton: Skeleton) -> str:
-    """Find the axis that points up: the one nearest to the mean direction from spine to neck.
-
-    Args:
-        positions: (T, joints, 3) in any unit.
-        skeleton: skeleton of the joints.
-
-    Returns:
-        One of `UPS`.
-    """
+    """Find the axis of `UPS` that points up: the one nearest to the mean direction from spine to neck."""
     trunk = positions[:, skeleton.joint("neck")] - positions[:, skeleton.joint("spine")]
     mean = trunk.mean(axis=0)
     return max(UPS, key=lambda up: float(mean @ np.array(_UP_VECTORS[up])))
@@ -124,17 +131,12 @@ def _any_level(up: str) -> np.ndarray:
     return np.roll(np.array(_UP_VECTORS[up]), 1)
 
 
-_MIN_EVIDENCE = 0.15  # mean of what feet and hands say, each from -1 to 1, from which a verdict is given
-_FINGERS = ("index", "middle", "ring", "pinky")
-
-
 def is_mirrored(positions: np.ndarray, skeleton: Skeleton, feet: np.ndarray | None = None) -> bool:
-    """Return whether a motion is clearly the mirror image of a person's.
+    """Return whether a motion (T, joints, 3) is clearly the mirror image of a person's, as in left-handed axes.
 
-    Args:
-        positions: (T, joints, 3) in any unit and any axes, with the names of the skeleton.
-        skeleton: skeleton of the joints.
-        feet: (T, 4, 3) left ankle, left ball of the foot, right ankle and right ball in the same axes, if known.
+    A mirror image has the bones and the speeds of the motion, but no human body: where left and up point to the
+    person's back, toes and knees point backwards, and fingers bend towards the back of the hand. The feet, if known,
+    are (T, 4, 3): left ankle, left ball of the foot, right ankle and right ball.
     """
     signs = [_bend(positions, skeleton, side) for side in ("left", "right") if "left_index_1" in skeleton.joints]
     if feet is not None:
@@ -163,32 +165,19 @@ def _bend(positions: np.ndarray, skeleton: Skeleton, side: str) -> float:
         return positions[:, skeleton.joint(f"{side}_{name}")]
 
     along = at("middle_1") - at("wrist")
-    palm = np.cross(at("index_1") - at("pinky_1"), along) * (1 if side == "right" else -1)
-    palm = _unit(palm)
+    palm = unit(np.cross(at("index_1") - at("pinky_1"), along) * (1 if side == "right" else -1))
     bends = []
     for finger in _FINGERS:
         first, second = at(f"{finger}_2") - at(f"{finger}_1"), at(f"{finger}_3") - at(f"{finger}_2")
         # The second bone is bent against the first, which flat hands do not show.
-        bends.append(np.sum((_unit(second) - _unit(first)) * palm, axis=-1))
+        bends.append(np.sum((unit(second) - unit(first)) * palm, axis=-1))
     return float(np.clip(2 * np.median(bends), -1, 1))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-
-
-FACE = ("nose", "head", "right_eye", "left_eye", "right_ear", "left_ear")
-
-
-def face_joints(skeleton: Skeleton) -> tuple[int, ...]:
-    """Return the indices of the skeleton's joints that lie on the head."""
-    return tuple(index for index, joint in enumerate(skeleton.joints) if joint in FACE)
 
 
 def add_face(
     positions: np.ndarray, head_positions: np.ndarray, head_rotations: np.ndarray, skeleton: Skeleton, *, up: str = "y"
 ) -> np.ndarray:
-    """Set the joints of the face of a motion.
+    """Set the joints of the face of a motion: points fixed on the head, which show its rotation.
 
     Rest poses are not reliable, because many files store every bone along its own axis. Therefore the head is assumed
     to look ahead on average. M, the mean over the frames of heading^-1 head, is the rotation of an upright head that
@@ -200,8 +189,7 @@ def add_face(
         positions: (T, joints, 3) metres, right-handed, with both shoulders; the joints of the face are ignored.
         head_positions: (T, 3) metres, position of the joint that the head rotates about.
         head_rotations: (T, 3, 3) rotation of the head in the same coordinates, from any rest pose.
-        skeleton: skeleton of the joints, whose mean pose gives the face.
-        up: axis of the coordinates that points up, one of `axes.UPS`.
+        up: axis of the coordinates that points up, one of `UPS`.
 
     Returns:
         (T, joints, 3) metres, a copy.
@@ -216,26 +204,9 @@ def add_face(
     mean_to_head = np.average(to_head, axis=0, weights=weights)
     places = skeleton.mean_pose - skeleton.mean_pose[shoulders].mean(axis=0) - mean_to_head
     completed = np.array(positions, np.float64)
-    for joint in face_joints(skeleton):
+    for joint in (index for index, name in enumerate(skeleton.joints) if name in FACE):
         completed[:, joint] = head_positions + facing.apply(places[joint])
     return completed
-
-
-# Direction of the foot in the T-pose, from the ankle to its ball; a file without toes has feet of this length.
-_FOOT = np.array([0.0, -0.36, 0.93])
-_FOOT_LENGTH = 0.14
-_DOWN, _LEFT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
-
-
-def to_export_axes(heading: np.ndarray, skeleton: Skeleton) -> np.ndarray:
-    """Return the (3, 3) rotation from the axes of a file to y up, facing +z: `positions @ rotation`.
-
-    Args:
-        heading: (3, 3) rotation to the axes of the skeleton, see `axes.mean_heading`.
-        skeleton: skeleton of these axes.
-    """
-    left, right = (skeleton.mean_pose[skeleton.joint(f"{side}_shoulder"), 0] for side in ("left", "right"))
-    return heading * (np.array([1.0, -1.0, -1.0]) if left > right else np.array([-1.0, -1.0, 1.0]))
 
 
 def from_captured(positions: np.ndarray, rotations: np.ndarray, spine: np.ndarray) -> LowerBody:
@@ -298,10 +269,9 @@ def from_rest_pose(rest: np.ndarray, spine: np.ndarray, rotations: np.ndarray, p
 def _constant(
     own: Rotation, exact: np.ndarray, exact_rest: np.ndarray, about: np.ndarray, rest: np.ndarray
 ) -> Rotation:
-    """Return the rotation from the T-pose to the axes of a joint.
+    """Return the rotation from the T-pose to the axes of a joint with rotations `own`.
 
     Args:
-        own: T rotations of the joint.
         exact, exact_rest: (T, 3) vectors that are constant in the axes of the joint, and (3,) the same in the T-pose.
         about, rest: (T, 3) vectors that are so on average, and (3,) the same in the T-pose.
     """

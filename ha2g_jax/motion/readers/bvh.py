@@ -7,19 +7,9 @@ from typing import NamedTuple, TextIO
 
 import numpy as np
 
+from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, reading, shown
-from ha2g_jax.limits import (
-    MAX_BVH_FRAMES,
-    MAX_BVH_HEADER,
-    MAX_BVH_JOINTS,
-    MAX_BVH_LINES,
-    MAX_BVH_VALUES,
-    MAX_JOINT_CHANNELS,
-    MAX_JOINT_NAME,
-    MAX_MOTION_FPS,
-    MIN_MOTION_FPS,
-)
 
 _EXPECTED = "a motion capture in BVH"
 _MAX_LINE = 1 << 16  # letters in a line of the header
@@ -29,6 +19,10 @@ _CHANNELS = {f"{axis}{kind}": f"{axis.upper()}{kind}" for axis in "xyz" for kind
 # Usual rates, whose frame times exporters round.
 _RATES = (24, 25, 30, 50, 60, 90, 100, 120, 200, 240, *(rate / 1.001 for rate in (24, 30, 60, 120)))
 _MIN_DIGITS = 3  # decimals that a frame time needs to identify a usual rate
+_BLOCK = 1 << 20  # letters that are parsed at once
+_MAX_NUMBER = 1 << 16  # letters of a number
+_MAX_SHOWN = 40  # letters of a word in a message
+_MAX_VALUE = 1e7  # value of a channel: ten kilometres in millimetres
 
 
 class Bvh(NamedTuple):
@@ -61,12 +55,9 @@ def read_bvh(path: str | os.PathLike) -> Bvh:
 
     Memory stays within a few times the size of the file, whatever its header declares.
 
-    Args:
-        path: path of the file.
-
     Raises:
-        UserError: the file is not BVH, is cut off, or has invalid values; the message names the line, or the frame
-            and the channel.
+        UserError: the file is not BVH, is cut off, or has invalid values; the message names the line, or the frame and
+            the channel.
     """
     path = pathlib.Path(path)
     check_regular(path, _EXPECTED)
@@ -100,9 +91,10 @@ class _Reader:
         if not names:
             raise self._error("it has no CHANNELS, so it has no motion")
         frames, fps = self._read_motion_header()
-        if frames * len(names) > MAX_BVH_VALUES:
+        if frames * len(names) > limits.MAX_BVH_VALUES:
             raise self._error(
-                f"{frames} frames of {len(names)} channels, expected at most {MAX_BVH_VALUES:,} numbers: cut the file"
+                f"{frames} frames of {len(names)} channels, expected at most {limits.MAX_BVH_VALUES:,} numbers: "
+                "cut the file"
             )
         motion = read_values(self._path, self._file, " ".join(self._words), frames, names)
         offsets = np.array([self._offsets[joint] for joint in range(len(self._joints))])
@@ -132,10 +124,12 @@ class _Reader:
     def _add(self, name: str, parent: int) -> int:
         if name in self._joints:
             raise self._error(f"a second joint {short(name)}, expected unique names and no cycles")
-        if len(name) > MAX_JOINT_NAME:
-            raise self._error(f"a joint with a name of {len(name)} characters, expected at most {MAX_JOINT_NAME}")
-        if len(self._joints) == MAX_BVH_JOINTS:
-            raise self._error(f"more than {MAX_BVH_JOINTS} joints, expected the skeleton of a person")
+        if len(name) > limits.MAX_JOINT_NAME:
+            raise self._error(
+                f"a joint with a name of {len(name)} characters, expected at most {limits.MAX_JOINT_NAME}"
+            )
+        if len(self._joints) == limits.MAX_BVH_JOINTS:
+            raise self._error(f"more than {limits.MAX_BVH_JOINTS} joints, expected the skeleton of a person")
         self._joints[name] = parent
         return len(self._joints) - 1
 
@@ -155,8 +149,8 @@ class _Reader:
 
     def _channel_names(self) -> tuple[str, ...]:
         count = self._word()
-        if count not in map(str, range(MAX_JOINT_CHANNELS + 1)):
-            raise self._error(f"CHANNELS {short(count)}, expected 0 to {MAX_JOINT_CHANNELS}")
+        if count not in map(str, range(limits.MAX_JOINT_CHANNELS + 1)):
+            raise self._error(f"CHANNELS {short(count)}, expected 0 to {limits.MAX_JOINT_CHANNELS}")
         found = [self._word() for _ in range(int(count))]
         names = tuple(_CHANNELS.get(name.lower(), "") for name in found)
         if "" in names or len(set(names)) < len(names):
@@ -168,14 +162,14 @@ class _Reader:
         self._words = iter(" ".join(self._words).replace(":", " ").split())
         count = self._value_of("FRAMES")
         is_number = count.isascii() and count.isdigit() and len(count) <= _MAX_DIGITS
-        if not is_number or not 1 <= int(count) <= MAX_BVH_FRAMES:
-            raise self._error(f"Frames: {short(count)}, expected a whole number from 1 to {MAX_BVH_FRAMES:,}")
+        if not is_number or not 1 <= int(count) <= limits.MAX_BVH_FRAMES:
+            raise self._error(f"Frames: {short(count)}, expected a whole number from 1 to {limits.MAX_BVH_FRAMES:,}")
         text = self._value_of("FRAME", "TIME")
         frame_time = to_number(text)
-        if frame_time is None or not 1 / MAX_MOTION_FPS <= frame_time <= 1 / MIN_MOTION_FPS:
+        if frame_time is None or not 1 / limits.MAX_MOTION_FPS <= frame_time <= 1 / limits.MIN_MOTION_FPS:
             raise self._error(
                 f"Frame Time: {short(text)}, expected seconds, such as 0.0333333 for 30 frames a second, from "
-                f"{1 / MAX_MOTION_FPS:g} to {1 / MIN_MOTION_FPS:g}"
+                f"{1 / limits.MAX_MOTION_FPS:g} to {1 / limits.MIN_MOTION_FPS:g}"
             )
         return int(count), _frame_rate(text, frame_time)
 
@@ -194,9 +188,10 @@ class _Reader:
                 raise self._error("the file ends here, expected more of the skeleton or the motion")
             if len(line) == _MAX_LINE:
                 raise self._error(f"a line of {_MAX_LINE} characters or more, so it is not a BVH file")
-            if self._num_letters > MAX_BVH_HEADER or self._line > MAX_BVH_LINES:
+            if self._num_letters > limits.MAX_BVH_HEADER or self._line > limits.MAX_BVH_LINES:
                 raise self._error(
-                    f"more than {MAX_BVH_LINES} lines or {MAX_BVH_HEADER} characters before the motion: it is not BVH"
+                    f"more than {limits.MAX_BVH_LINES} lines or {limits.MAX_BVH_HEADER} characters before the motion: "
+                    "it is not BVH"
                 )
             if self._in_motion:
                 line = line.replace(":", " ")
@@ -217,24 +212,11 @@ def _frame_rate(text: str, frame_time: float) -> float:
     return rate if is_cut else 1 / frame_time
 
 
-_BLOCK = 1 << 20  # letters that are parsed at once
-_MAX_NUMBER = 1 << 16  # letters of a number
-_MAX_SHOWN = 40  # letters of a word in a message
-_MAX_VALUE = 1e7  # value of a channel: ten kilometres in millimetres
-
-
 def read_values(path: pathlib.Path, file: TextIO, begin: str, frames: int, names: Sequence[str]) -> np.ndarray:
-    """Read the values of all channels in all frames; values beyond them are ignored.
+    """Read the values (frames, channels) of all channels in all frames; values beyond them are ignored.
 
-    Args:
-        path: path of the file, to name it in an error message.
-        file: the open file, at the end of `begin`.
-        begin: text of the motion that was read already.
-        frames: number of frames.
-        names: name of each channel, to name it in an error message.
-
-    Returns:
-        (frames, channels) values.
+    They are read in blocks, so that memory depends on the size of the file alone; `begin` is the text of the motion
+    that was read already, and the names are those of the channels.
 
     Raises:
         UserError: the file has fewer values, or one that is not a number or too large.

@@ -1,4 +1,4 @@
-"""Forward kinematics of a BVH motion at any frame rate."""
+"""The motion of a BVH file: forward kinematics at any frame rate, and the joints of a skeleton with a face."""
 
 import os
 import pathlib
@@ -10,23 +10,30 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
-from ha2g_jax.limits import MAX_POSED_JOINTS, MAX_SOUND_SECONDS
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
+    ARM_RANGE,
+    MAX_MINUTES,
     add_face,
+    arm_length,
+    check_size,
     find_up,
     from_captured,
     is_mirrored,
     mean_heading,
-    to_export_axes,
     to_skeleton_axes,
 )
 from ha2g_jax.motion.readers.bvh import Bvh, read_bvh
 from ha2g_jax.motion.readers.joint_maps import AUTO, HEAD, choose_map, find_legs
+from ha2g_jax.motion.resample import moments_at
 from ha2g_jax.skeleton import Skeleton
 
 _AXES = "XYZ"
+_UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
+_ARM = 0.55  # metres from shoulder to wrist of an adult
+_FEET_FPS = 2.0
 
 
 def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -36,7 +43,6 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
     without position channels keeps its length.
 
     Args:
-        bvh: contents of a BVH file.
         fps: frames per second of the result; frame k is at k / fps seconds, up to the last frame of the file.
         joints: n indices of joints of the file; only these and the joints above them are computed.
 
@@ -47,10 +53,9 @@ def world_motion(bvh: Bvh, fps: float, joints: Sequence[int]) -> tuple[np.ndarra
         UserError: the joints times the frames of the result are more than `MAX_POSED_JOINTS`.
     """
     last = len(bvh.motion) - 1
-    num_frames = int(last * fps / bvh.fps + 1e-6) + 1
     needed = _with_parents(bvh.parents, joints)
-    check_size(len(needed), num_frames)
-    moments = np.minimum(np.arange(num_frames) * (bvh.fps / fps), last)
+    moments = moments_at(len(bvh.motion), bvh.fps, fps)
+    check_size(len(needed), len(moments))
     # A slow file has many frames of the result between the same two of its own, which are converted once.
     starts, place_of = np.unique(np.floor(moments).astype(int), return_inverse=True)
     weight = (moments - starts[place_of])[:, None]
@@ -81,23 +86,6 @@ def _apply(rotations: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return (rotations @ vectors[:, :, None])[:, :, 0]
 
 
-def check_size(num_joints: int, num_frames: int) -> None:
-    """Check that a motion is not too large to be computed.
-
-    Args:
-        num_joints: number of joints.
-        num_frames: number of frames at the new rate.
-
-    Raises:
-        UserError: there are more than `MAX_POSED_JOINTS` in all frames together.
-    """
-    if num_joints * num_frames > MAX_POSED_JOINTS:
-        raise UserError(
-            f"{num_joints} joints in {num_frames} frames, {num_joints * num_frames:,} together; expected at most "
-            f"{MAX_POSED_JOINTS:,}: cut the file"
-        )
-
-
 def _with_parents(parents: Sequence[int], joints: Sequence[int]) -> set[int]:
     """Return the joints and all joints above them."""
     needed: set[int] = set()
@@ -126,20 +114,11 @@ def _rotations(channels: tuple[str, ...], values: np.ndarray) -> Rotation:
     return Rotation.from_euler(order, values[:, turning], degrees=True)
 
 
-MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
-
-_UNITS = (0.001, 0.01, 0.0254, 1.0)  # millimetres, centimetres, inches, metres
-_ARM = 0.55  # metres from shoulder to wrist of an adult
-_ARM_RANGE = (0.3, 1.0)
-_FEET_FPS = 2.0
-
-
-class Motion(NamedTuple):
-    """The motion of a BVH file, and how the file was interpreted.
+class BvhMotion(NamedTuple):
+    """The motion of a BVH file in `seconds`, and how the file was interpreted.
 
     Attributes:
         positions: (T, joints, 3) metres in the skeleton's axes, float32.
-        seconds: length of the motion in seconds.
         fps: frames per second of the file.
         joint_map: name of the joint map that was used.
         unit: metres in one unit of the file.
@@ -164,12 +143,10 @@ def read_motion(
     joint_map: str = AUTO,
     unit: float | None = None,
     with_legs: bool = False,
-) -> Motion:
+) -> BvhMotion:
     """Read the motion of a BVH file as joints of a skeleton.
 
     Args:
-        path: path of a BVH file.
-        skeleton: skeleton of the result.
         fps: frames per second of the result; None keeps those of the file.
         joint_map: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
         unit: metres in one unit of the file; None uses the unit of the joint map, or else that among millimetres,
@@ -206,7 +183,7 @@ def read_motion(
         positions = to_skeleton_axes(positions, skeleton, up=up)
     except UserError as error:
         raise UserError(f"{shown(path)}: {error}") from error
-    return Motion(positions.astype(np.float32), bvh.seconds, bvh.fps, names.name, unit, up, lower)
+    return BvhMotion(positions.astype(np.float32), bvh.seconds, bvh.fps, names.name, unit, up, lower)
 
 
 def _check_sides(bvh: Bvh, positions: np.ndarray, fps: float, skeleton: Skeleton, legs: dict[str, int]) -> None:
@@ -233,7 +210,7 @@ def _lower(
     up: str,
 ) -> LowerBody:
     """Return pelvis and legs from positions (T, n, 3) and rotations of the joints that the file has."""
-    axes = to_export_axes(mean_heading(positions, skeleton, up=up), skeleton)
+    axes = mean_heading(positions, skeleton, up=up) * export_axes(skeleton)
     points = np.full((len(legs), len(LOWER_JOINTS), 3), np.nan)
     turns = np.tile(np.eye(3), (len(legs), len(LOWER_JOINTS), 1, 1))
     for index, name in enumerate(names):
@@ -244,11 +221,9 @@ def _lower(
 
 def _find_unit(positions: np.ndarray, skeleton: Skeleton, unit: float | None) -> float:
     """Return the metres in one unit, checked or found by the median length of the arms."""
-    arms = [[skeleton.joint(f"{side}_{part}") for part in ("shoulder", "elbow", "wrist")] for side in ("left", "right")]
-    bones = np.linalg.norm(np.diff(positions[:, arms], axis=2), axis=-1)
-    length = float(np.median(bones.sum(axis=-1)))
+    length = arm_length(positions, skeleton, "left", "right")
     metres = unit or min(_UNITS, key=lambda metres: abs(np.log(max(length * metres, 1e-12) / _ARM)))
-    if not _ARM_RANGE[0] <= length * metres <= _ARM_RANGE[1]:
+    if not ARM_RANGE[0] <= length * metres <= ARM_RANGE[1]:
         raise UserError(
             f"it has arms {length:.4g} units long from shoulder to wrist, {length * metres:.4g} m for a unit of "
             f"{metres:g} m; expected about {_ARM} m: give the metres in one unit (--unit)"

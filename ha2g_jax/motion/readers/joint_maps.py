@@ -37,7 +37,6 @@ class JointMap(NamedTuple):
     """A map from joints of the skeleton to names of joints in a file.
 
     Attributes:
-        name: name of the map.
         names: possible names in a file of each joint of the skeleton and of `head`, in order of preference.
         unit: metres in one unit of the file, None to detect it.
         up: axis of the file that points up, None to detect it.
@@ -55,10 +54,7 @@ def choose_map(
     """Choose the map for a file and locate the joints of the skeleton in it.
 
     Args:
-        joints: names of the joints in the file.
-        skeleton: skeleton whose joints are located.
         joint_map: "auto" for the first of `MAPS` that fits, or one of `MAPS`, or the path of a YAML file.
-        file: name of the file in an error message.
 
     Returns:
         The map, and the index in `joints` of `head` and of each joint of the skeleton except those of the face.
@@ -83,12 +79,7 @@ def choose_map(
 
 
 def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Path) -> dict[str, int]:
-    """Locate pelvis and legs in a file.
-
-    Args:
-        joint_map: the map that was chosen for the file.
-        joints: names of the joints in the file.
-        file: name of the file in an error message.
+    """Locate pelvis and legs among the joints of a file.
 
     Returns:
         The index in `joints` of each joint of `lower_body.JOINTS` that the file has; nothing if it lacks one that is
@@ -100,10 +91,7 @@ def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Pa
 
 
 def load_map(name: str) -> JointMap:
-    """Load a joint map.
-
-    Args:
-        name: one of `MAPS`, or the path of a YAML file.
+    """Load one of `MAPS`, or the joint map of a YAML file.
 
     Raises:
         UserError: there is no such file, or it is not a joint map.

@@ -25,14 +25,10 @@ _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a f
 
 
 class MotionRecording(NamedTuple):
-    """A motion file and the files that belong to it.
+    """A motion file and the files that belong to it, None where they lie beside it.
 
     Attributes:
-        path: path of the motion file.
         name: unique name of the recording.
-        speaker: name of the speaker.
-        audio: path of the audio file, None if it lies beside the motion.
-        words: path of the transcript, None if it lies beside the motion.
         is_alone: whether there is no other motion file in the same folder.
     """
 
@@ -54,8 +50,8 @@ def find_recordings(
 ) -> list[MotionRecording]:
     """Find the motion files in a folder and its subfolders, in order of their paths, or the one file.
 
-    A recording has the name of its file, or its path if two files in different folders have the same name. A speaker
-    has the name of the folder if `src` has subfolders, otherwise the name of the file.
+    A recording has the name of its file, or its path if two files in different folders have the same name. By default a
+    speaker has the name of the folder if `src` has subfolders, otherwise the name of the file.
 
     Args:
         src: path of a file or of a folder.
@@ -103,8 +99,7 @@ def find_embody(root: pathlib.Path, speaker: str | None = None) -> list[MotionRe
         speaker: name of the speaker; by default the person.
 
     Returns:
-        The recordings in order of their paths, none if the folder has another layout. A transcript lies beside the
-        audio.
+        The recordings in order of their paths, none if the folder has another layout. Words lie beside the audio.
     """
     found = []
     for folder in sorted(root.rglob(EMBODY_BODY)):
@@ -122,10 +117,6 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
     """Read the audio and the words of a recording.
 
     Both lie in the folder of the motion file and have its stem, or its stem up to a dot; see `transcripts.find`.
-
-    Args:
-        recording: the recording.
-        with_words: whether the recording must have a transcript.
 
     Returns:
         (samples,) float32 at 16 kHz, and the words in seconds from the start, None if there is no transcript.
@@ -152,12 +143,7 @@ def read_speech(recording: MotionRecording, *, with_words: bool) -> tuple[np.nda
 
 
 def compare_lengths(recording: MotionRecording, motion: float, audio: np.ndarray) -> str | None:
-    """Compare the lengths of motion and audio, of which the longer one will be cut.
-
-    Args:
-        recording: the recording, to name it in the message.
-        motion: length of the motion in seconds.
-        audio: (samples,) audio at 16 kHz.
+    """Compare the lengths of a motion in seconds and of audio at 16 kHz, of which the longer one will be cut.
 
     Returns:
         A warning if the lengths differ by more than half a second, else None.

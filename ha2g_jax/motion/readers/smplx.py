@@ -10,38 +10,37 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, shown
-from ha2g_jax.limits import MAX_SOUND_SECONDS
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
 from ha2g_jax.motion.readers.body import (
+    ARM_RANGE,
+    MAX_MINUTES,
     add_face,
+    arm_length,
+    check_size,
     find_up,
     from_rest_pose,
     mean_heading,
-    to_export_axes,
     to_skeleton_axes,
 )
-from ha2g_jax.motion.readers.bvh_motion import check_size
 from ha2g_jax.motion.readers.smplx_arrays import NAMES, POSES, POSITIONS, SmplxArrays, is_embody, read_embody, to_arrays
 from ha2g_jax.motion.readers.smplx_body import FACE, HEAD, JOINTS, PARENTS, Body
+from ha2g_jax.motion.resample import moments_at
 from ha2g_jax.skeleton import Skeleton
 
 AUTO = "auto"
 
 _MAX_BYTES = 1 << 28
-_MAX_MINUTES = 2 * MAX_SOUND_SECONDS / 60  # length of a motion: audio must have at least half the length of its motion
-_ARM_RANGE = (0.3, 1.0)  # metres from shoulder to wrist
-
 _CHEST = "spine3"  # joint used as `spine` of the skeletons, whose trunk is the bone from here to the neck
 _LOWER = [JOINTS.index(name) for name in LOWER_JOINTS]
 
 
 class SmplxMotion(NamedTuple):
-    """The motion of a file, and how the file was interpreted.
+    """The motion of a file in `seconds`, and how the file was interpreted.
 
     Attributes:
         positions: (T, joints, 3) metres in the skeleton's axes, float32.
-        seconds: length of the motion in seconds.
         fps: frames per second of the file.
         kind: "poses" or "positions of N joints".
         up: axis of the file that points up.
@@ -78,11 +77,10 @@ def read_smplx(
     Args:
         path: path of a `.npz` file, of a `.npy` file of positions, or of the body poses of Embody 3D, beside whose
             folder are those of its other arrays.
-        skeleton: skeleton of the result.
         body: body to which poses are applied, the template or that of a model file.
         fps: frames per second of the result; None keeps those of the file.
         source_fps: frames per second of the file; None uses the rate stored in it as `mocap_frame_rate` or `fps`.
-        up: axis of the file that points up, one of `axes.UPS`; "auto" takes the one nearest to the mean spine.
+        up: axis of the file that points up, one of `body.UPS`; "auto" takes the one nearest to the mean spine.
 
     Raises:
         UserError: the file has no such arrays, wrong shapes, invalid values, or no frame rate.
@@ -109,11 +107,11 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         UserError: the motion is too long, or has no heading or no person's arms.
     """
     frames, rate = arrays.frames, arrays.fps
-    if (minutes := len(frames) / rate / 60) > _MAX_MINUTES:
+    if (minutes := len(frames) / rate / 60) > MAX_MINUTES:
         raise UserError(
-            f"{minutes:.0f} minutes at {rate:g} frames per second; expected at most {_MAX_MINUTES:.0f}: cut the file"
+            f"{minutes:.0f} minutes at {rate:g} frames per second; expected at most {MAX_MINUTES:.0f}: cut the file"
         )
-    moments = _moments(len(frames), rate, fps or rate)
+    moments = moments_at(len(frames), rate, fps or rate)
     check_size(frames.shape[1], len(moments))
     face = {name: _between(values, moments).astype(np.float32) for name, values in arrays.face.items()}
     if arrays.are_poses:
@@ -122,7 +120,7 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
         points += _between(arrays.trans, moments)[:, None]
         positions = _choose(points, skeleton)
         up = find_up(positions, skeleton) if up == AUTO else up
-        axes = to_export_axes(mean_heading(positions, skeleton, up=up), skeleton)
+        axes = mean_heading(positions, skeleton, up=up) * export_axes(skeleton)
         lower = from_rest_pose(
             rest[_LOWER],
             rest[JOINTS.index(_CHEST)],
@@ -135,7 +133,9 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
     else:
         kind, lower = f"positions of {frames.shape[1]} joints", None
         positions, up = _from_positions(_between(frames, moments), skeleton, up)
-    _check_arms(positions, skeleton)
+    length = arm_length(positions, skeleton, "left")
+    if not ARM_RANGE[0] <= length <= ARM_RANGE[1]:
+        raise UserError(f"the left arm is {length:.4g} long from shoulder to wrist; expected metres, about 0.55")
     positions = to_skeleton_axes(positions, skeleton, up=up).astype(np.float32)
     before, after, _ = _neighbours(moments, len(frames))
     is_good = arrays.is_good[before] & arrays.is_good[after]
@@ -145,13 +145,7 @@ def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float
 def at_rate(arrays: SmplxArrays, fps: float, num_frames: int) -> SmplxArrays:
     """Return poses at another frame rate: rotations on the sphere, all else linearly; frame k shows the time k / fps.
 
-    Args:
-        arrays: poses of a file; those that have the rate keep their values.
-        fps: frames per second of the result.
-        num_frames: number of frames of the result; after the last frame the last pose is held.
-
-    Returns:
-        The poses with `num_frames` frames at `fps` frames per second.
+    Poses that have the rate keep their values. After the last frame the last pose is held, up to `num_frames`.
     """
     last = len(arrays.frames) - 1
     if fps == arrays.fps:
@@ -168,28 +162,20 @@ def joints_at_origin(arrays: SmplxArrays, rest: np.ndarray, fps: float) -> np.nd
     """Return the positions of all joints without the translation, the pelvis where it is in the T-pose.
 
     Args:
-        arrays: poses or positions of a file.
         rest: (61, 3) points of the person in the T-pose.
-        fps: frames per second of the result.
 
     Returns:
-        (T, 55, 3) metres in the axes of the file.
+        (T, 55, 3) metres in the axes of the file, at `fps` frames per second.
 
     Raises:
         UserError: the motion is too long.
     """
-    moments = _moments(len(arrays.frames), arrays.fps, fps)
+    moments = moments_at(len(arrays.frames), arrays.fps, fps)
     check_size(len(JOINTS), len(moments))
     if arrays.are_poses:
         return _pose(arrays.frames, rest, moments)[0][:, : len(JOINTS)]
     places = _between(arrays.frames[:, : len(JOINTS)], moments)
     return places - places[:, :1] + rest[0]
-
-
-def _moments(num_frames: int, source_fps: float, fps: float) -> np.ndarray:
-    """Return the fractional frames (T,) of the file at which poses are sampled."""
-    last = num_frames - 1
-    return np.minimum(np.arange(int(last * fps / source_fps + 1e-6) + 1) * (source_fps / fps), last)
 
 
 def _neighbours(moments: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -260,10 +246,3 @@ def _choose(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
     """Select the joints of the skeleton (T, joints, 3) from points (T, 61, 3)."""
     places = {name: index for index, name in enumerate((*JOINTS, *FACE))} | {"spine": JOINTS.index(_CHEST)}
     return points[:, [places[joint] for joint in skeleton.joints]]
-
-
-def _check_arms(positions: np.ndarray, skeleton: Skeleton) -> None:
-    arm = [skeleton.joint(f"left_{part}") for part in ("shoulder", "elbow", "wrist")]
-    length = float(np.median(np.linalg.norm(np.diff(positions[:, arm], axis=1), axis=-1).sum(axis=-1)))
-    if not _ARM_RANGE[0] <= length <= _ARM_RANGE[1]:
-        raise UserError(f"the left arm is {length:.4g} long from shoulder to wrist; expected metres, about 0.55")

@@ -6,11 +6,13 @@
 | AMASS for SMPL-H | `poses` (T, 156): root, body, left and right hand |
 | parts as in AMASS | `root_orient` (T, 3), `pose_body` (T, 63), `pose_hand` (T, 90), `pose_jaw`, `pose_eye` |
 | parts as in the smplx package | `global_orient`, `body_pose`, `left_hand_pose`, `right_hand_pose`, `jaw_pose` |
-| parts as in Seamless Interaction, for SMPL-H | `smplh:global_orient` and others; see `published_layouts` |
+| Seamless Interaction, for SMPL-H | `smplh:global_orient` (T, 3), `smplh:body_pose` (T, 21, 3) and others, in cm |
+| Embody 3D | a folder a part: PERSON/smplx_mesh_body_pose/CAPTURE.npy, PERSON/missing/CAPTURE.npy and others |
 | positions of joints | `joints` (T, 55, 76, 127 or 144, 3) in metres |
 
 Beside them: `trans` or `transl` (T, 3), `betas`, `mocap_frame_rate` or another name of the rate, and as passengers
-`expressions` (T, n) of FLAME and `arkit` (T, 52), and `is_good` (T,), 0 in frames that were not tracked.
+`expressions` (T, n) of FLAME and `arkit` (T, 52), and `is_good` (T,), 0 in frames that were not tracked. Seamless
+Interaction and Embody 3D have 30 frames per second and do not say so in the files.
 """
 
 import pathlib
@@ -43,47 +45,6 @@ _EMBODY_PARTS = (
     *("transl", "betas"),
 )
 _EMBODY_GOOD = "missing"
-
-
-def from_seamless(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    """Rename the arrays of Seamless Interaction, with the translation in metres and the frame rate.
-
-    Args:
-        arrays: arrays of a file by name; those of other data sets are returned as they are.
-    """
-    own = {name.removeprefix(SEAMLESS_PREFIX): it for name, it in arrays.items() if name.startswith(SEAMLESS_PREFIX)}
-    if not own:
-        return arrays
-    renamed = {_SEAMLESS.get(name, name): array for name, array in own.items()}
-    if "transl" in renamed and renamed["transl"].dtype.kind in "fiu":
-        renamed["transl"] = renamed["transl"] * _CENTIMETRE
-    return {"fps": np.array(_FPS)} | renamed
-
-
-def is_embody(path: pathlib.Path) -> bool:
-    """Return whether a file is one of the body poses that `find_embody` finds."""
-    return path.parent.name == EMBODY_BODY
-
-
-def read_embody(path: pathlib.Path, max_bytes: int) -> dict[str, np.ndarray]:
-    """Read the arrays of a person of Embody 3D.
-
-    Args:
-        path: path of the body poses.
-        max_bytes: maximum size of an array.
-
-    Raises:
-        UserError: a file is damaged or too large.
-    """
-    arrays = {"fps": np.array(_FPS)}
-    folders = {f"{_EMBODY_PREFIX}{part}": part for part in _EMBODY_PARTS} | {_EMBODY_GOOD: IS_GOOD}
-    for folder, name in folders.items():
-        part = path.parent.parent / folder / path.name
-        if part.is_file():
-            arrays[name] = next(iter(read_npz(part, max_bytes=max_bytes).values()))
-    return arrays
-
-
 POSES = "poses"
 POSITIONS = ("joints", "joints3d", "joints_3d", "positions", "keypoints3d", "keypoints_3d")
 
@@ -133,6 +94,37 @@ NAMES = (
 """Arrays of a file that are read."""
 
 
+def from_seamless(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Rename the arrays of Seamless Interaction, with the translation in metres and the frame rate; leave others."""
+    own = {name.removeprefix(SEAMLESS_PREFIX): it for name, it in arrays.items() if name.startswith(SEAMLESS_PREFIX)}
+    if not own:
+        return arrays
+    renamed = {_SEAMLESS.get(name, name): array for name, array in own.items()}
+    if "transl" in renamed and renamed["transl"].dtype.kind in "fiu":
+        renamed["transl"] = renamed["transl"] * _CENTIMETRE
+    return {"fps": np.array(_FPS)} | renamed
+
+
+def is_embody(path: pathlib.Path) -> bool:
+    """Return whether a file is one of the body poses that `find_embody` finds."""
+    return path.parent.name == EMBODY_BODY
+
+
+def read_embody(path: pathlib.Path, max_bytes: int) -> dict[str, np.ndarray]:
+    """Read the arrays of a person of Embody 3D from the path of the body poses.
+
+    Raises:
+        UserError: a file is damaged or too large.
+    """
+    arrays = {"fps": np.array(_FPS)}
+    folders = {f"{_EMBODY_PREFIX}{part}": part for part in _EMBODY_PARTS} | {_EMBODY_GOOD: IS_GOOD}
+    for folder, name in folders.items():
+        part = path.parent.parent / folder / path.name
+        if part.is_file():
+            arrays[name] = next(iter(read_npz(part, max_bytes=max_bytes).values()))
+    return arrays
+
+
 class SmplxArrays(NamedTuple):
     """Contents of a file of SMPL-X motion.
 
@@ -163,13 +155,10 @@ def has_poses(arrays: Mapping[str, object]) -> bool:
 
 
 def to_arrays(arrays: Mapping[str, np.ndarray], source_fps: float | None = None) -> SmplxArrays:
-    """Check the arrays of a file and bring them to one form.
+    """Check the arrays of a file, see `NAMES`, and bring them to one form.
 
-    Frames that are marked as bad hold the nearest good one, so that neither the axes nor the checks depend on them.
-
-    Args:
-        arrays: arrays of the file by name, see `NAMES`.
-        source_fps: frames per second of the file; None uses the rate stored in it.
+    Frames that are marked as bad hold the nearest good one, so that neither the axes nor the checks depend on them. The
+    frame rate is `source_fps`, or by default the one of the file.
 
     Raises:
         UserError: there are no poses and no positions, or wrong shapes, invalid values or no frame rate.

@@ -32,32 +32,6 @@ HEAD = JOINTS.index("head")
 
 # Points fixed on the head. In arrays of joint positions, all but the crown follow the joints, in this order.
 FACE = ("nose", "right_eye", "left_eye", "right_ear", "left_ear", "head")
-
-
-class Body(NamedTuple):
-    """A body in the T-pose: metres, y up, facing +z, left on +x.
-
-    Attributes:
-        points: (61, 3) positions of the 55 joints and the 6 points of `FACE`.
-        directions: (61, 3, n) displacement of the points for each of n shape coefficients.
-    """
-
-    points: np.ndarray
-    directions: np.ndarray
-
-    def shaped(self, betas: np.ndarray) -> np.ndarray:
-        """Apply shape coefficients to the body.
-
-        Args:
-            betas: (m,) shape coefficients, of which the first n are used.
-
-        Returns:
-            (61, 3) points of the person.
-        """
-        count = min(len(betas), self.directions.shape[-1])
-        return self.points + self.directions[..., :count] @ betas[:count]
-
-
 # Position in the T-pose of the joints on the midline and on the left, from the pelvis.
 _REST = {
     "pelvis": (0.0, 0.0, 0.0),
@@ -92,6 +66,31 @@ _FACE_REST = {
     "head": (0.0, 0.720, 0.0),
 }
 
+_NUM_VERTICES = 10475
+_FACE_VERTICES = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}
+_ARRAYS = ("v_template", "shapedirs", "J_regressor", "kintree_table")
+_MAX_BYTES = 1 << 29
+
+# A file with all shape directions has 300 of them before 100 of expression, a short one 10 before 10.
+_ALL_SHAPES, _ALL_DIRECTIONS, _FEW_SHAPES = 300, 400, 10
+
+
+class Body(NamedTuple):
+    """A body in the T-pose: metres, y up, facing +z, left on +x.
+
+    Attributes:
+        points: (61, 3) positions of the 55 joints and the 6 points of `FACE`.
+        directions: (61, 3, n) displacement of the points for each of n shape coefficients.
+    """
+
+    points: np.ndarray
+    directions: np.ndarray
+
+    def shaped(self, betas: np.ndarray) -> np.ndarray:
+        """Return the (61, 3) points of a person with shape coefficients (m,), of which the first n are used."""
+        count = min(len(betas), self.directions.shape[-1])
+        return self.points + self.directions[..., :count] @ betas[:count]
+
 
 def template() -> Body:
     """Return the neutral body, which has no shape coefficients."""
@@ -108,23 +107,11 @@ def _side(name: str, left: dict) -> np.ndarray:
     return np.array(left[name.replace("right", "left")]) * (-1 if name.startswith("right") else 1, 1, 1)
 
 
-_NUM_VERTICES = 10475
-_FACE_VERTICES = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}
-_ARRAYS = ("v_template", "shapedirs", "J_regressor", "kintree_table")
-_MAX_BYTES = 1 << 29
-
-# A file with all shape directions has 300 of them before 100 of expression, a short one 10 before 10.
-_ALL_SHAPES, _ALL_DIRECTIONS, _FEW_SHAPES = 300, 400, 10
-
-
 def read_body_model(path: str | os.PathLike) -> Body:
     """Read the joints of an SMPL-X model file, J = R (v + S b) with the regressor R, and the points of the face.
 
-    Args:
-        path: path of `SMPLX_NEUTRAL.npz` or a similar file.
-
     Raises:
-        UserError: the file is a pickle, or not an SMPL-X model.
+        UserError: the file is a pickle, or not an SMPL-X model such as `SMPLX_NEUTRAL.npz`.
     """
     path = pathlib.Path(path)
     if path.suffix.lower() in (".pkl", ".pickle"):

@@ -7,7 +7,7 @@ from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver.frames import solve
 from ha2g_jax.motion.solver.limits import clamp, without_jumps
-from ha2g_jax.motion.solver.twist import FrameByFrame, WholeMotion
+from ha2g_jax.motion.solver.twist import FrameByFrame, Twists
 from ha2g_jax.skeleton import Skeleton
 
 __all__ = ["Solver", "animate", "directions_of"]
@@ -22,7 +22,6 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     these do not show it, as at a straight arm, the twist is held over time.
 
     Args:
-        motion: motion of any skeleton.
         limits: whether to keep joints within the range of a human body.
 
     Returns:
@@ -36,7 +35,7 @@ def animate(motion: Motion, *, limits: bool = True) -> armatures.Animation:
     skeleton = motion.skeleton
     armature = armatures.ha2g_armature(skeleton)
     directions = rotations.unit(motion.directions) * armatures.export_axes(skeleton)
-    local = solve(skeleton, armature, directions, WholeMotion(motion.fps))
+    local = solve(skeleton, armature, directions, Twists(motion.fps))
     if limits:
         local = without_jumps(local, clamp(armature, local))
     local = rotations.continuous(rotations.unit(local))
@@ -49,18 +48,9 @@ class Solver:
 
     A frame is as it is as the last frame of a motion that ends with it. `animate` also uses the frames after it, where
     a twist is not seen clearly.
-
-    Attributes:
-        armature: `ha2g` armature of the skeleton.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float) -> None:
-        """Start before the first frame.
-
-        Args:
-            skeleton: skeleton of the direction vectors.
-            fps: frames per second.
-        """
         self.armature = armatures.ha2g_armature(skeleton)
         self._skeleton, self._fps = skeleton, fps
         self._axes = armatures.export_axes(skeleton)
@@ -68,14 +58,7 @@ class Solver:
         self._last: np.ndarray | None = None  # (3, J, 4) of the last frame: free, within the limits, returned
 
     def animate(self, directions: np.ndarray) -> armatures.Animation:
-        """Convert the next frames.
-
-        Args:
-            directions: (n, bones, 3) unit vectors, at least one frame.
-
-        Returns:
-            An animation of these frames; the signs of its quaternions continue those of the frames before.
-        """
+        """Convert the next frames, (n, bones, 3) unit vectors; the signs of the quaternions continue those before."""
         free = solve(self._skeleton, self.armature, rotations.unit(directions) * self._axes, self._twists)
         kept = clamp(self.armature, free)
         if self._last is None:
@@ -89,15 +72,7 @@ class Solver:
 
 
 def directions_of(animation: armatures.Animation, skeleton: Skeleton) -> np.ndarray:
-    """Convert an animation of the `ha2g` armature to direction vectors, the inverse of `animate`.
-
-    Args:
-        animation: animation of the `ha2g` armature.
-        skeleton: skeleton of the direction vectors.
-
-    Returns:
-        (T, bones, 3) unit vectors in the axes of the skeleton.
-    """
+    """Convert an animation of the `ha2g` armature to (T, bones, 3) unit vectors, the inverse of `animate`."""
     rotated, _ = armatures.world(animation)
     joints = [animation.armature.joint(name) for name in armatures.carriers(skeleton)]
     rest = armatures.rest_directions(skeleton)

@@ -1,4 +1,9 @@
-"""Rotations of the joints of the `ha2g` armature that give each bone its direction."""
+"""Rotations of the joints of the `ha2g` armature that give each bone its direction.
+
+The twist of a bone follows from the bend of the next bone, that of the forearm from the palm. At rest all bones of an
+arm lie along it with the palm down, so that an elbow bends forward, a finger down, and the thumb lies in front. FORWARD
+is the mark from which the twist of the arm is observed, and -UP that of the fingers.
+"""
 
 from collections.abc import Sequence
 
@@ -8,6 +13,26 @@ from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, UP, Armature, carriers, generations, rest_directions
 from ha2g_jax.motion.solver.twist import Twists, apply_twist, observe, swing
 from ha2g_jax.skeleton import Skeleton
+
+FORWARD = np.array([0.0, 0.0, 1.0])
+
+Vectors = dict[str, np.ndarray]
+
+# A joint bent at right angles has weight 1. The weight of a bend is the fourth power of its sine, because the plane of
+# a slight bend is uncertain.
+_HANGING = 2e-5
+_STRAIGHT = 3e-3
+
+# A bend below the first sine may be a straight elbow that noise bends backward; one above the second is a real bend.
+_SLIGHT = (0.34, 0.57)
+
+# The twist of a forearm is 0 at the elbow and that of the hand at the wrist. As one bone it takes half of it, as in
+# Unity (HumanDescription.lowerArmTwist is 0.5). The elbow has a little more weight than the hand, so that a hand
+# twisted by 180 degrees gives a twist of 0, and not of 90 degrees to either side.
+_ELBOW_WEIGHT = 1.1
+
+_FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")
+_AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has weight 1
 
 
 def fit(seen: Sequence[np.ndarray], rest: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -33,33 +58,13 @@ def fit(seen: Sequence[np.ndarray], rest: Sequence[np.ndarray]) -> tuple[np.ndar
     return rotations.from_matrix(u @ vt), np.clip(certainty, 0, 1)
 
 
-FORWARD = np.array([0.0, 0.0, 1.0])
-
-Vectors = dict[str, np.ndarray]
-
-# A joint bent at right angles has weight 1. The weight of a bend is the fourth power of its sine, because the plane of
-# a slight bend is uncertain.
-_HANGING = 2e-5
-_STRAIGHT = 3e-3
-
-# A bend below the first sine may be a straight elbow that noise bends backward; one above the second is a real bend.
-_SLIGHT = (0.34, 0.57)
-
-# The twist of a forearm is 0 at the elbow and that of the hand at the wrist. As one bone it takes half of it, as in
-# Unity (HumanDescription.lowerArmTwist is 0.5). The elbow has a little more weight than the hand, so that a hand
-# twisted by 180 degrees gives a twist of 0, and not of 90 degrees to either side.
-_ELBOW_WEIGHT = 1.1
-
-
 def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
     """Compute rotations in the world of the joints of one arm whose twist can be estimated.
 
     Args:
-        side: "left" or "right".
         seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
         rest: (3,) unit vectors of the same bones at rest.
         trunk: (T, 4) rotations of the trunk.
-        twists: estimates of the twists over time.
 
     Returns:
         (T, 4) rotations by the name of the joint: shoulder, elbow and, where there are fingers, wrist and knuckles.
@@ -151,10 +156,6 @@ def _step(x: np.ndarray, low: float, high: float) -> np.ndarray:
     return fraction * fraction * (3 - 2 * fraction)
 
 
-_FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")
-_AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has weight 1
-
-
 def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists: Twists) -> np.ndarray:
     """Compute rotations of the joints of an armature relative to their parents.
 
@@ -162,10 +163,8 @@ def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists
     swing.
 
     Args:
-        skeleton: skeleton of the directions.
         armature: `ha2g_armature` of the skeleton, with J joints.
         directions: (T, bones, 3) unit vectors in the axes of the armature.
-        twists: estimates of the twists over time.
 
     Returns:
         (T, J, 4) rotations.
@@ -197,12 +196,7 @@ def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists
 
 
 def trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
-    """Compute rotations (T, 4) of the trunk: upright along the spine, facing as the shoulders do.
-
-    Args:
-        seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
-        twists: estimates of the twists over time.
-    """
+    """Compute rotations (T, 4) of the trunk: upright along the spine, facing as the shoulders do."""
     upright = np.tile(rotations.IDENTITY, (len(seen["neck"]), 1))
     frames = twists.transport("spine", upright, UP, seen["neck"])
     shoulders = seen["left_shoulder"] - seen["right_shoulder"]
@@ -212,15 +206,7 @@ def trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
 
 
 def head_frames(skeleton: Skeleton, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
-    """Compute rotations (T, 4) of the joint that rotates the head, by its name, with the twist of the face.
-
-    Args:
-        skeleton: skeleton of the directions.
-        seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
-        rest: (3,) unit vectors of the same bones at rest.
-        trunk: (T, 4) rotations of the trunk.
-        twists: estimates of the twists over time.
-    """
+    """Compute rotations (T, 4) of the joint that rotates the head, by its name, with the twist of the face."""
     joint, axis = carriers(skeleton)[skeleton.bone("nose")], rest["nose"]
     frames = twists.transport(joint, trunk, axis, seen["nose"])
     face = [name for name in _FACE if name in rest]

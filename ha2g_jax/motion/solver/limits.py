@@ -37,11 +37,7 @@ def joint_limits() -> dict[str, dict[str, Range]]:
 
 
 def limits_of(joint: str) -> dict[str, Range]:
-    """Return the limits in degrees of a joint of the armature by angle, empty for a joint without limits.
-
-    Args:
-        joint: name of the joint, with its side.
-    """
+    """Return the limits in degrees of a joint of the armature by angle, empty for a joint without limits."""
     name = joint.removeprefix("left_").removeprefix("right_")
     if name == "nose_0":  # rotates the head, where the skeleton has another joint of that name
         name = "head"
@@ -50,16 +46,9 @@ def limits_of(joint: str) -> dict[str, Range]:
 
 
 def clamp(armature: Armature, local: np.ndarray) -> np.ndarray:
-    """Clamp the rotations of all joints to their limits; rotations within them do not change.
+    """Clamp rotations (T, J, 4) of all joints relative to their parents to their limits.
 
     Each joint is clamped on its own, so that the joints below it rotate with it.
-
-    Args:
-        armature: armature with J joints.
-        local: (T, J, 4) rotations relative to the parents.
-
-    Returns:
-        (T, J, 4) rotations relative to the parents.
     """
     clamped = local.copy()
     for name, joints in _alike(armature.joints):
@@ -102,11 +91,8 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
     next. Between the ends the result may be outside of the range. Where the joint itself is faster, so is the result.
 
     Args:
-        local: (T, J, 4) rotations before they were clamped.
+        local: (T, J, 4) rotations relative to the parents.
         clamped: (T, J, 4) rotations of `clamp`.
-
-    Returns:
-        (T, J, 4) rotations relative to the parents.
     """
     most = np.maximum(rotations.angle_between(local[1:], local[:-1]), _FASTEST)
     slowed = clamped.copy()
@@ -132,15 +118,7 @@ def _reduce_near_reversal(found: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def joint_angles(joint: str, local: np.ndarray) -> dict[str, np.ndarray]:
-    """Split rotations of a joint into the angles of the table of limits.
-
-    Args:
-        joint: name of the joint, with its side.
-        local: (T, 4) rotations relative to the parent.
-
-    Returns:
-        (T,) angles in radians by their name in the table.
-    """
+    """Split rotations (T, 4) of a joint into (T,) angles in radians, by their name in the table of limits."""
     if "angle" in limits_of(joint):
         return {"angle": np.linalg.norm(rotations.to_vector(local), axis=-1)}
     axes = _axes(joint)
@@ -155,15 +133,7 @@ def joint_angles(joint: str, local: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def from_angles(joint: str, angles: np.ndarray) -> np.ndarray:
-    """Return the rotations with given angles, the inverse of `joint_angles`.
-
-    Args:
-        joint: name of the joint, with its side.
-        angles: (T, 3) angles in radians in the order of `joint_angles`.
-
-    Returns:
-        (T, 4) rotations relative to the parent.
-    """
+    """Return the rotations (T, 4) with given angles (T, 3) in radians, the inverse of `joint_angles`."""
     if joint.endswith("wrist"):
         forward, up, twist = np.rad2deg(angles).T
         return _as_left(joint, rotations.from_euler(np.stack([twist, -forward, up], axis=-1), _WRIST))

@@ -1,11 +1,11 @@
 """Estimation of the twist of a bone, its rotation about its own length, from weighted observations over time.
 
-What a frame owes to other frames is in two functions, `transport` and `smooth_angle`. `WholeMotion` applies them to all
+What a frame owes to other frames is in two functions, `transport` and `smooth_angle`. `Twists` applies them to all
 frames of a motion. `FrameByFrame` applies them to frames as they arrive: each frame is then as it is as the last frame
 of a motion that ends with it, and does not change any more.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,46 +17,28 @@ _STIFFNESS = 4e-5
 _NOTHING = 1e-12  # weight of a frame without an observation
 
 
-class Twists(Protocol):
-    """Estimates of what depends on other frames, of each bone under the name of the joint that rotates it."""
-
-    def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Return the (T, 4) rotations of the function `transport`."""
-        ...
-
-    def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
-        """Return (T,) angles in radians for (T,) observations, see `smooth_angle`."""
-        ...
-
-
-class WholeMotion:
-    """Twists of a motion whose frames are all known.
-
-    Attributes:
-        fps: frames per second.
-    """
+class Twists:
+    """Estimates of what depends on other frames, which are all known, under the name of the joint of each bone."""
 
     def __init__(self, fps: float) -> None:
         self.fps = fps
 
     def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Return the (T, 4) rotations of the function `transport`."""
         del joint
         return transport(above, axis, along)
 
     def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
+        """Return (T,) angles in radians for (T,) observations, see `smooth_angle`."""
         del joint
         return smooth_angle(observations, self.fps)
 
 
-class FrameByFrame:
-    """Twists of frames that arrive in order, in any number at a time; a frame does not depend on later ones.
-
-    Attributes:
-        fps: frames per second.
-    """
+class FrameByFrame(Twists):
+    """Twists of frames that arrive in order, in any number at a time; a frame does not depend on later ones."""
 
     def __init__(self, fps: float) -> None:
-        self.fps = fps
+        super().__init__(fps)
         self._ends: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._known: dict[str, Known] = {}
 
@@ -101,16 +83,7 @@ def transport(
 
 
 def swing(frames: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Rotate frames further by the shortest rotation that aligns a bone with given directions.
-
-    Args:
-        frames: (T, 4) rotations of the bone.
-        axis: (3,) unit vector of the bone at rest.
-        along: (T, 3) unit vectors of the bone over time.
-
-    Returns:
-        (T, 4) rotations that take `axis` to `along`.
-    """
+    """Rotate frames (T, 4) further by the shortest rotation that takes the `axis` (3,) of a bone to `along` (T, 3)."""
     return rotations.multiply(rotations.between(rotations.rotate(frames, axis), along), frames)
 
 
@@ -134,16 +107,7 @@ def observe(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.nda
 
 
 def apply_twist(frames: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Rotate a bone about its own length.
-
-    Args:
-        frames: (T, 4) rotations of the bone without the twist.
-        axis: (3,) unit vector of the bone at rest.
-        angles: (T,) angles of the twist in radians.
-
-    Returns:
-        (T, 4) rotations of the bone.
-    """
+    """Rotate a bone with rotations (T, 4) about its own `axis` (3,) by angles (T,) in radians."""
     return rotations.multiply(frames, rotations.about(axis, angles))
 
 
@@ -152,7 +116,6 @@ def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
 
     Args:
         observations: (T,) complex numbers w exp(i seen), each the sum of results of `observe`.
-        fps: frames per second.
 
     Returns:
         (T,) angles in radians, continuous over time.
@@ -176,13 +139,12 @@ def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
 
 
 class Known(NamedTuple):
-    """What the observations up to a frame say of an angle.
+    """What the observations up to a frame say of an angle in radians.
 
     Attributes:
         weight: weight of all of them, as of one observation in this frame.
         point: their weighted mean, as a complex number.
-        near: angle of `point` in radians, continuous over time.
-        angle: the angle in this frame, in radians.
+        near: angle of `point`, continuous over time.
     """
 
     weight: float
@@ -195,14 +157,6 @@ def continue_angle(observation: complex, fps: float, before: Known | None = None
     """Fit the angle of one further frame, the last angle of `smooth_angle` with the observations up to it.
 
     This is the elimination of the banded system of `smooth_angle`, frame by frame: a Kalman filter of a random walk.
-
-    Args:
-        observation: w exp(i seen).
-        fps: frames per second.
-        before: result for the frame before; None for the first frame.
-
-    Returns:
-        The angle of this frame, and what the next frame needs.
     """
     weight, direction = max(abs(observation), _NOTHING), float(np.angle(observation))
     if before is None:

@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax.motion import control
 from ha2g_jax.motion.control import Controls
-from ha2g_jax.motion.control.running import Ramp, RunningControls
+from ha2g_jax.motion.control.effects import Ramp, RunningControls
 from ha2g_jax.skeleton import mirror_directions
 
 FPS = 15

@@ -1,5 +1,5 @@
 /**
- * The controls energy and mute of a motion that goes on, as in `ha2g_jax/motion/control/running.py`: each frame is
+ * The controls energy and mute of a motion that goes on, as in `ha2g_jax/motion/control/effects.py`: each frame is
  * changed when it comes, without those after it.
  */
 

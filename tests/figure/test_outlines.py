@@ -1,14 +1,15 @@
-"""The figure has no gaps, whatever its pose."""
+"""The outlines of a figure have no gaps, are drawn in the right order, and fit the view."""
 
 import numpy as np
 import pytest
-from figure.poses import GREEN, is_background, pixels_of, poses_of
+from figure.poses import GREEN, POSES, WIDE, is_background, pixels_of, posed, poses_of
 from scipy import ndimage
 
 from ha2g_jax import figure
 from ha2g_jax import skeleton as skeletons
-from ha2g_jax.figure import from_the_front
-from ha2g_jax.figure.face import head_frame
+from ha2g_jax.figure import arm_ranks, from_the_front
+from ha2g_jax.figure.face import head_frame, head_shapes
+from ha2g_jax.figure.limbs import hand_parts
 from ha2g_jax.figure.shapes import capsules, enlarged, hull, project
 
 
@@ -85,3 +86,61 @@ def test_a_limb_is_the_hull_of_its_discs(detail, share):
             assert turns.min() > -1e-7
             short = reach - (shape @ directions).max(axis=1)
             assert short.min() > -1e-9 and short.max() < share * radii.max() * 1.2
+
+
+def test_hands_are_behind_the_head_or_in_front_of_it():
+    skeleton, size = skeletons.load_skeleton("ted_gesture"), 240
+    heads, rows, columns = [], slice(0, 100), slice(90, 150)
+    for depth in (0.45, -0.45):
+        sides = {f"{side}_elbow": (sign, -0.8, depth) for side, sign in (("left", 1), ("right", -1))}
+        sides |= {f"{side}_wrist": (-sign, -0.35, depth / 3) for side, sign in (("left", 1), ("right", -1))}
+        heads.append(figure.draw_figure(posed(skeleton, sides), skeleton, GREEN, size, size)[rows, columns])
+    down = figure.draw_figure(posed(skeleton, {}), skeleton, GREEN, size, size)[rows, columns]
+    in_front = [(np.abs(head.astype(int) - down).sum(axis=-1) > 60)[~is_background(down)].mean() for head in heads]
+    assert in_front[0] < 0.03 < 0.1 < in_front[1]
+
+
+@pytest.mark.parametrize("near", ["left", "right"])
+def test_the_arm_that_is_nearer_where_arms_cross_is_in_front(near):
+    skeleton = skeletons.load_skeleton("ted_expressive")
+    crossed = {}
+    for side, sign in (("left", 1), ("right", -1)):
+        crossed[f"{side}_elbow"] = (0.2 * sign, 0.9, -0.5 if side == near else -0.1)
+        crossed[f"{side}_wrist"] = (-0.9 * sign, -0.4, -0.3)
+    points = from_the_front(posed(skeleton, crossed)[None], skeleton)
+    ranks = dict(zip(("left", "right"), arm_ranks(points, head_frame(points)[0]), strict=True))
+    far = "right" if near == "left" else "left"
+    assert ranks[near].lower > ranks[far].lower >= 0
+    assert (ranks[near].upper >= 0).all()
+
+
+@pytest.mark.parametrize("length", [1.0, 1.6])
+@pytest.mark.parametrize("name", skeletons.SKELETONS)
+def test_the_view_contains_the_figure_at_any_amplitude(name, length):
+    skeleton = skeletons.load_skeleton(name)
+    random = np.random.default_rng(2).normal(size=(60, skeleton.num_bones, 3))
+    for strength in (0.2, 1.0, 100.0):
+        directions = skeleton.mean_directions + strength * random
+        clip = length * skeletons.directions_to_positions(skeleton, directions)
+        view = figure.fit([(clip, skeleton)])
+        points = from_the_front(clip, skeleton)
+        hands = [hand_parts(points, side, figure.DEFAULT_LOOK, 1) for side in ("left", "right")]
+        drawn = [shape.outline for parts in hands for part in parts for shape in part.shapes]
+        drawn += [shape.outline for shape in head_shapes(points, head_frame(points), figure.DEFAULT_LOOK, 1)]
+        drawn.append(project(np.stack(list(points.values()), axis=1)))
+        for width, height in ((720, 720), (640, 360), (300, 500)):
+            scale, spine = view.place(width, height)
+            places = np.concatenate(drawn, axis=1) * scale + spine
+            assert (places > 0.02 * scale).all()
+            assert (places < np.array([width, height]) - 0.02 * scale).all()
+
+
+def test_a_view_is_never_smaller_than_the_default_and_that_of_two_motions_contains_both():
+    skeleton = skeletons.load_skeleton("ted_expressive")
+    calm, wide, high = (posed(skeleton, bones)[None] for bones in ({}, WIDE, POSES["up"]))
+    assert figure.fit([(calm, skeleton)]) == figure.fit([]) == figure.DEFAULT_VIEW
+    alone = [np.array(figure.fit([(clip, skeleton)])) for clip in (wide, high)]
+    both = np.array(figure.fit([(wide, skeleton), (high, skeleton)]))
+    np.testing.assert_array_equal(both[:2], np.minimum(*alone)[:2])
+    np.testing.assert_array_equal(both[2:], np.maximum(*alone)[2:])
+    assert both[0] < -0.9 and both[1] < -0.9 and both[2] > 0.9

@@ -1,5 +1,6 @@
-"""The GLB opens elsewhere without an error, moves as we say, and shows a person who faces +z."""
+"""GLB and VRMA read by other programs are as the solver says, and the validator has no complaint."""
 
+import dataclasses
 import json
 import struct
 
@@ -9,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import gltf
+from ha2g_jax.motion.formats.gltf import write_figure
 from ha2g_jax.motion.rigs import RIGS
+from ha2g_jax.skeleton import load_skeleton
 
 MILLIMETRE = 1e-3
 _TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
@@ -168,3 +171,52 @@ def test_the_same_animation_gives_the_same_bytes(animate, tmp_path):
 def test_one_frame_is_a_whole_file(animate, tmp_path, validator):
     gltf.write_glb(tmp_path / "m.glb", animate(frames=1))
     assert validator(tmp_path / "m.glb")["issues"]["numErrors"] == 0
+
+
+def tree_of(path) -> dict:
+    data = path.read_bytes()
+    size = struct.unpack("<I", data[12:16])[0]
+    return json.loads(data[20 : 20 + size])
+
+
+def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
+    tree = tree_of(tmp_path / "m.vrma")
+    extension = tree["extensions"]["VRMC_vrm_animation"]
+    assert tree["extensionsUsed"] == ["VRMC_vrm_animation"]
+    assert extension["specVersion"] == "1.0"
+    bones = extension["humanoid"]["humanBones"]
+    assert {"hips", "upperChest", "leftThumbMetacarpal", "rightLittleDistal"} <= set(bones)
+    assert not {"leftEye", "rightEye"} & set(bones)  # the format forbids them
+    assert all(tree["nodes"][bone["node"]]["name"] == name for name, bone in bones.items())
+
+
+def test_at_rest_no_node_is_turned_and_only_hips_may_travel(animate, tmp_path):
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
+    tree = tree_of(tmp_path / "m.vrma")
+    for node in tree["nodes"]:
+        np.testing.assert_allclose(node.get("rotation", [0, 0, 0, 1]), [0, 0, 0, 1], atol=1e-9)
+    assert {channel["target"]["path"] for channel in tree["animations"][0]["channels"]} == {"rotation"}
+    assert "meshes" not in tree
+
+
+def test_the_validator_has_no_complaint(animate, tmp_path, validator):
+    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
+    issues = validator(tmp_path / "m.vrma")["issues"]
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+
+
+def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):
+    skeleton = load_skeleton("ted_expressive")
+    skeleton = dataclasses.replace(skeleton, lengths=1.25 * skeleton.lengths)
+    write_figure(tmp_path / "figure.glb", skeleton)
+    data = (tmp_path / "figure.glb").read_bytes()
+    (size,) = struct.unpack("<I", data[12:16])
+    tree = json.loads(data[20 : 20 + size])
+    nodes = {node["name"]: node for node in tree["nodes"]}
+    forearm = [skeleton.lengths[skeleton.bone("left_wrist")], 0, 0]  # along x in the T-pose
+    np.testing.assert_allclose(nodes["left_wrist"]["translation"], forearm, atol=1e-6)
+    assert all(node.get("rotation", [0, 0, 0, 1]) == [0, 0, 0, 1] for node in nodes.values())
+    assert len(tree["skins"][0]["joints"]) == len(nodes) - 2  # all but the node of the rig and that of the body
+    times = tree["animations"][0]["samplers"][0]["input"]
+    assert tree["accessors"][times]["count"] == 1
