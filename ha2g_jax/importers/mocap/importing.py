@@ -97,7 +97,6 @@ def import_files(
 
     Args:
         read: picklable function that returns the motion of a file, or raises `UserError`.
-        source: origin of the data, stored in the corpus.
 
     Raises:
         UserError: no file can be used, no window is left, or `dst` exists.

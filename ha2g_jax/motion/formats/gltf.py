@@ -26,7 +26,45 @@ _COMPONENTS = {
 }
 _EXTENSION = "VRMC_vrm_animation"
 
-_FPS = 15.0
+
+def write_glb(
+    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
+) -> None:
+    """Write a `.glb` file: metres, y up, facing +z.
+
+    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of the
+    scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
+    """
+    document = Document()
+    nodes = document.add_armature(animation)
+    _add_body(document, animation, nodes)
+    document.write(path, _extras(animation, duration, audio_name))
+
+
+def write_vrma(
+    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
+) -> None:
+    """Write a `.vrma` file (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
+
+    Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
+    is the rest pose of the nodes.
+    """
+    document = Document()
+    nodes = document.add_armature(animation)
+    bones = {name: {"node": node} for name, node in zip(animation.armature.joints, nodes, strict=True)}
+    document.gltf.extensionsUsed = [_EXTENSION]
+    document.gltf.extensions = {_EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
+    document.write(path, _extras(animation, duration, audio_name))
+
+
+def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
+    """Write the figure of a model as a `.glb` file with one frame, the T-pose.
+
+    Its nodes, mesh and skin are those of every `.glb` of a motion of the model; a page replaces the animation.
+    """
+    # A motion is exported with the rest pose of the package's skeleton and the bone lengths of the model.
+    armature = ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
+    write_glb(path, Animation(armature, armature.rest[None], np.zeros((1, 3)), 15.0, {}))
 
 
 class Document:
@@ -105,19 +143,14 @@ class Document:
                 add(node, "rotation", rotations)
         self.gltf.animations.append(clip)
 
-    def to_bytes(self) -> bytes:
-        """Return the document as a binary container; the same document gives the same bytes."""
+    def write(self, path: str | pathlib.Path, extras: dict[str, Any]) -> None:
+        """Write the document with facts of its scene as a binary container."""
+        self.gltf.scenes[0].extras = extras
         blob = b"".join(self._chunks)
         self.gltf.buffers = [pygltflib.Buffer(byteLength=len(blob))]
         self.gltf.set_binary_blob(blob)
-        return b"".join(self.gltf.save_to_bytes())
-
-
-def describe(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
-    """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`."""
-    facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
-    known = {key: value for key, value in facts.items() if value is not None}
-    return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))
+        with whole_file(path) as temporary:
+            temporary.write_bytes(b"".join(self.gltf.save_to_bytes()))
 
 
 def _plain(values: np.ndarray) -> list[float]:
@@ -125,20 +158,11 @@ def _plain(values: np.ndarray) -> list[float]:
     return [round(float(value), 9) + 0.0 for value in values]
 
 
-def write_glb(
-    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
-) -> None:
-    """Write a `.glb` file: metres, y up, facing +z.
-
-    The nodes have the names and the rest pose of the joints, below a node with the name of the rig. The `extras` of the
-    scene hold `audio_seconds`, `audio`, `fps`, `frames` and `meta`.
-    """
-    document = Document()
-    nodes = document.add_armature(animation)
-    _add_body(document, animation, nodes)
-    document.gltf.scenes[0].extras = describe(animation, duration, audio_name)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(document.to_bytes())
+def _extras(animation: Animation, duration: float | None, audio_name: str | None) -> dict[str, Any]:
+    """Return the `extras` of a motion: `fps`, `frames`, `audio_seconds` and `audio` of the speech, and `meta`."""
+    facts = {"fps": animation.fps, "frames": animation.num_frames, "audio_seconds": duration, "audio": audio_name}
+    known = {key: value for key, value in facts.items() if value is not None}
+    return json.loads(json.dumps(known | {"meta": animation.meta}, sort_keys=True))
 
 
 def _add_body(document: Document, animation: Animation, nodes: list[int]) -> None:
@@ -184,31 +208,3 @@ def _inverse_bind(animation: Animation, root: np.ndarray) -> np.ndarray:
     matrices[:, :3, 3] = -np.einsum("jab,jb->ja", back, places + root)
     matrices[:, 3, 3] = 1
     return matrices.transpose(0, 2, 1).reshape(-1, 16)
-
-
-def write_vrma(
-    path: str | pathlib.Path, animation: Animation, *, duration: float | None = None, audio_name: str | None = None
-) -> None:
-    """Write a `.vrma` file (vrm-c/vrm-specification, VRMC_vrm_animation-1.0).
-
-    Any VRM avatar can play it: a player rotates the bones of the avatar as the nodes rotate from the VRM T-pose, which
-    is the rest pose of the nodes.
-    """
-    document = Document()
-    nodes = document.add_armature(animation)
-    bones = {name: {"node": node} for name, node in zip(animation.armature.joints, nodes, strict=True)}
-    document.gltf.extensionsUsed = [_EXTENSION]
-    document.gltf.extensions = {_EXTENSION: {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}
-    document.gltf.scenes[0].extras = describe(animation, duration, audio_name)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(document.to_bytes())
-
-
-def write_figure(path: str | pathlib.Path, skeleton: Skeleton) -> None:
-    """Write the figure of a model as a `.glb` file with one frame, the T-pose.
-
-    Its nodes, mesh and skin are those of every `.glb` of a motion of the model; a page replaces the animation.
-    """
-    # A motion is exported with the rest pose of the package's skeleton and the bone lengths of the model.
-    armature = ha2g_armature(dataclasses.replace(load_skeleton(skeleton.name), lengths=skeleton.lengths))
-    write_glb(path, Animation(armature, armature.rest[None], np.zeros((1, 3)), _FPS, {}))
