@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from fixtures.corpora import edit
 
-from ha2g_jax import launch
+from ha2g_jax import cli, launch
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.publishing import export
 from ha2g_jax.errors import UserError
@@ -21,7 +21,15 @@ from ha2g_jax.train import loop
 from ha2g_jax.train.log import StepLog
 from ha2g_jax.train.workdir import read_metrics
 
-ROOT = pathlib.Path(__file__).parent.parent.parent
+# Command, folder and config. Of the methods Seq2Seq compiles fastest; it trains on the words. Speech2Gesture trains on
+# the sound.
+SOURCES = {
+    "ted_expressive": ("import-ted", "ted_format/expressive", "seq2seq:ted_expressive:debug"),
+    "ted_gesture": ("import-ted", "ted_format/gesture", "seq2seq:ted_gesture:debug"),
+    "bvh": ("import-bvh", "zeroeggs_067", "speech2gesture:bvh:debug", "--config.model.inferer.layers=1"),
+}
+# The last level of the motion alone is enough here and half as long to compile.
+IMAGES = ("video:debug", "--config.model.inferer.levels=(6,)")
 
 
 @pytest.fixture(scope="module")
@@ -179,3 +187,26 @@ def test_a_step_that_is_not_finite_ends_the_run_and_can_be_looked_at(config_for,
     (start,) = json.loads((tmp_path / "run.json").read_text())["starts"]
     assert "continuity not finite at step 1" in start["failure"]["reason"]
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(loading.load(tmp_path / "failed").variables))
+
+
+def train_two_steps(data: pathlib.Path, workdir: pathlib.Path, config: str, *changes: str) -> list[dict]:
+    """Return the lines of metrics.jsonl."""
+    flags = (f"--config={config}", f"--workdir={workdir}", f"--config.data.path={data}", *changes)
+    assert cli.main(["train", *flags]) == 0
+    return read_metrics(workdir / "metrics.jsonl")
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_two_steps_on_recordings(source, private_data, tmp_path):
+    command, folder, *config = SOURCES[source]
+    assert cli.main(["data", command, str(private_data / folder), str(tmp_path / "corpus")]) == 0
+    lines = train_two_steps(tmp_path / "corpus", tmp_path / "run", *config)
+    assert max(line["step"] for line in lines) == 2
+    # One recording is one talk: nothing is left to validate on.
+    assert any("validation/loss/total" in line for line in lines) == (source != "bvh")
+
+
+def test_two_steps_on_images(tiny_talk, tmp_path):
+    """Videos are imported as clips with images of the speakers."""
+    lines = train_two_steps(tiny_talk, tmp_path / "run", *IMAGES)
+    assert any("validation/loss/huber" in line for line in lines)

@@ -29,8 +29,6 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton, normalize
 _DATA = {27: "ted_gesture", 126: "ted_expressive"}  # by the width of a pose
 _OBJECTS = ("args", "lang_model", "speaker_model")  # the parts that may hold objects
 _KNOWN = ("epoch", "pose_dim", "latent_dim", *_OBJECTS)
-
-
 # Entries without a place: counters of batches, the linear map of a variance that is never used, and second names of the
 # convolutions of a text encoder.
 _COUNTERS = re.compile(r"(.*\.)?num_batches_tracked")
@@ -108,7 +106,7 @@ def read_released(content: Any, size: str = "") -> Released:
     data = _data_of(content)
     method, config, rows = _choose(parts, data, size)
     used = {row.part for row in rows}
-    check_names({part: entries for part, entries in parts.items() if part in used}, rows)
+    _check_names({part: entries for part, entries in parts.items() if part in used}, rows)
     skeleton = load_skeleton(config.skeleton)
     notes = []
     if (mean := _mean_directions(content.get("args"), skeleton.num_bones)) is not None:
@@ -123,7 +121,7 @@ def read_released(content: Any, size: str = "") -> Released:
     shapes = _shapes("", variable_shapes(spec))
     if has_discriminator := any(row.part == "dis_dict" for row in rows):
         shapes |= _shapes(DISCRIMINATOR, discriminator_shapes(spec))
-    flat = convert(parts, rows, shapes)
+    flat = _convert(parts, rows, shapes)
     notes += _notes(content, parts, rows, has_discriminator=has_discriminator)
     variables = _nested({name: array for name, array in flat.items() if not _is_of_discriminator(name)})
     discriminator = _nested(
@@ -226,7 +224,7 @@ def _notes(
         notes.append(f"the {count} tensors of dis_dict fit, and are left out: a model folder has no discriminator")
     if unread := sorted(str(key)[:40] for key in content if key not in used and key not in _KNOWN):
         notes.append(f"not read: {', '.join(unread)[:200]}")
-    if rest := left_out({part: parts[part] for part in used}, rows):
+    if rest := _left_out({part: parts[part] for part in used}, rows):
         notes.append(f"{len(rest)} entries have no place: counters, second names and unused variances")
     return notes
 
@@ -245,40 +243,20 @@ def _start_poses(spec: Spec, skeleton: Skeleton) -> np.ndarray:
     return np.tile(mean, (1, spec.num_seed_frames, 1, 1))
 
 
-def check_names(parts: Parts, rows: Sequence[Row]) -> None:
-    """Check that a file has the tensors of the table and no others.
-
-    Args:
-        parts: values by name, for each key of the file that rows name.
-        rows: the table.
-
-    Raises:
-        DoesNotFitError: an entry is missing, no tensor, or unknown.
-    """
+def _check_names(parts: Parts, rows: Sequence[Row]) -> None:
+    """Check that a file has the tensors of the table and no others."""
     missing = [row for row in rows if not isinstance(parts.get(row.part, {}).get(row.name), np.ndarray)]
     if missing:
         more = f" and {len(missing) - 1} more" if missing[1:] else ""
         raise DoesNotFitError(f"no tensor {_shown(missing[0].part, missing[0].name)}{more}")
-    odd = [(part, name) for part, name in left_out(parts, rows) if not _may_be_left_out(parts[part], str(name))]
+    odd = [(part, name) for part, name in _left_out(parts, rows) if not _may_be_left_out(parts[part], str(name))]
     if odd:
         more = f" and {len(odd) - 1} more" if odd[1:] else ""
         raise DoesNotFitError(f"{_shown(*odd[0])}{more} is in no row of the table (docs/released_weights.md)")
 
 
-def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    """Convert the tensors of a file whose names were checked.
-
-    Args:
-        parts: arrays by name, for each key of the file that rows name.
-        rows: the table.
-        shapes: shape of each of our variables, by name.
-
-    Returns:
-        Float32 arrays by the names of `shapes`.
-
-    Raises:
-        DoesNotFitError: an entry is of another shape or type, or has values that are not finite.
-    """
+def _convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    """Convert the tensors of a file whose names were checked to float32 arrays by the names of `shapes`."""
     targets = [row.target for row in rows]
     if len(set(targets)) != len(targets) or set(targets) != set(shapes):
         raise ValueError(f"the table and the networks differ in {sorted(set(targets) ^ set(shapes))[:3]}")
@@ -297,7 +275,7 @@ def convert(parts: Parts, rows: Sequence[Row], shapes: Mapping[str, tuple[int, .
     return converted
 
 
-def left_out(parts: Parts, rows: Iterable[Row]) -> list[tuple[str, str]]:
+def _left_out(parts: Parts, rows: Iterable[Row]) -> list[tuple[str, str]]:
     """Return (part, name) of the entries that have no row."""
     wanted = {(row.part, row.name) for row in rows}
     return [(part, name) for part, entries in parts.items() for name in entries if (part, name) not in wanted]
@@ -317,16 +295,7 @@ def _shown(part: str, name: Any) -> str:
 
 
 def _names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:
-    """Return the names of the rows of a table.
-
-    Args:
-        vocabulary: object with a mapping of indices to names, or of names to indices.
-        first: index of the first name.
-        count: number of names.
-
-    Returns:
-        The names by index, None if there is no mapping that has them all.
-    """
+    """Return names by index from an object with a mapping of indices to names, or the other way round; None without."""
     wanted = range(first, first + count)
     for mapping in _attributes(vocabulary).values():
         if not isinstance(mapping, dict):
@@ -339,10 +308,9 @@ def _names_of(vocabulary: Any, first: int, count: int) -> list[str] | None:
 
 
 def _lower_case(words: list[str]) -> tuple[str, ...]:
-    """Return words in lower case, as a `Vocabulary` looks for them; of two words that differ in case alone only one.
+    """Return words in lower case, as a `Vocabulary` looks for them.
 
-    Args:
-        words: words by row; one that has to stay as it is, is never found, but keeps its row.
+    Of two words that differ in case alone one stays as it is, which is never found but keeps its row.
     """
     taken = set(words)
     made = []
@@ -354,15 +322,7 @@ def _lower_case(words: list[str]) -> tuple[str, ...]:
 
 
 def _mean_directions(settings: Any, num_bones: int) -> np.ndarray | None:
-    """Return the mean direction vectors (bones, 3) in the settings of a released run.
-
-    Args:
-        settings: object with a list of 3 bones numbers, each of which may be a list of one.
-        num_bones: bones of the skeleton.
-
-    Returns:
-        The vectors, None if there are none.
-    """
+    """Return the mean direction vectors (bones, 3): a list of 3 bones numbers, or lists of one, in the settings."""
     for values in _attributes(settings).values():
         if not isinstance(values, list) or len(values) != 3 * num_bones:
             continue
