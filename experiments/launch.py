@@ -3,7 +3,7 @@
 import sys
 
 from ha2g_jax import cli
-from ha2g_jax.train.process import prepare_process
+from ha2g_jax.launch import prepare_process
 
 if __name__ == "__main__":
     prepare_process()

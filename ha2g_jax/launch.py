@@ -15,7 +15,9 @@ from ml_collections import config_flags
 from ha2g_jax.config import presets, settings
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reading, reason, shown
+from ha2g_jax.layers.cpu.memory import keep_memory
 from ha2g_jax.limits import MAX_PROGRAM_BYTES
 
 _USAGE = """\
@@ -55,6 +57,15 @@ class Arguments(NamedTuple):
     coordinator: str | None
     num_processes: int | None
     process_id: int | None
+
+
+def prepare_process() -> None:
+    """Let this process keep its compiled programs and its memory, see `keep_programs` and `keep_memory`.
+
+    Call this in the main thread before JAX is imported.
+    """
+    keep_programs()
+    keep_memory()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

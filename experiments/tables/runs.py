@@ -227,7 +227,7 @@ def duration(seconds: float) -> str:
 
 def main() -> int:
     """Carry out the task on the standard input, {"request", "run", "cores"}, and return the exit code."""
-    from ha2g_jax.train.process import prepare_process
+    from ha2g_jax.launch import prepare_process
 
     prepare_process()
     task = json.load(sys.stdin)

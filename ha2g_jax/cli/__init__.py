@@ -15,7 +15,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.cache import keep_programs
 from ha2g_jax.files.reading import reason, shown
 from ha2g_jax.stopping import ending_on_sigterm
-from ha2g_jax.train.process import prepare_process
 
 # Commands by what they are for, in the order of the help.
 GROUPS = {
@@ -84,6 +83,8 @@ def _run(argv: list[str], *, is_process: bool) -> int:
     _print_any_path()
     try:
         if is_process and (argv[:1] == ["train"] or argv[:1] == ["doctor"]):  # these run training steps
+            from ha2g_jax.launch import prepare_process
+
             prepare_process()
         keep_programs()
         if argv[:1] == ["train"]:  # takes absl flags: --config, --workdir, --config.key=value

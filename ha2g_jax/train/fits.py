@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from flax import traverse_util
 
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import STATISTICS, Assets
@@ -38,9 +39,6 @@ _NAMES_SHOWN = 6
 def check_machine(config: Config) -> None:
     """Check that a config can be trained at all, and on the devices at hand.
 
-    Args:
-        config: settings of the run.
-
     Raises:
         UserError: a setting is not possible, or there are not enough devices.
     """
@@ -61,10 +59,6 @@ def check_machine(config: Config) -> None:
 
 def check_augmentation(config: Config, spec: Spec) -> None:
     """Check that the model takes the inputs that augmentation changes.
-
-    Args:
-        config: settings of the run.
-        spec: networks and sizes.
 
     Raises:
         UserError: the sound is to be changed, but the model takes no mel spectrogram; or ends of windows are
@@ -87,10 +81,6 @@ def check_augmentation(config: Config, spec: Spec) -> None:
 def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     """Check that the folder of a run is new or was made with the same config.
 
-    Args:
-        workdir: folder of the run.
-        config: settings of the run.
-
     Raises:
         UserError: the folder was made with another config (the message names the settings that differ), or the path
             cannot be a folder.
@@ -106,7 +96,7 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
         stored = settings.from_json(parse_json(read_bytes(path, "the config of a run", MAX_CONFIG_BYTES)))
     except ValueError as error:
         raise UserError(f"{shown(path)} is damaged ({reason(error)}); choose another --workdir") from error
-    old, new = (_flat(model_folder.config_to_json(values)) for values in (stored, config))
+    old, new = (traverse_util.flatten_dict(model_folder.config_to_json(values), sep=".") for values in (stored, config))
     # The learning rates of a cosine depend on where it ends.
     free = _FREE_SETTINGS - ({"train.steps"} if config.train.schedule == "cosine" else set())
     differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
@@ -122,11 +112,6 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
 
 def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
     """Check that a run continues with the corpus that it started with.
-
-    Args:
-        workdir: folder of the run.
-        assets: assets that the run stored when it started.
-        corpus: corpus to continue with.
 
     Raises:
         UserError: the corpus is a different one.
@@ -145,10 +130,3 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
 def _short(values: dict[str, Any], name: str) -> str:
     text = str(values.get(name))
     return text if len(text) <= 80 and text.isprintable() else f"{text[:80]!r}..."
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat = {}
-    for name, value in values.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-    return flat

@@ -140,7 +140,7 @@ def test_another_config_is_refused(run, config_for):
     ("settings", "message"),
     [
         ({"batch_size": 100_000}, "more than the"),
-        ({"steps": 0}, "at least 1"),
+        ({"steps": 0}, "a whole number from 1"),
         ({"best_by": "loss/hubber"}, "expected one of loss/gan"),
         ({"devices": 99}, "devices, not 99"),
     ],

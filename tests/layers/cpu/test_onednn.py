@@ -183,7 +183,7 @@ def new_process(tmp_path, **variables):
     """Prepare a new process for training; return the version of oneDNN, the number of cores and the standard error."""
     program = """
 import os
-from ha2g_jax.train.process import prepare_process
+from ha2g_jax.launch import prepare_process
 prepare_process()
 import jax
 assert not jax._src.xla_bridge.backends_are_initialized()  # else processes could not join each other
