@@ -40,7 +40,7 @@ from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.corpus.statistics import joint_rows, summarise
+from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
 from ha2g_jax.evaluation.page import markdown
 from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.writing import whole_file

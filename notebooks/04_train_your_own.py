@@ -34,8 +34,7 @@ import ha2g_jax
 from ha2g_jax import figure, launch
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
-from ha2g_jax.evaluation.generation import generate_clip
-from ha2g_jax.evaluation.identity import clip_identity
+from ha2g_jax.evaluation.clip_result import clip_identity, generate_clip
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.train.loop import train
 

@@ -40,7 +40,7 @@ from ha2g_jax import launch
 from ha2g_jax.data import recording, regroup, validation
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.talk import build
-from ha2g_jax.evaluation.corpus import statistics
+from ha2g_jax.evaluation import corpus_statistics as statistics
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.importers.mocap import import_bvh
 from ha2g_jax.motion import formats

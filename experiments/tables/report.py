@@ -117,7 +117,7 @@ def describe_work(
     from ha2g_jax.train.run_record import commit  # JAX takes a while to import
 
     starts = [start for record in records for start in record.starts]
-    trained = _distinct(start["commit"] or "unknown" for start in starts)
+    trained = _distinct(start.get("commit") or "unknown" for start in starts)
     devices = _distinct(f"{count} x {name}" for start in starts for name, count in start["hardware"]["devices"].items())
     corpus = plan.corpus.metadata
     splits = [f"{name} {values['clips']:,} clips" for name, values in corpus["splits"].items()]

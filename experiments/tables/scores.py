@@ -16,17 +16,18 @@ from ha2g_jax.evaluation import evaluate, retrieval
 from ha2g_jax.evaluation.clip_result import (
     ClipResult,
     check_fit,
+    clip_identity,
     from_corpus,
+    generate_clip,
+    model_windows,
     split_limits,
     training_motion,
     true,
 )
 from ha2g_jax.evaluation.features import PoseFeatures
-from ha2g_jax.evaluation.generation import generate_clip, model_windows
-from ha2g_jax.evaluation.identity import clip_identity
 from ha2g_jax.evaluation.rows import Rows, make_rows
-from ha2g_jax.evaluation.talk.known_causes import has_known_causes, rows_with_chance, score_known_causes, score_motion
-from ha2g_jax.evaluation.talk.scores import Trial, known_truth, observe, semantic_floors
+from ha2g_jax.evaluation.talk_scores import has_known_causes, rows_with_chance, score_known_causes, score_motion
+from ha2g_jax.evaluation.talk_trials import Trial, known_truth, observe, semantic_floors
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.metrics import diversity
 from ha2g_jax.metrics.beats import stops, summary

@@ -249,21 +249,21 @@ def _inspect(arguments: argparse.Namespace) -> int:
         refuse_others(arguments, (), page, "--check")
         return _check(arguments)
     if arguments.out is None:
-        from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
+        from ha2g_jax.evaluation.corpus_statistics import as_table, summarise
 
         refuse_others(arguments, (), page, "the printed numbers; name a page with --out")
         summary = summarise(arguments.corpus)
         print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
         return 0
     from ha2g_jax.data.corpus import Corpus
-    from ha2g_jax.evaluation.corpus import report, talk_report
+    from ha2g_jax.evaluation import corpus_report
 
     refuse_others(arguments, (), ("json",), "a page")
     samples = 4 if arguments.samples is None else arguments.samples
-    print(report.write_report(arguments.corpus, arguments.out, num_samples=samples))
+    print(corpus_report.write_report(arguments.corpus, arguments.out, num_samples=samples))
     if Corpus.open(arguments.corpus).metadata.get("name", "").startswith("talk"):
         causes = arguments.out.with_stem(f"{arguments.out.stem}_causes")
-        print(talk_report.write_report(arguments.corpus, causes, recording=arguments.recording))
+        print(corpus_report.write_talk_report(arguments.corpus, causes, recording=arguments.recording))
     return 0
 
 

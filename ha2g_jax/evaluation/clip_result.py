@@ -3,13 +3,15 @@
 import dataclasses
 import pathlib
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TRAIN, Clips, Corpus
+from ha2g_jax.data.records import Clip
+from ha2g_jax.data.windows import resize_images
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.metrics.beats.times import audio_onsets
@@ -115,25 +117,22 @@ def generated(
 ) -> list[ClipResult]:
     """Return the motion that a model generates for the speech of a split, from the first frames of the true motion on.
 
-    The style is that of the clip's speaker, see `identity.clip_identity`; the arguments are those of `from_corpus`. A
+    The style is that of the clip's speaker, see `clip_identity`; the arguments are those of `from_corpus`. A
     stream begins with a calm pose of the model instead.
 
     Raises:
         UserError: the model does not fit the corpus, there is no such split, it has no clip, or the model cannot follow
             a stream.
     """
-    from ha2g_jax.evaluation import generation
-    from ha2g_jax.evaluation.identity import clip_identity
-
     check_fit(model, corpus)
-    seed_frames, stride = generation.model_windows(model)
+    seed_frames, stride = model_windows(model)
 
     def read(clips: Clips, index: int) -> ClipResult:
         clip = clips[index]
         style = clip_identity(model, clip)
         start = _directions(corpus, clip.positions[:seed_frames])
         start = np.pad(start, ((0, seed_frames - len(start)), (0, 0), (0, 0)), "edge")
-        directions = generation.generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
+        directions = generate_clip(model, clip, style, seed + index, start=start, look_ahead=look_ahead)
         borders = tuple(range(stride, len(directions) - seed_frames, stride)) if look_ahead is None else ()
         return ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps, borders=borders)
 
@@ -183,14 +182,78 @@ def _directions(corpus: Corpus, positions: np.ndarray) -> np.ndarray:
 
 
 def check_fit(model: "Model", corpus: Corpus) -> None:
-    """Refuse a model of other motion than that of a corpus.
-
-    Raises:
-        UserError: the skeletons or the frame rates differ.
-    """
+    """Raise a `UserError` if a model has another skeleton or frame rate than a corpus."""
     skeleton = model.spec.skeleton.name
     if skeleton != corpus.skeleton.name or model.fps != corpus.fps:
         raise UserError(
             f"{corpus.path} has the skeleton {corpus.skeleton.name} at {corpus.fps:g} frames per second, the model "
             f"{skeleton} at {model.fps:g}; give a corpus that fits"
         )
+
+
+def clip_identity(model: "Model", clip: Clip) -> np.ndarray:
+    """Return the style (style_dim,) of a clip's speaker: the mean of f_id, zeros for a model without identities.
+
+    A model that reads images takes the reference images of the clip. One with a table of speakers looks the name up;
+    a name that is not in the table has no style, so it gets the average of those that are.
+
+    Raises:
+        UserError: the model reads images and the clip has none.
+    """
+    from ha2g_jax.methods.build import encode_identity
+
+    spec = model.spec
+    if not spec.identity:
+        return np.zeros(spec.style_dim, np.float32)
+    if spec.identity != "images":
+        known = model.assets.speakers
+        return np.asarray(known.get(clip.speaker, np.mean(list(known.values()), axis=0)), np.float32)
+    if clip.reference_images is None:
+        raise UserError(f"clip {clip.id} has no reference images, which this model needs; give a corpus that has them")
+    images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
+    return np.asarray(encode_identity(spec, model.variables, images))
+
+
+class Windows(NamedTuple):
+    """Windows that a model joins a long motion from: frames that are given to it, and between two first frames."""
+
+    seed_frames: int
+    stride: int
+
+
+def model_windows(model: "Model") -> Windows:
+    """Return the windows of a model."""
+    return Windows(model.spec.num_seed_frames, model.spec.num_frames - model.spec.num_seed_frames)
+
+
+def generate_clip(
+    model: "Model",
+    clip: Clip,
+    style: np.ndarray,
+    seed: int,
+    *,
+    start: np.ndarray | None = None,
+    has_words: bool = True,
+    look_ahead: int | None = None,
+) -> np.ndarray:
+    """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip.
+
+    Args:
+        model: model that makes the motion.
+        clip: clip with sound and words.
+        style: (style_dim,) style of the motion.
+        seed: seed of everything that the model draws.
+        start: (seed frames, bones, 3) poses to begin with; drawn by the model by default, and in a stream always.
+        has_words: whether a model that reads words gets them.
+        look_ahead: frames of speech that a stream hears beyond each frame, see `Model.stream`; None for the whole clip.
+
+    Raises:
+        UserError: the model cannot follow a stream, or not with this look-ahead.
+    """
+    from ha2g_jax import synthesis
+
+    if look_ahead is not None:
+        stream = model.stream(look_ahead=look_ahead, style=synthesis.Style(values=style), seed=seed)
+        return np.concatenate([stream.feed(clip.audio), stream.flush()])
+    words = clip.words if has_words else ()
+    return synthesis.generate_directions(model, clip.audio, style, seed, words=words, start=start)

@@ -1,5 +1,6 @@
-"""Scores of any motion against reference motion, with intervals, beside rows that show what each score is worth."""
+"""Score any motion against reference motion, with intervals, beside rows that show what each score is worth."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -8,24 +9,61 @@ import threadpoolctl
 from tqdm import tqdm
 
 from ha2g_jax import metrics
+from ha2g_jax.data.records import WINDOW_FRAMES
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import latents
 from ha2g_jax.evaluation.clip_result import ClipResult
-from ha2g_jax.evaluation.flags import flags
-from ha2g_jax.evaluation.intervals import DRAWS, LEVEL, Intervals, number, spread
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.metrics import reconstruction
 from ha2g_jax.metrics.beats import rests, stops, summary, times
+from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION, is_too_few
 from ha2g_jax.metrics.legacy import legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
-from ha2g_jax.metrics.row import SEED_FRAMES, Row
-from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS
+from ha2g_jax.metrics.row import FGD_SEEDED_CUT, SEED_FRAMES, Row, cut_windows, reference_cut, row_latents
+from ha2g_jax.metrics.sanity import HALF, SANITY_ROWS, TRUTH
+from ha2g_jax.metrics.uncertainty import Estimate, Interval, bootstrap
 from ha2g_jax.skeleton import Skeleton
 
 if TYPE_CHECKING:  # JAX takes seconds to import, and an evaluation without latents does without
     from ha2g_jax.evaluation.features import PoseFeatures
 
 Scores = dict[str, Score]  # name of a metric -> its score in one row
+
+DRAWS = 1000
+LEVEL = 0.95
+
+_DIGITS = 8  # that count
+_DIGITS_OF_ERRORS = 4  # after the point
+_Z = 1.96  # standard errors on both sides of a value that hold 95 %
+
+_MANY = 1.3  # times as many beats as ground truth, which jitter makes; dense beats are near some onset by chance
+_FEW = 0.5
+
+_BY_CHANCE = (TRUTH, HALF)
+
+NO_AUTOENCODER = (
+    "no FGD and no diversity without a pose auto-encoder; train one with "
+    "`ha2g train --config autoencoder:DATA --workdir WORKDIR` and give --autoencoder WORKDIR"
+)
+
+_BIAS = (
+    "a distance of resampled recordings is greater on average than that of all, so that its interval may lie above it; "
+    f"compare the distance of a row with that of the row {HALF}"
+)
+
+
+class Intervals:
+    """Percentile intervals of statistics under resampling of recordings, with the same draws for every statistic."""
+
+    def __init__(self, num_recordings: int, draws: int, seed: int):
+        self._recordings, self._draws, self._seed = np.arange(num_recordings), draws, seed
+
+    def __call__(self, score: Score) -> dict[str, float | None]:
+        """Return {"value", "low", "high"} of a score, None where undefined; a number has no bounds."""
+        return self.of_statistic(score) if callable(score) else score_as_json(score)
+
+    def of_statistic(self, statistic: Statistic) -> dict[str, float | None]:
+        """Return {"value", "low", "high"} of a statistic, None where undefined."""
+        return _as_json(bootstrap(statistic, self._recordings, draws=self._draws, seed=self._seed, level=LEVEL))
 
 
 # A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for
@@ -51,14 +89,14 @@ def evaluate(
     Args:
         rows: clip results of each method. A clip may have several, such as those of several seeds.
         reference: true motion, one clip result for each clip, with onsets.
-        skeleton: skeleton of all motion, whose constants serve the legacy scores.
+        skeleton: skeleton of all motion.
         training: clips (T, bones, 3) of the training split, from which the mean pose and reference statistics (usual
             changes of angles, limits of angles) are taken; by default the reference itself.
         autoencoder: pose auto-encoder that gives the latents of FGD and diversity, which are left out without.
         legacy: whether to add the section "legacy_v1"; beat consistency then needs the sound of the reference.
         seed: seed of everything random.
         draws: number of draws of the bootstrap.
-        notes: sentences about the motion, to be kept with the results.
+        notes: sentences about the motion, which go to the results.
 
     Returns:
         One section of results, ready for JSON: "rows": {row: {metric: {"value", "low", "high"}}}, None where undefined,
@@ -71,30 +109,31 @@ def evaluate(
     """
     if not rows or not reference:
         raise UserError("nothing to evaluate; give the motion of at least one method and of the reference")
-    latents.check_autoencoder(autoencoder, skeleton, reference[0].fps)
+    _check_autoencoder(autoencoder, skeleton, reference[0].fps)
     made = make_rows(rows, reference, skeleton, training=training, autoencoder=autoencoder, seed=seed)
     intervals = Intervals(made.reference.num_recordings, draws, seed)
     found, scores = _measure_rows(made, intervals, has_legacy=legacy)
     results: dict[str, dict[str, Any]] = {name: {} for name in (*rows, *SANITY_ROWS)} | found["rows"]
     results[HALF] = _halves(made.truth)
+    encoded = made.truth.once(row_latents)
     section = {
         "methods": list(rows),
         "rows": results,
-        "differences": _differences({name: scores[name] for name in rows}, intervals),
+        "differences": differences({name: scores[name] for name in rows}, intervals, _paired()),
         "counts": found["counts"],
         "data": {
             "clips": len(made.ids),
             "recordings": made.reference.num_recordings,
             "seconds": round(sum(map(len, made.truth.directions)) / made.reference.fps, 2),
-            "windows": latents.count_windows(made.truth),
+            "windows": None if encoded is None else len(encoded.latents),
             "skeleton": skeleton.name,
             "fps": made.reference.fps,
         },
         "settings": _settings(seed, draws, made.reference.fps, has_training=training is not None),
-        "autoencoder": latents.describe(made.truth, autoencoder),
-        "flags": flags(results, list(rows)),
-        "warnings": [*_few_recordings(made), *latents.warnings(made.truth, autoencoder)],
-        "notes": [*notes, *made.notes, *_silence(made), *latents.notes(made.truth, autoencoder)],
+        "autoencoder": _describe(made.truth, autoencoder),
+        "flags": _flags(results, list(rows)),
+        "warnings": [*_few_recordings(made), *_latent_warnings(made.truth, autoencoder)],
+        "notes": [*notes, *made.notes, *_silence(made), *_latent_notes(made.truth, autoencoder)],
     }
     if legacy:
         section["legacy_v1"] = {"rows": found["legacy_v1"], "notes": legacy_notes(made.truth)}
@@ -136,22 +175,24 @@ def _draws(row: Row, scores: Mapping[str, Any]) -> dict[str, dict[str, float | N
     return found
 
 
-def _differences(scores: Mapping[str, Scores], intervals: Intervals) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return the paired differences of every further method less the first one."""
+def differences(
+    scores: Mapping[str, Scores], intervals: Intervals, names: Sequence[str]
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Return the paired differences of every further method less the first one, in the metrics of some names."""
     (first, base), *others = scores.items()
-    paired = [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
     return {
         f"{name} - {first}": {
-            key: intervals.of_statistic(_difference(own[key], base[key]))
-            for key in paired
-            if key in own and key in base
+            key: intervals.of_statistic(_difference(own[key], base[key])) for key in names if key in own and key in base
         }
         for name, own in others
     }
 
 
+def _paired() -> list[str]:
+    return [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
+
+
 def _difference(first: Score, second: Score) -> Statistic:
-    """Return one score less another of the same draw."""
     if not callable(first) or not callable(second):
         raise TypeError("a paired metric must measure a statistic")
     return lambda counts: first(counts) - second(counts)
@@ -164,7 +205,7 @@ def _halves(truth: Row) -> dict[str, dict[str, float | None]]:
     found = {
         name: metric.halves(truth) for name, metric in metrics.of_section("rows").items() if metric.halves is not None
     }
-    return {name: spread(values) for name, values in found.items() if values is not None}
+    return {name: _spread(values) for name, values in found.items() if values is not None}
 
 
 def _few_recordings(made: Rows) -> list[str]:
@@ -206,4 +247,179 @@ def _settings(seed: int, draws: int, fps: float, *, has_training: bool) -> dict[
             "order": rests.order(fps),
         },
         "pck_delta": reconstruction.DELTA,
+    }
+
+
+def _flags(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
+    """Return the flags as sentences: metrics that a sanity row wins, and methods with too many or too few beats."""
+    return [*_won_metrics(rows), *_beat_rates(rows, methods)]
+
+
+def _won_metrics(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return a sentence for each metric in which a sanity row goes further in the "better" direction than truth."""
+    sentences = []
+    for key, metric in metrics.of_section("rows").items():
+        true = _value(rows[TRUTH], key)
+        if metric.direction == "none" or true is None:
+            continue
+        sign = 1 if metric.direction == "higher" else -1
+        found = {name: _value(rows.get(name, {}), key) for name in SANITY_ROWS if name not in _BY_CHANCE}
+        winners = [
+            f"{name} ({value:.{metric.digits}f})"
+            for name, value in found.items()
+            if value is not None and round(sign * (value - true), metric.digits) > 0
+        ]
+        if winners:
+            sentences.append(
+                f"{metric.heading}: {', '.join(winners)} {metric.direction} than ground truth "
+                f"({true:.{metric.digits}f}), so {metric.direction} is not better"
+            )
+    return sentences
+
+
+def _beat_rates(rows: Mapping[str, Mapping[str, Any]], methods: Sequence[str]) -> list[str]:
+    true = _value(rows[TRUTH], "beats_per_second")
+    sentences = []
+    for name in methods:
+        rate = _value(rows[name], "beats_per_second")
+        if not true or rate is None or _FEW * true <= rate <= _MANY * true:
+            continue
+        found = f"{name}: {rate:.2f} beats/s, ground truth {true:.2f}"
+        jerk = _value(rows[name], "jerk_ratio")
+        if rate < true:
+            sentences.append(f"{found}: far fewer, whatever the F")
+        else:
+            rough = "" if jerk is None else f", and {jerk:.1f} times its jerk"
+            sentences.append(f"{found}{rough}: its F and BC are those of dense beats")
+    return sentences
+
+
+def _value(row: Mapping[str, Any], key: str) -> float | None:
+    return row[key]["value"] if key in row else None
+
+
+def _check_autoencoder(autoencoder: "PoseFeatures | None", skeleton: Skeleton, fps: float) -> None:
+    if autoencoder is not None and (autoencoder.skeleton.name, autoencoder.fps) != (skeleton.name, fps):
+        raise UserError(
+            f"the pose auto-encoder is of the skeleton {autoencoder.skeleton.name} at {autoencoder.fps:g} frames per "
+            f"second, the motion of {skeleton.name} at {fps:g}; give one that was trained on such motion"
+        )
+
+
+def _describe(truth: Row, autoencoder: "PoseFeatures | None") -> dict[str, Any] | None:
+    """Return what the latents are of, for the results; None without latents."""
+    found = truth.once(row_latents)
+    windows = None if found is None else cut_windows(truth, found.cut)
+    if autoencoder is None or windows is None:
+        return None
+    return {
+        "id": autoencoder.id,
+        "name": autoencoder.name,
+        "data": autoencoder.data,
+        "latent_dim": autoencoder.latent_dim,
+        "fps": autoencoder.fps,
+        "window": WINDOW_FRAMES,
+        "reconstruction_error": number(autoencoder.reconstruction_error(windows)),
+    }
+
+
+def _latent_warnings(truth: Row, autoencoder: "PoseFeatures | None") -> list[str]:
+    """Return sentences on distances that are not reliable."""
+    found = truth.once(row_latents)
+    if autoencoder is None or found is None:
+        return []
+    sentences, count, latent_dim = [], len(found.latents), autoencoder.latent_dim
+    if is_too_few(count, latent_dim):
+        sentences.append(
+            f"{count} windows for {latent_dim} latent values, less than {SAMPLES_PER_DIMENSION} times as many: the FGD "
+            f"says more about their number than about the motion; compare it with the row {HALF}"
+        )
+    if found.cut.name == FGD_SEEDED_CUT:
+        title = metrics.lookup("fgd_seeded").title
+        sentences.append(f"clips are too short to leave the seed pose out of a window, so the distance is {title}")
+    return sentences
+
+
+def _latent_notes(truth: Row, autoencoder: "PoseFeatures | None") -> list[str]:
+    """Return sentences on what has no latents."""
+    cut = truth.reference.once(reference_cut)
+    if autoencoder is None:
+        return [NO_AUTOENCODER]
+    if cut is None:
+        return [f"no clip has {WINDOW_FRAMES} frames, so no FGD and no diversity"]
+    short = sum(not cut.starts(len(directions)) for directions in truth.directions)
+    return [_BIAS] + ([f"{short} clips are shorter than a window and not part of FGD and diversity"] if short else [])
+
+
+def compare(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Compare two sections of results of `evaluate`.
+
+    Returns:
+        {row: {metric: {"first", "second", "difference"}}} of the rows and metrics that both have.
+
+    Raises:
+        UserError: both have an FGD, but of two auto-encoders; or they are of two skeletons or frame rates.
+    """
+    ids = [results["autoencoder"] and results["autoencoder"]["id"] for results in (first, second)]
+    if None not in ids and ids[0] != ids[1]:
+        raise UserError(
+            f"one FGD is of the pose auto-encoder {ids[0][:16]}, the other of {ids[1][:16]}: distances in two latent "
+            "spaces cannot be compared; evaluate both with one --autoencoder"
+        )
+    for key in ("skeleton", "fps"):
+        if first["data"][key] != second["data"][key]:
+            raise UserError(
+                f"one evaluation is of {key} {first['data'][key]}, the other of {second['data'][key]}; scores of two "
+                "kinds of motion cannot be compared"
+            )
+    return {
+        row: {
+            metric: _side_by_side(first["rows"][row][metric], second["rows"][row][metric])
+            for metric in first["rows"][row]
+            if metric in second["rows"][row]
+        }
+        for row in first["rows"]
+        if row in second["rows"]
+    }
+
+
+def _side_by_side(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    is_whole = first["value"] is not None and second["value"] is not None
+    difference = number(second["value"] - first["value"]) if is_whole else None
+    return {"first": first, "second": second, "difference": difference}
+
+
+def _spread(values: np.ndarray) -> dict[str, float | None]:
+    """Return the mean of random divisions, and the bounds of the middle 95 % of them."""
+    if not len(values) or not np.isfinite(values).all():
+        return _as_json(Interval(math.nan, math.nan, math.nan))
+    tail = (1 - LEVEL) / 2
+    low, high = np.quantile(values, [tail, 1 - tail]).tolist()
+    return _as_json(Interval(float(np.mean(values)), low, high))
+
+
+def _as_json(values: Any) -> dict[str, float | None]:
+    """Return a NamedTuple of numbers as a dict."""
+    return {name: number(value) for name, value in values._asdict().items()}
+
+
+def number(value: float) -> float | None:
+    """Return a number of JSON, None where it is undefined."""
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def score_as_json(score: Score) -> dict[str, float | None]:
+    """Return {"value", "low", "high"} of a score that needs no bootstrap, with "error" where it has a standard error.
+
+    The bounds are 1.96 standard errors below and above the value; a number has none.
+    """
+    if callable(score):
+        raise TypeError("a statistic needs the recordings of a table; use `Intervals`")
+    if not isinstance(score, Estimate):
+        return _as_json(Interval(math.nan if score is None else score, math.nan, math.nan))
+    value, error = score
+    bounds = (value, value - _Z * error, value + _Z * error, error)
+    return {
+        name: round(float(x), _DIGITS_OF_ERRORS) if math.isfinite(x) else None
+        for name, x in zip(("value", "low", "high", "error"), bounds, strict=True)
     }

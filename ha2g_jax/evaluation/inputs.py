@@ -1,24 +1,31 @@
-"""The inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or two folders of motion."""
+"""Score the inputs of `ha2g evaluate` to results of one shape: a corpus, a recording, or folders of motion."""
 
 import collections
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import beat2
-from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
-from ha2g_jax.evaluation.evaluate import evaluate
-from ha2g_jax.evaluation.motion_folders import from_folders
-from ha2g_jax.features.audio import read_audio
+from ha2g_jax.evaluation.clip_result import from_corpus, model_windows, split_limits, training_motion
+from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
+from ha2g_jax.evaluation.motion_folders import BEAT2, from_folders, score_beat2
+from ha2g_jax.evaluation.table import PARTS
+from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.metrics.beats import strokes
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.motion.readers.joint_maps import AUTO
 
+if TYPE_CHECKING:
+    from ha2g_jax.synthesis import Model
+
+MIN_SECONDS = 10.0  # of a recording
 TEST_SPLITS, OTHER_SPLIT = ("test", "test_unseen_speakers"), "val"
 
 _TRAINING_CLIPS = 400  # whose motion sets the mean pose, usual changes and limits of angles
@@ -47,7 +54,7 @@ def evaluate_folders(
         skeleton: "ted_expressive" or "ted_gesture"; by default that of the auto-encoder, or else of the files.
         joint_map: names of the joints, see `motion.readers.read_motion`.
         source_fps: frames per second of files that do not say it.
-        protocol: "beat2" to add the scores of `beat2.score_beat2`, for SMPL-X motion.
+        protocol: "beat2" to add the scores of `score_beat2`, for SMPL-X motion.
         body_model: path of an SMPL-X body model (.npz) for the protocol.
         seed: seed of everything random.
 
@@ -58,10 +65,10 @@ def evaluate_folders(
     Raises:
         UserError: a folder, a file or the auto-encoder cannot be used, or a folder is given twice.
     """
-    if protocol not in (None, beat2.PROTOCOL):
-        raise UserError(f"no protocol {protocol}; expected {beat2.PROTOCOL}")
+    if protocol not in (None, BEAT2):
+        raise UserError(f"no protocol {protocol}; expected {BEAT2}")
     if protocol is None and body_model is not None:
-        raise UserError(f"a body model is for the protocol {beat2.PROTOCOL}; add --protocol {beat2.PROTOCOL}")
+        raise UserError(f"a body model is for the protocol {BEAT2}; add --protocol {BEAT2}")
     folders = [motion] if isinstance(motion, str | os.PathLike) else list(motion)
     names = _row_names(folders)
     features = _features(autoencoder)
@@ -73,7 +80,7 @@ def evaluate_folders(
         read[name] = from_folders(folder, reference, skeleton=skeleton, **options)
         skeleton = read[name].skeleton.name
     if protocol is not None:  # before the other scores, which take longer than to find that the files do not fit
-        of_protocol = {"beat2": beat2.score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)}
+        of_protocol = {"beat2": score_beat2(read, body_model=body_model, source_fps=source_fps, seed=seed)}
     else:
         of_protocol = {}
     truth = {clip.id: clip for each in read.values() for clip in each.reference}
@@ -117,14 +124,13 @@ def evaluate_checkpoint(
 
     Returns:
         As `make_results`, with one section for each split; the row of the checkpoint is called "model". On a corpus
-        with known causes a section has also "known_causes", see `talk.known_causes.score_known_causes`.
+        with known causes a section has also "known_causes", see `talk_scores.score_known_causes`.
 
     Raises:
         UserError: the checkpoint, the corpus, a split or the auto-encoder cannot be used.
     """
     from ha2g_jax import synthesis
-    from ha2g_jax.evaluation.generation import model_windows
-    from ha2g_jax.evaluation.talk.known_causes import has_known_causes, score_known_causes
+    from ha2g_jax.evaluation.talk_scores import has_known_causes, score_known_causes
 
     features = _features(autoencoder)
     model = synthesis.load(checkpoint)
@@ -182,13 +188,12 @@ def evaluate_recording(
         seed: seed of the style and the start pose.
 
     Returns:
-        As `make_results`, with one section under the name of the file, see `recording.score_recording`.
+        As `make_results`, with one section under the name of the file, see `score_recording`.
 
     Raises:
         UserError: the checkpoint, the speech or the speaker cannot be used, or there are less than 10 s of speech.
     """
     from ha2g_jax import synthesis
-    from ha2g_jax.evaluation.recording import score_recording
 
     audio = read_audio(pathlib.Path(speech))
     model = synthesis.load(checkpoint)
@@ -225,7 +230,7 @@ def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, 
 
 def _score_names(section: Mapping[str, Any]) -> list[str]:
     parts = [section["rows"], section["differences"]]
-    parts += [section[part]["rows"] for part in ("legacy_v1", "known_causes", "recording", "beat2") if part in section]
+    parts += [section[part]["rows"] for part in PARTS if part in section]
     return [name for rows in parts for row in rows.values() for name in row]
 
 
@@ -264,3 +269,58 @@ def _features(autoencoder: str | os.PathLike | None):
     from ha2g_jax.evaluation.features import PoseFeatures
 
     return PoseFeatures(autoencoder)
+
+
+def score_recording(
+    model: "Model", audio: np.ndarray, name: str, *, speaker: str | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """Score the strokes of the hands in the motion that a model makes for a recording.
+
+    Args:
+        model: model that makes the motion.
+        audio: (samples,) speech at 16 kHz.
+        name: name of the recording, for messages.
+        speaker: speaker of the model for the style; drawn with `seed` by default.
+        seed: seed of the style and the start pose.
+
+    Returns:
+        One section of results, as those of `evaluate`, without "rows" that need true motion: the scores are in
+        "recording", {"rows": {"model": {metric: {"value", "low", "high", "error"}}}}.
+
+    Raises:
+        UserError: the speaker is unknown, or there are less than 10 s of speech.
+    """
+    if len(audio) < MIN_SECONDS * SAMPLE_RATE:
+        raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
+    from ha2g_jax.synthesis import Style
+
+    motion = model.generate(audio, style=Style(speaker=speaker, variation=0), seed=seed)
+    first_frame, skeleton = model_windows(model).seed_frames, model.spec.skeleton
+    wrists = strokes.wrist_positions(skeleton, motion.directions)
+    row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
+    return {
+        "methods": ["model"],
+        "rows": {},
+        "differences": {},
+        "counts": {},
+        "data": {
+            "clips": 1,
+            "recordings": 1,
+            "seconds": round(row.seconds, 2),
+            "windows": None,
+            "skeleton": skeleton.name,
+            "fps": motion.fps,
+        },
+        "settings": {"first_frame": first_frame, "seed": seed, "draws": 0, "level": LEVEL},
+        "autoencoder": None,
+        "flags": [],
+        "warnings": [],
+        "notes": [],
+        "recording": {
+            "rows": {"model": {key: score_as_json(score) for key, score in measure(row, "recording").items()}},
+            "notes": [
+                "the mismatched speech is the recording rotated in time; intervals are 1.96 standard errors by "
+                f"segments of {strokes.SEGMENT:g} s",
+            ],
+        },
+    }

@@ -4,8 +4,8 @@ import collections
 import os
 import pathlib
 import re
-from collections.abc import Container
-from typing import NamedTuple
+from collections.abc import Container, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -13,16 +13,30 @@ from tqdm import tqdm
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
+from ha2g_jax.evaluation.evaluate import DRAWS, Intervals, differences, measure
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.files.reading import shown
+from ha2g_jax.metrics import sanity
+from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.times import audio_onsets
-from ha2g_jax.motion.readers import SUFFIXES, borders_of, find_skeleton, read_motion
+from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
+from ha2g_jax.motion.readers import (
+    SUFFIXES,
+    borders_of,
+    find_skeleton,
+    read_content,
+    read_motion,
+    smplx,
+    smplx_arrays,
+)
 from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.motion.readers.recordings import AUDIO_SUFFIXES
+from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, read_body_model, template
 from ha2g_jax.motion.resample import num_frames, resample
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 FPS = 15.0  # that everything is scored at: the rate of the paper's data
+BEAT2 = "beat2"  # protocol of the papers on BEAT2, for SMPL-X motion
 
 SAMPLE = re.compile(r"^sample_[0-9]+/")
 """Beginning of the names of motion in a pack of `ha2g genea`, which has a folder for each sample."""
@@ -30,6 +44,7 @@ SAMPLE = re.compile(r"^sample_[0-9]+/")
 MANIFEST = "manifest.json"
 """Name of the file of a pack that holds no motion."""
 
+_UPPER = [JOINTS.index(name) for name in rests.UPPER_BODY]
 _GENERATED = "_gestures"  # what `ha2g generate` puts after the name of the speech
 _PAIRS_PER_PROCESS = 32  # a process takes seconds to start
 _SHOWN = 3
@@ -37,14 +52,7 @@ _DIED = "a process that read the motion was killed, perhaps because memory ran o
 
 
 class Folders(NamedTuple):
-    """The clips of two folders.
-
-    Attributes:
-        motion: clip results to be evaluated; several of one id are several motions for the same speech.
-        reference: clip results of the true motion, one of each id.
-        skeleton: skeleton of both.
-        notes: what was changed or left out, a sentence each.
-    """
+    """The clips of two folders; several motions of one id are for the same speech. The notes say what was changed."""
 
     motion: list[ClipResult]
     reference: list[ClipResult]
@@ -67,13 +75,7 @@ class _Pair(NamedTuple):
 
 
 class FileMotion(NamedTuple):
-    """The motion of a file.
-
-    Attributes:
-        directions: (T, bones, 3) float32 unit vectors at 15 frames per second.
-        fps: frames per second of the file.
-        borders: first frames of the windows of the motion, at 15 frames per second.
-    """
+    """Directions (T, bones, 3) and borders of windows at 15 frames per second, and the frame rate of the file."""
 
     directions: np.ndarray
     fps: float
@@ -148,11 +150,7 @@ def read_directions(
 ) -> FileMotion:
     """Read the direction vectors of a file at 15 frames per second.
 
-    Args:
-        path: path of a file of motion.
-        skeleton: name of the skeleton.
-        joint_map: names of the joints, see `motion.readers.read_motion`.
-        source_fps: frames per second of a file that does not say it.
+    The other arguments are those of `motion.readers.read_motion`.
 
     Raises:
         UserError: the file cannot be read or is motion of another skeleton.
@@ -168,15 +166,7 @@ def read_directions(
 
 
 def clip_of(name: str, clips: Container[str]) -> str | None:
-    """Return the clip that a file of motion belongs to, such as talk for talk, talk.2 and sample_2/talk.
-
-    Args:
-        name: name of the file, as `find_motions` returns it.
-        clips: names of all clips.
-
-    Returns:
-        Name of the clip, None if there is none.
-    """
+    """Return the clip of a file of motion, such as talk for talk, talk.2 and sample_2/talk, None if there is none."""
     clip, _, number = name.rpartition(".")
     found = (name, clip.removesuffix(_GENERATED) if number.isdecimal() else "", SAMPLE.sub("", name))
     return next((clip for clip in found if clip in clips), None)
@@ -186,9 +176,6 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
     """Find the files of motion in a folder and its subfolders by the names of their clips.
 
     Of several files with one name the first kind of `SUFFIXES` is the motion, as others hold words.
-
-    Args:
-        folder: folder of motion.
 
     Returns:
         Path of the file by its path in the folder, without the suffix and without `_gestures` at the end.
@@ -213,9 +200,6 @@ def find_motions(folder: pathlib.Path) -> dict[str, pathlib.Path]:
 def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pathlib.Path]:
     """Find the files of sound that lie in folders, not in their subfolders.
 
-    Args:
-        folders: folders to look in.
-
     Returns:
         Path of the file by what `sound_key` gives for it and for the motion with its sound.
     """
@@ -229,11 +213,7 @@ def find_sounds(folders: set[pathlib.Path]) -> dict[tuple[pathlib.Path, str], pa
 
 
 def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
-    """Return what a motion and the sound beside it have in common: the folder, and the name of the clip.
-
-    Args:
-        path: path of a motion or of a sound.
-    """
+    """Return what a motion and the sound beside it have in common: the folder, and the name of the clip."""
     return path.parent, path.stem.removesuffix(_GENERATED).lower()
 
 
@@ -284,3 +264,91 @@ def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> li
 def _few(names: dict[str, pathlib.Path]) -> str:
     first = ", ".join(shown(name) for name in sorted(names)[:_SHOWN])
     return f"{first}, ..." if len(names) > _SHOWN else first
+
+
+def score_beat2(
+    read: Mapping[str, Folders],
+    *,
+    body_model: str | os.PathLike | None = None,
+    source_fps: float | None = None,
+    seed: int = 0,
+    draws: int = DRAWS,
+) -> dict[str, Any]:
+    """Score folders of SMPL-X motion by BC and L1div of BEAT2.
+
+    A sequence is as long as the shortest of its motions and its reference. Shapes are those of the reference. Of
+    several motions for one sequence the first is scored.
+
+    Args:
+        read: what `motion_folders.from_folders` read, by the name of the method.
+        body_model: path of an SMPL-X body model (.npz), as the papers use; None for the neutral template.
+        source_fps: frames per second of files that do not say it.
+        seed: seed of the bootstrap and of the pairs of mismatched speech.
+        draws: number of draws of the bootstrap.
+
+    Returns:
+        {"rows": {row: {metric: {"value", "low", "high"}}}, "notes"}; rows are the methods, their paired differences
+        from the first, ground truth and mismatched speech.
+
+    Raises:
+        UserError: a file is no SMPL-X motion, or no sequence is left.
+    """
+    body = template() if body_model is None else read_body_model(body_model)
+    methods = {name: {clip.id: clip.path for clip in reversed(each.motion)} for name, each in read.items()}
+    truth = {clip.id: clip for each in read.values() for clip in each.reference}
+    ids = [name for name in truth if all(name in paths for paths in methods.values())]
+    if not ids:
+        raise UserError("no sequence has motion by all methods; give motion of the same clips as the reference")
+    joints: dict[str, list[np.ndarray]] = {name: [] for name in (TRUTH, *methods)}
+    for clip in ids:
+        arrays = _read_arrays(truth[clip].path, source_fps)
+        found = {TRUTH: _joints(arrays, body, arrays.betas)}
+        for name, paths in methods.items():
+            found[name] = _joints(_read_arrays(paths[clip], source_fps), body, arrays.betas)
+        length = min(map(len, found.values()))
+        for name, places in found.items():
+            joints[name].append(places[:length])
+    recordings, members = np.unique([truth[clip].recording for clip in ids], return_inverse=True)
+    speeds = rests.mean_speeds([places[:, _UPPER] for places in joints[TRUTH]], rests.FPS, first_frame=0)
+    onsets = [truth[clip].onsets for clip in ids]
+    rows = {
+        name: rests.Beat2Row(places, onsets, speeds, _UPPER, members, len(recordings))
+        for name, places in joints.items()
+    }
+    if len(recordings) > 1:
+        others = sanity.derangement(
+            [str(member) for member in members], np.random.default_rng(seed), lengths=[len(it) for it in joints[TRUTH]]
+        )
+        mismatched = [onsets[other] for other in others.tolist()]
+        rows[MISMATCHED] = rests.Beat2Row(joints[TRUTH], mismatched, speeds, _UPPER, members, len(recordings))
+    intervals = Intervals(len(recordings), draws, seed)
+    scores = {name: measure(row, "beat2") for name, row in rows.items()}
+    order = dict.fromkeys([*methods, TRUTH, *rows])
+    results = {name: {key: intervals(score) for key, score in scores[name].items()} for name in order}
+    results |= differences({name: scores[name] for name in methods}, intervals, list(scores[TRUTH]))
+    return {"rows": results, "notes": _beat2_notes(body_model, len(ids))}
+
+
+def _read_arrays(path: pathlib.Path | None, source_fps: float | None) -> smplx_arrays.SmplxArrays:
+    if path is None:
+        raise UserError("the protocol beat2 needs files of SMPL-X motion")
+    content = read_content(path)
+    try:
+        return smplx_arrays.to_arrays(content.arrays, source_fps)
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}; the protocol beat2 scores SMPL-X only") from error
+
+
+def _joints(arrays: smplx_arrays.SmplxArrays, body: Body, betas: np.ndarray) -> np.ndarray:
+    """Return (T, 55, 3) metres of all joints at 30 frames per second, the pelvis where it is at rest."""
+    return smplx.joints_at_origin(arrays, body.shaped(betas), rests.FPS)
+
+
+def _beat2_notes(body_model: str | os.PathLike | None, count: int) -> list[str]:
+    body = "the body model that was given" if body_model is not None else "the neutral template, not the body model"
+    return [
+        f"{count} sequences at {rests.FPS:g} frames per second; joints of {body} (--body-model)",
+        f"BC without the first and last {rests.EDGE / rests.FPS:g} s; speeds relative to the mean of the reference; "
+        "not times 10",
+        "FGD is above, of --autoencoder: published FGDs are of the authors' auto-encoder and cannot be compared",
+    ]

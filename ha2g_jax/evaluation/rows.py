@@ -56,14 +56,7 @@ def make_rows(
     A clip is as long as the shortest of its motions and its reference. Clips that a method has no motion for, and clips
     of less than `MIN_FRAMES`, are left out of all rows.
 
-    Args:
-        methods: clip results of each method, at least one of each clip.
-        reference: true motion, one clip result for each clip.
-        skeleton: skeleton of all motion.
-        training: clips (T, bones, 3) that the mean pose and reference statistics are taken from; by default those of
-            the reference, before they are cut.
-        autoencoder: function of windows to latents, None without.
-        seed: seed of the jitter, of the pairs of mismatched speech and of everything else random.
+    The arguments are those of `evaluate.evaluate`; the default of `training` is the reference before it is cut.
 
     Raises:
         UserError: no clip is left, or motion of different skeletons or frame rates.

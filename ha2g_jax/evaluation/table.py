@@ -13,7 +13,7 @@ CLOSER = "Closer to ground truth is better; no column is better for being higher
 
 _COLUMNS = 4  # of a part of the table, for 120 characters
 _NAME_WIDTH, _WIDTH = 24, 24
-_OTHER_PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
+PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
 
 
 def as_table(results: Mapping[str, Any]) -> str:
@@ -116,7 +116,7 @@ def _parts(section: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any], di
     yield from _divided(section["rows"])
     for title, rows, columns in _divided(section["differences"]):
         yield f"Paired differences. {title}", rows, columns
-    for part in _OTHER_PARTS:
+    for part in PARTS:
         if part in section:
             for title, rows, columns in _divided(section[part]["rows"]):
                 yield title, {name: row for name, row in rows.items() if row.keys() & columns.keys()}, columns
@@ -162,7 +162,7 @@ def _rounded(value: float, digits: int) -> str:
 
 def _foot(section: Mapping[str, Any], bullet: str) -> list[str]:
     lines = [*_counts(section), *_known_counts(section)]
-    others = [f"{part}: {note}" for part in _OTHER_PARTS if part in section for note in section[part]["notes"]]
+    others = [f"{part}: {note}" for part in PARTS if part in section for note in section[part]["notes"]]
     for title, sentences in (
         ("Flags", section["flags"]),
         ("Warnings", section["warnings"]),

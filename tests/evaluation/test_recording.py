@@ -6,9 +6,8 @@ import soundfile
 
 from ha2g_jax import synthesis
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.evaluate import measure
+from ha2g_jax.evaluation.evaluate import measure, score_as_json
 from ha2g_jax.evaluation.inputs import evaluate_recording
-from ha2g_jax.evaluation.intervals import score_as_json
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.metrics.beats import strokes
 

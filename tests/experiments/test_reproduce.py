@@ -15,7 +15,7 @@ from tables.runs import Stopped
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.corpus.statistics import summarise
+from ha2g_jax.evaluation.corpus_statistics import summarise
 from ha2g_jax.files.child_process import stop_signals
 
 from .fake_runs import FakeRuns, run_study

@@ -25,7 +25,7 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, Stroke, decode_clip, encode_clip
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
+from ha2g_jax.evaluation.corpus_statistics import as_table, summarise
 from ha2g_jax.features.text import Word
 from ha2g_jax.metrics.beats.times import librosa
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton

@@ -20,7 +20,7 @@ from ha2g_jax.apps.user_study.answers import (
 from ha2g_jax.apps.user_study.design import KINDS, MISMATCH, PREFERENCE, Key, read_key
 from ha2g_jax.apps.user_study.estimates import LEVEL, Estimate, Share, agreement, mean, share, system_differences
 from ha2g_jax.errors import require
-from ha2g_jax.evaluation.intervals import number
+from ha2g_jax.evaluation.evaluate import number
 from ha2g_jax.metrics.uncertainty import holm
 
 

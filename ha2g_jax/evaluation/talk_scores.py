@@ -1,26 +1,25 @@
-"""Scores of a model on the Talk corpus, whose causes are known, with a ceiling and floors beside every model."""
+"""Score a model on the Talk corpus, whose causes are known, with a ceiling and floors beside every model."""
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import teacher
+from ha2g_jax.data.talk import lexicon, teacher
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.clip_result import check_fit, sample
-from ha2g_jax.evaluation.generation import encode_high, generate_clip, model_windows
-from ha2g_jax.evaluation.identity import clip_identity
-from ha2g_jax.evaluation.intervals import score_as_json
-from ha2g_jax.evaluation.talk import probe, scores
-from ha2g_jax.evaluation.talk.scores import Trial, Truth
-from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow
+from ha2g_jax.evaluation import talk_trials
+from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, model_windows, sample
+from ha2g_jax.evaluation.evaluate import score_as_json
+from ha2g_jax.evaluation.talk_trials import Trial, Truth
+from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, Predictions
 from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import positions_to_directions
-from ha2g_jax.synthesis import Model
+from ha2g_jax.synthesis import Model, encode_features
 
 MODEL, WORDLESS, TEACHER, STILL, MISMATCHED = "model", "model, no words", "teacher", "mean pose", "mismatched speech"
 MAJORITY, SHUFFLED = "majority", "shuffled"
@@ -104,9 +103,9 @@ def _score_split(
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
 
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
-        trials[name].append(Trial(truth, scores.observe(skeleton, directions, fps)))
+        trials[name].append(Trial(truth, talk_trials.observe(skeleton, directions, fps)))
 
-    truths = [scores.known_truth(skeleton, clip, fps) for clip in clips]
+    truths = [talk_trials.known_truth(skeleton, clip, fps) for clip in clips]
     for index, (clip, truth) in enumerate(zip(clips, truths, strict=True)):
         style = clip_identity(model, clip)
         directions = generate_clip(model, clip, style, seed + index, look_ahead=look_ahead)
@@ -117,15 +116,15 @@ def _score_split(
         add(TEACHER, truth, positions_to_directions(skeleton, again.positions))
         add(STILL, truth, np.broadcast_to(skeleton.mean_directions, directions.shape))
         progress.update()
-    made = {name: scores.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
+    made = {name: talk_trials.cause_row(row, fps, first_frame) for name, row in trials.items() if row}
     made |= rows_with_chance(trials[MODEL], fps, first_frame, seed)
-    rows = {name: scores.measure_causes(row) for name, row in made.items()}
+    rows = {name: talk_trials.measure_causes(row) for name, row in made.items()}
     own = made.get(MODEL, CauseRow())
-    rows |= dict(zip((MAJORITY, SHUFFLED), scores.semantic_floors(own), strict=True))
+    rows |= dict(zip((MAJORITY, SHUFFLED), talk_trials.semantic_floors(own), strict=True))
     return {
         "rows": {name: {key: score_as_json(value) for key, value in row.items()} for name, row in rows.items()},
         "without_speakers": {
-            metric: {speaker: _number(value) for speaker, value in scores.without_speakers(own, metric).items()}
+            metric: {speaker: _number(value) for speaker, value in talk_trials.without_speakers(own, metric).items()}
             for metric in CLAIMED
         },
         "counts": {
@@ -139,13 +138,7 @@ def _score_split(
 
 
 def score_motion(corpus: Corpus, split: str, motion: Mapping[str, np.ndarray], seed: int = 0) -> dict[str, Any]:
-    """Score motion from anywhere against the known causes of the clips of a split.
-
-    Args:
-        corpus: a corpus with known causes.
-        split: name of the split.
-        motion: id of each clip -> direction vectors (T, bones, 3).
-        seed: seed of the choice of the other clips, for the chance level.
+    """Score motion from anywhere, direction vectors (T, bones, 3) by the id of the clip, against known causes.
 
     Returns:
         {metric: {"value", "low", "high", "error"}}, as a row of `score_known_causes`.
@@ -153,10 +146,11 @@ def score_motion(corpus: Corpus, split: str, motion: Mapping[str, np.ndarray], s
     skeleton, fps = corpus.skeleton, corpus.fps
     clips = [clip for clip in corpus.clips(split) if clip.id in motion]
     trials = [
-        Trial(scores.known_truth(skeleton, clip, fps), scores.observe(skeleton, motion[clip.id], fps)) for clip in clips
+        Trial(talk_trials.known_truth(skeleton, clip, fps), talk_trials.observe(skeleton, motion[clip.id], fps))
+        for clip in clips
     ]
     row = rows_with_chance(trials, fps, SEED_FRAMES, seed)[MODEL]
-    return {key: score_as_json(value) for key, value in scores.measure_causes(row).items()}
+    return {key: score_as_json(value) for key, value in talk_trials.measure_causes(row).items()}
 
 
 def _number(value: float) -> float | None:
@@ -183,7 +177,7 @@ def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed
         for other in others
     ]
     rows = {MODEL: trials, MISMATCHED: mismatched}
-    made = {name: scores.cause_row(row, fps, first_frame) for name, row in rows.items() if row}
+    made = {name: talk_trials.cause_row(row, fps, first_frame) for name, row in rows.items() if row}
     if MISMATCHED in made:
         made[MODEL] = made[MODEL]._replace(mismatched=made[MISMATCHED].counts)
     return made
@@ -203,18 +197,68 @@ def _partners(clips: Sequence[Clip], seed: int) -> list[list[int]]:
 
 def _probe(
     model: Model, corpus: Corpus, chosen: Mapping[str, Sequence[Clip]], seed: int, progress: tqdm
-) -> dict[str, tuple[probe.Predictions, probe.Predictions]]:
+) -> dict[str, tuple[Predictions, Predictions]]:
     training = corpus.clips(TRAIN)
     probed = sample(len(training), _MAX_PROBE_CLIPS, seed)
-    words = {
-        name: probe.collect_words(_with_features(model, clips, progress), model.fps) for name, clips in chosen.items()
-    }
+    words = {name: collect_words(_with_features(model, clips, progress), model.fps) for name, clips in chosen.items()}
     fitted = (training[index] for index in probed)
-    return probe.predict(probe.collect_words(_with_features(model, fitted, progress), model.fps), words)
+    return predict_classes(collect_words(_with_features(model, fitted, progress), model.fps), words)
 
 
 def _with_features(model: Model, clips: Iterable[Clip], progress: tqdm) -> Iterator[tuple[Clip, np.ndarray]]:
     """Yield the clips with f_high."""
     for clip in clips:
-        yield clip, encode_high(model, clip)
+        yield clip, np.asarray(encode_features(model, clip.audio).high)
         progress.update()
+
+
+class ProbeWords(NamedTuple):
+    """Words that carry a gesture: f_high (n, 32) at their onsets, their classes and the ids of their clips."""
+
+    features: np.ndarray
+    classes: np.ndarray
+    clips: np.ndarray
+
+
+def collect_words(clips: Iterable[tuple[Clip, np.ndarray]], fps: float) -> ProbeWords:
+    """Collect the gesture-bearing words of clips, each given with its f_high (T, 32)."""
+    features, classes, ids = [], [], []
+    for clip, high in clips:
+        for word in clip.words:
+            frame = int(word.start * fps)
+            if (name := lexicon.word_class(word.text)) and frame < len(high):
+                features.append(high[frame])
+                classes.append(name)
+                ids.append(clip.id)
+    return ProbeWords(np.array(features), np.array(classes), np.array(ids))
+
+
+def predict_classes(train: ProbeWords, splits: Mapping[str, ProbeWords]) -> dict[str, tuple[Predictions, Predictions]]:
+    """Predict the classes of words from f_high by multinomial logistic regression, fitted to training clips only.
+
+    The probe says whether the audio encoder represents the word: one above its floor with hands at theirs points to the
+    decoder. It is outside of the objective; no label reaches the model.
+
+    Returns:
+        {split: the predictions, and those of the most frequent class of `train` each time}, of splits with words.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
+    with warnings.catch_warnings():
+        # Features of an untrained encoder may be constant; the probe is then at its floor, which the table shows.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(train.features, train.classes)
+    names, counts = np.unique(train.classes, return_counts=True)
+    most = names[np.argmax(counts)]
+    return {
+        split: (
+            Predictions(model.predict(words.features) == words.classes, words.clips),
+            Predictions(words.classes == most, words.clips),
+        )
+        for split, words in splits.items()
+        if len(words.classes)
+    }

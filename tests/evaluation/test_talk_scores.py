@@ -12,13 +12,11 @@ from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.records import Clip, Stroke
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import identity
-from ha2g_jax.evaluation.clip_result import split_limits
+from ha2g_jax.evaluation.clip_result import clip_identity, split_limits
+from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.inputs import evaluate_checkpoint
-from ha2g_jax.evaluation.intervals import score_as_json
-from ha2g_jax.evaluation.talk.known_causes import has_known_causes, score_known_causes
-from ha2g_jax.evaluation.talk.probe import ProbeWords, predict
-from ha2g_jax.evaluation.talk.scores import (
+from ha2g_jax.evaluation.talk_scores import ProbeWords, has_known_causes, predict_classes, score_known_causes
+from ha2g_jax.evaluation.talk_trials import (
     CLASSES,
     Observed,
     Trial,
@@ -180,21 +178,21 @@ def test_probe_learns_what_is_there_and_not_what_is_not():
     telling = rng.normal(size=(600, 8)) + 4 * np.eye(8)[np.unique(classes, return_inverse=True)[1]]
     for features, low, high in ((telling, 0.9, 1.0), (rng.normal(size=(600, 8)), 0.2, 0.47)):
         train, test = (ProbeWords(features[part], classes[part], clips[part]) for part in np.split(np.arange(600), 2))
-        accuracy, majority = map(PROBE_ACCURACY.measure, predict(train, {"test": test})["test"])
+        accuracy, majority = map(PROBE_ACCURACY.measure, predict_classes(train, {"test": test})["test"])
         assert isinstance(accuracy, Estimate) and low <= accuracy.value <= high
         assert isinstance(majority, Estimate) and 0.2 < majority.value < 0.5
 
 
 def test_identity_of_a_clip_is_what_the_model_encodes(debug_model, tiny_talk):
     clip = Corpus.open(tiny_talk).clips("test")[0]
-    f_id = identity.clip_identity(debug_model, clip)
+    f_id = clip_identity(debug_model, clip)
     assert f_id.shape == (18,)
     with pytest.raises(UserError, match="no reference images"):
-        identity.clip_identity(debug_model, dataclasses.replace(clip, reference_images=None))
+        clip_identity(debug_model, dataclasses.replace(clip, reference_images=None))
     by_name = dataclasses.replace(debug_model, spec=debug_model.spec._replace(identity="speaker"))
     ada, ben = (debug_model.assets.speakers[name] for name in ("ada", "ben"))
-    np.testing.assert_array_equal(identity.clip_identity(by_name, dataclasses.replace(clip, speaker="ada")), ada)
-    unknown = identity.clip_identity(by_name, dataclasses.replace(clip, speaker="eve"))
+    np.testing.assert_array_equal(clip_identity(by_name, dataclasses.replace(clip, speaker="ada")), ada)
+    unknown = clip_identity(by_name, dataclasses.replace(clip, speaker="eve"))
     np.testing.assert_allclose(unknown, (ada + ben) / 2, rtol=1e-6)
 
 

@@ -11,8 +11,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.corpus.motion import ANGLE_EDGES
-from ha2g_jax.evaluation.corpus.statistics import as_table, summarise
+from ha2g_jax.evaluation.corpus_statistics import ANGLE_EDGES, as_table, summarise
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
 

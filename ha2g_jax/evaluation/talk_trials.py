@@ -1,4 +1,4 @@
-"""Motions beside the strokes, words and styles that are known to cause them, for the metrics of known causes."""
+"""Compare motions with the strokes, words and styles that are known to cause them, for metrics of known causes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -25,8 +25,7 @@ class Word(NamedTuple):
 
     Attributes:
         clip: id of the clip.
-        shown: class of the hand shape that is shown.
-        true: class of the word.
+        shown, true: class of the hand shape that is shown, and that of the word.
         flexions: (5,) flexion of the fingers that is shown, mean over the hands that should gesture.
     """
 
@@ -37,13 +36,7 @@ class Word(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """What is looked at in a motion.
-
-    Attributes:
-        wrists: (T, 2, 3) positions in metres.
-        beats: (n,) times of the motion beats in seconds.
-        flexions: (T, 2, 5) flexions of the fingers.
-    """
+    """Wrists (T, 2, 3) in metres, times of the beats (n,) in seconds and flexions of the fingers (T, 2, 5)."""
 
     wrists: np.ndarray
     beats: np.ndarray
@@ -90,13 +83,7 @@ def known_truth(skeleton: Skeleton, clip: Clip, fps: float) -> Truth:
 
 
 def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow:
-    """Return what the metrics of known causes measure.
-
-    Args:
-        trials: motions and clips.
-        fps: frames per second of the motions.
-        first_frame: first frame that is scored; those before it were given to the model.
-    """
+    """Return what the metrics of known causes measure, from the first frame on that was not given to the model."""
     spans = [end - start for start, end in (_shared_time(trial, fps, first_frame) for trial in trials)]
     words = word_shapes(trials, fps, first_frame)
     return CauseRow(
@@ -114,10 +101,6 @@ def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow
 
 def without_speakers(row: CauseRow, name: str) -> dict[str, float]:
     """Measure a metric of known causes without each speaker in turn, for jackknife errors over speakers.
-
-    Args:
-        row: what is found in motions of several speakers.
-        name: a metric of known causes, such as "beat_f1_gain".
 
     Returns:
         Name of the speaker -> value of the metric without the speaker; NaN where it is undefined.

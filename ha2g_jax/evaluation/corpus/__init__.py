@@ -1,1 +1,0 @@
-"""Statistics and HTML reports of a corpus."""
