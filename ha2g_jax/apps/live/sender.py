@@ -105,7 +105,7 @@ class Sender:
         self._sinks, self._delay, self._allowed = tuple(sinks), delay, allowed
         self._clock, self._meter, self._stop = clock, meter, Stop()
         self._frames: queue.Queue[Frame | None] = queue.Queue(max(1, round(HELD_SECONDS * fps)))
-        self._faults: set[tuple[Sink, str]] = set()
+        self._reported: set[tuple[Sink, str]] = set()
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -160,7 +160,7 @@ class Sender:
             try:
                 sink.send(frame)
             except OSError as error:  # such as a network that is down for a while; reported once
-                if (fault := (sink, reason(error))) not in self._faults:
-                    self._faults.add(fault)
-                    tqdm.write(f"{sink.name} misses frames: {fault[1].lower()}", file=sys.stderr)
+                if (problem := (sink, reason(error))) not in self._reported:
+                    self._reported.add(problem)
+                    tqdm.write(f"{sink.name} misses frames: {problem[1].lower()}", file=sys.stderr)
         self._meter.sent += 1

@@ -86,7 +86,7 @@ def create_app(service: Service) -> FastAPI:
     app.exception_handler(UserError)(_user_error)
     app.exception_handler(RequestValidationError)(_bad_query)
     app.exception_handler(HTTPException)(_http_error)
-    app.exception_handler(Exception)(_fault)
+    app.exception_handler(Exception)(_server_error)
     app.add_middleware(Guard, service=service)
     return app
 
@@ -105,7 +105,7 @@ async def _http_error(_: Request, error: HTTPException) -> JSONResponse:
     return answer
 
 
-async def _fault(_: Request, error: Exception) -> JSONResponse:
+async def _server_error(_: Request, error: Exception) -> JSONResponse:
     del error  # the server logs it
     return refusal(500, "a fault of the service; its log has the reason")
 

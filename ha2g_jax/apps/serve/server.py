@@ -37,8 +37,8 @@ _TICK = 0.05  # seconds between two looks at what is running
 _REPORT_TICKS = 5  # of 0.1 s, after which a report is sent that has no news
 
 
-def _is_fault(record: logging.LogRecord) -> bool:
-    """Return whether a line of the log is about a fault, and not about a stream that was refused or a client's text."""
+def _is_error(record: logging.LogRecord) -> bool:
+    """Return whether a line of the log is about an error, not about a stream that was refused or a client's text."""
     return not any(text in record.getMessage() for text in ("without completing handshake", "Invalid UTF-8 sequence"))
 
 
@@ -104,7 +104,7 @@ class Server(uvicorn.Server):
             timeout_graceful_shutdown=1,
         )
         super().__init__(config)
-        logging.getLogger("uvicorn.error").addFilter(_is_fault)
+        logging.getLogger("uvicorn.error").addFilter(_is_error)
         self.service, self._announce = service, announce
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

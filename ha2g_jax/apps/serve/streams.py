@@ -30,7 +30,7 @@ _DECIMALS = 4
 _CLOSE_SECONDS = 5
 
 # Codes of the close of a WebSocket (RFC 6455).
-DONE, BAD_MESSAGE, LIMIT, FAULT, STOPPED = 1000, 1007, 1008, 1011, 1012
+DONE, BAD_MESSAGE, LIMIT, ERROR, STOPPED = 1000, 1007, 1008, 1011, 1012
 
 _logger = logging.getLogger(__name__)
 
@@ -147,7 +147,7 @@ async def _converse(service: Service, websocket: WebSocket) -> None:
         code, text = STOPPED, "the service has been stopped; begin another stream later"
     except Exception:
         _logger.exception("a stream has failed")
-        code, text = FAULT, "a fault of the service; begin another stream"
+        code, text = ERROR, "a fault of the service; begin another stream"
     if text is not None:
         service.counters.errors.labels(code).inc()
     try:
