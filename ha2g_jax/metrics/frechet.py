@@ -214,26 +214,14 @@ def _extrapolated(row: Row) -> Score:
     return extrapolate(own.latents, true.latents, seed=row.reference.seed)
 
 
-FGD = Metric(
-    "fgd",
-    "FGD",
-    "",
-    "lower",
-    LIKENESS,
-    3,
-    lambda row: _distance_to_truth(row, FGD_CUT),
-    halves=lambda truth: _halves(truth, FGD_CUT),
-    is_paired=True,
-)
-FGD_SEEDED = Metric(
-    "fgd_seeded",
-    "FGD (seeded)",
-    "",
-    "lower",
-    LIKENESS,
-    3,
-    lambda row: _distance_to_truth(row, FGD_SEEDED_CUT),
-    halves=lambda truth: _halves(truth, FGD_SEEDED_CUT),
-    is_paired=True,
-)
+def _fgd(name: str, title: str, cut: str) -> Metric:
+    def measure(row: Row) -> Statistic | None:
+        return _distance_to_truth(row, cut)
+
+    return Metric(
+        name, title, "", "lower", LIKENESS, 3, measure, halves=lambda truth: _halves(truth, cut), is_paired=True
+    )
+
+
+FGD, FGD_SEEDED = _fgd("fgd", "FGD", FGD_CUT), _fgd("fgd_seeded", "FGD (seeded)", FGD_SEEDED_CUT)
 FGD_EXTRAPOLATED = Metric("fgd_extrapolated", "FGD extrapolated", "", "lower", LIKENESS, 3, _extrapolated)

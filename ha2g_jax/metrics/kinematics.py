@@ -183,15 +183,7 @@ def _halves(truth: Row) -> np.ndarray | None:
 
 
 SPEED_HELLINGER = Metric(
-    "speed_hellinger",
-    "speed Hellinger",
-    "",
-    "lower",
-    LIKENESS,
-    3,
-    _distance_to_truth,
-    halves=_halves,
-    is_paired=True,
+    "speed_hellinger", "speed Hellinger", "", "lower", LIKENESS, 3, _distance_to_truth, halves=_halves, is_paired=True
 )
 
 

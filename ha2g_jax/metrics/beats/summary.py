@@ -132,14 +132,7 @@ def _rest_alignment(row: Row) -> Statistic | None:
 
 BEAT_METRICS = (
     Metric(
-        "beat_gain",
-        "beat gain",
-        "",
-        "higher",
-        BEATS,
-        3,
-        _mean(lambda found: found.own.f - found.floor),
-        is_paired=True,
+        "beat_gain", "beat gain", "", "higher", BEATS, 3, _mean(lambda found: found.own.f - found.floor), is_paired=True
     ),
     Metric("beat_f", "F", "", "higher", BEATS, 3, _mean(lambda found: found.own.f), is_paired=True),
     Metric("beat_f_mismatched", "F mismatched", "", "none", BEATS, 3, _mean(lambda found: found.floor)),
