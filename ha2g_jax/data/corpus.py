@@ -23,6 +23,10 @@ from ha2g_jax.skeleton import Skeleton, load_skeleton
 TRAIN = schema.TRAIN
 FILE = "dataset.json"
 
+_BLOCK, _BLOCK_HEADER = 1 << 16, 24
+_CONTENT = _BLOCK - _BLOCK_HEADER  # bytes of chunks in a block
+_CHUNK_HEADER = struct.Struct("<QQQQQ")
+
 
 class Clips(Sequence[Clip]):
     """The clips of one split, each decoded on access. Can be pickled.
@@ -233,11 +237,6 @@ def _check_size(shard: pathlib.Path, size: int) -> None:
         raise UserError(f"{shown(shard)} cannot be read ({reason(error)})") from error
     if found != size:
         raise UserError(f"{shown(shard)} has {found} bytes instead of {size}; make or import the corpus again")
-
-
-_BLOCK, _BLOCK_HEADER = 1 << 16, 24
-_CONTENT = _BLOCK - _BLOCK_HEADER  # bytes of chunks in a block
-_CHUNK_HEADER = struct.Struct("<QQQQQ")
 
 
 def check_sizes(shard: pathlib.Path) -> None:

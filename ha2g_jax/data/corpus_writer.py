@@ -21,6 +21,10 @@ from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
 
+_CLIPS_PER_SHARD = 1000
+# One record per group, so that each clip can be read alone; the other options are the library's defaults.
+_WRITER_OPTIONS = "group_size:1"
+
 
 class MotionStatistics:
     """Running means over the frames of all training windows: bone lengths, poses, direction vectors, and angles in
@@ -73,11 +77,6 @@ class MotionStatistics:
         }
         means["angle_variance"] = np.maximum(means.pop("angle_square") - means["angle_mean"] ** 2, 0)
         return {name: mean.round(9).astype(np.float32).tolist() for name, mean in means.items()}
-
-
-_CLIPS_PER_SHARD = 1000
-# One record per group, so that each clip can be read alone; the other options are the library's defaults.
-_WRITER_OPTIONS = "group_size:1"
 
 
 class CorpusWriter:

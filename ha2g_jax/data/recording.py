@@ -12,6 +12,22 @@ from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
 
+KEPT = "kept"
+TOO_FEW_WORDS = "too_few_words"
+MEAN_POSE = "pose"
+SPINE_ANGLE = "spine angle"
+MOTION = "motion"
+REASONS = (TOO_FEW_WORDS, MEAN_POSE, SPINE_ANGLE, MOTION)
+
+_UPRIGHT = np.array([0.0, -1.0, 0.0])  # y points down
+
+MAX_SECONDS = 20.0  # length of a clip: a reader decodes whole clips, and a batch has windows of many clips
+
+TOO_SHORT, NO_WINDOW = "too short", "no window left"
+
+# Earliest and latest point at which a piece may be cut, as fractions of its length.
+_EARLIEST, _LATEST = 0.3, 0.7
+
 
 @dataclasses.dataclass
 class SplitReport:
@@ -84,16 +100,6 @@ def report_as_table(report: Report) -> str:
 def _sum(first: collections.Counter[str], second: collections.Counter[str]) -> collections.Counter[str]:
     # Counter's own + drops reasons with a count of 0.
     return collections.Counter({name: first[name] + second[name] for name in dict.fromkeys([*first, *second])})
-
-
-KEPT = "kept"
-TOO_FEW_WORDS = "too_few_words"
-MEAN_POSE = "pose"
-SPINE_ANGLE = "spine angle"
-MOTION = "motion"
-REASONS = (TOO_FEW_WORDS, MEAN_POSE, SPINE_ANGLE, MOTION)
-
-_UPRIGHT = np.array([0.0, -1.0, 0.0])  # y points down
 
 
 class WindowFilters(NamedTuple):
@@ -228,14 +234,6 @@ def _too_still(positions: np.ndarray, starts: np.ndarray, skeleton: Skeleton, fi
 def _windows(values: np.ndarray, starts: np.ndarray, filters: WindowFilters) -> np.ndarray:
     """Cut values (T, ...) into windows (windows, num_frames, ...)."""
     return values[starts[:, None] + np.arange(filters.num_frames)]
-
-
-MAX_SECONDS = 20.0  # length of a clip: a reader decodes whole clips, and a batch has windows of many clips
-
-TOO_SHORT, NO_WINDOW = "too short", "no window left"
-
-# Earliest and latest point at which a piece may be cut, as fractions of its length.
-_EARLIEST, _LATEST = 0.3, 0.7
 
 
 class Recording(NamedTuple):

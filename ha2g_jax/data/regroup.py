@@ -28,6 +28,11 @@ _NOT_STATED = "not stated"
 _SEPARATOR = " | "  # between the origins, and between the licences, in the description
 _NAMED = ("id", "recording", "speaker")
 
+BY = ("recording", "speaker")
+FRACTIONS: Mapping[str, float] = types.MappingProxyType({"train": 0.8, "val": 0.1, "test": 0.1})
+
+_NEAR = 0.005  # tolerance of the duration of a split, as a fraction of the whole duration
+
 
 def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_speakers: bool = False) -> None:
     """Write the clips of several corpora into one, split by split, in the order of the paths.
@@ -188,12 +193,6 @@ def _records(corpus: Corpus, split: str) -> Iterable[tuple[Clips, int]]:
 
 def _count(corpus: Corpus) -> int:
     return sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-
-
-BY = ("recording", "speaker")
-FRACTIONS: Mapping[str, float] = types.MappingProxyType({"train": 0.8, "val": 0.1, "test": 0.1})
-
-_NEAR = 0.005  # tolerance of the duration of a split, as a fraction of the whole duration
 
 
 class _Member(NamedTuple):

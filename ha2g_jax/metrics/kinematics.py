@@ -13,6 +13,16 @@ from ha2g_jax.metrics.metric import BEATS, LIKENESS, MOVEMENT, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_over_clips, ratio
 from ha2g_jax.skeleton import joint_angles
 
+NUM_BINS = 50
+NUM_HALVES = 20  # random divisions of ground truth
+
+_STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
+
+QUANTILES = (0.001, 0.999)
+
+_ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of rounding the same pose
+_RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
+
 
 def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
     """Compute the mean length of the second difference of joint positions x fps^2 (GENEA's average acceleration).
@@ -82,12 +92,6 @@ ACCELERATION = Metric("acceleration", "acc.", "m/s²", "none", MOVEMENT, 2, _acc
 ACCELERATION_RATIO = Metric("acceleration_ratio", "acc. / truth", "", "none", MOVEMENT, 2, _over_truth(_acceleration))
 JERK = Metric("jerk", "jerk", "m/s³", "none", MOVEMENT, 1, _jerk, is_paired=True)
 JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_truth(_jerk))
-
-
-NUM_BINS = 50
-NUM_HALVES = 20  # random divisions of ground truth
-
-_STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
 
 
 def speed_edges(
@@ -185,12 +189,6 @@ def _halves(truth: Row) -> np.ndarray | None:
 SPEED_HELLINGER = Metric(
     "speed_hellinger", "speed Hellinger", "", "lower", LIKENESS, 3, _distance_to_truth, halves=_halves, is_paired=True
 )
-
-
-QUANTILES = (0.001, 0.999)
-
-_ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of rounding the same pose
-_RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
 
 
 class Limits(NamedTuple):

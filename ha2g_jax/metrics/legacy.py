@@ -26,6 +26,17 @@ LEGACY_FAILURE = 1e10
 
 _logger = logging.getLogger(__name__)
 
+VARIANTS = ("paper", "fixed")
+NUM_FRAMES = 34
+FPS = 15
+SIGMA = 0.1  # seconds
+THRESHOLD = 0.03
+
+BATCH = 32  # windows of a batch, as in the evaluation of the release
+
+_CUT = Cut("legacy", 0, 34)
+_WINDOW_SAMPLES = window_samples(34, 15)
+
 
 class LegacyErrors(NamedTuple):
     """The two errors of the public release, in metres, and in metres per frame^2."""
@@ -130,13 +141,6 @@ def _schur_root(matrix: np.ndarray) -> np.ndarray:
     return vectors @ root @ vectors.conj().T
 
 
-VARIANTS = ("paper", "fixed")
-NUM_FRAMES = 34
-FPS = 15
-SIGMA = 0.1  # seconds
-THRESHOLD = 0.03
-
-
 def legacy_bc(
     skeleton: Skeleton,
     directions: np.ndarray,
@@ -200,12 +204,6 @@ def legacy_motion_beats(rate: np.ndarray, threshold: float = THRESHOLD) -> np.nd
         threshold: least rise of the rate.
     """
     return (1 + low_samples(rate, threshold)) / FPS
-
-
-BATCH = 32  # windows of a batch, as in the evaluation of the release
-
-_CUT = Cut("legacy", 0, 34)
-_WINDOW_SAMPLES = window_samples(34, 15)
 
 
 def window_onsets(reference: Reference) -> dict[tuple[int, int], np.ndarray] | None:

@@ -9,6 +9,11 @@ from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips
 
 DELTA = 0.1  # metres within which a joint counts as found
 
+SHRINKAGE = 1e-3  # weight of the identity that is mixed into the correlations of either side
+
+_CONSTANT = 1e-6  # standard deviation below which a dimension is constant
+_RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repeat each other
+
 
 def joint_mae(generated: np.ndarray, real: np.ndarray, *, first_frame: int = SEED_FRAMES) -> float:
     """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates.
@@ -84,12 +89,6 @@ PCK = Metric(
     _to_counterpart(lambda own, true, fps: pck(own, true)),
     is_paired=True,
 )
-
-
-SHRINKAGE = 1e-3  # weight of the identity that is mixed into the correlations of either side
-
-_CONSTANT = 1e-6  # standard deviation below which a dimension is constant
-_RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repeat each other
 
 
 def correlation(pairs: np.ndarray) -> float:

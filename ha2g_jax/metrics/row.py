@@ -13,6 +13,8 @@ SEED_FRAMES = 4  # M of the paper: poses given to the models, so not scored
 
 Value = TypeVar("Value")
 
+FGD_CUT, FGD_SEEDED_CUT = "fgd", "fgd_seeded"
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Remembers:
@@ -169,9 +171,6 @@ def _true_row(reference: Reference) -> Row:
 def _positions(row: Row) -> list[np.ndarray]:
     skeleton = row.reference.skeleton
     return [directions_to_positions(skeleton, np.asarray(clip, np.float64)) for clip in row.directions]
-
-
-FGD_CUT, FGD_SEEDED_CUT = "fgd", "fgd_seeded"
 
 
 class Cut(NamedTuple):

@@ -27,6 +27,12 @@ from ha2g_jax.synthesis.style import RANDOM, Style
 if TYPE_CHECKING:
     from ha2g_jax.methods.method import Spec
 
+SeedPose = str | pathlib.Path | Motion | np.ndarray
+
+_MIN_LENGTH = 1e-6  # length below which a vector has no direction
+
+S = TypeVar("S", bound="Spec | Description")
+
 
 class Audio(NamedTuple):
     """Speech that has been read and checked.
@@ -62,11 +68,6 @@ def read_speech(speech: Speech) -> Audio:
     if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
         raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")
     return Audio(check_samples(samples.astype(np.float32), SAMPLE_RATE, "the speech"))
-
-
-SeedPose = str | pathlib.Path | Motion | np.ndarray
-
-_MIN_LENGTH = 1e-6  # length below which a vector has no direction
 
 
 def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int) -> tuple[np.ndarray, str]:
@@ -115,9 +116,6 @@ def start_from(directions: np.ndarray, seed: np.ndarray) -> np.ndarray:
     count = min(len(seed), len(directions))
     weight = (np.arange(count, dtype=np.float32) / len(seed))[:, None, None]
     return np.concatenate([slerp(seed[:count], directions[:count], weight), directions[count:]]).astype(np.float32)
-
-
-S = TypeVar("S", bound="Spec | Description")
 
 
 class Options(TypedDict, total=False):

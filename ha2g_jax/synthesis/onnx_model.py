@@ -35,6 +35,10 @@ if TYPE_CHECKING:
 
 _MOST_THREADS = 4  # of the encoder; with more of them it is faster than the sampler, which has one
 
+NUM_SEEDS = 100
+
+_TEXTS = ("format", "name", "method", "hash", "license", "weights")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class OnnxModel(Generator[Description]):
@@ -183,11 +187,6 @@ def _blame(path: str) -> Iterator[None]:
         yield
     except (*kinds, state.NotImplemented, ValueError) as error:
         raise UserError(f"{path} cannot be used ({reason(error)}); export the model again") from error
-
-
-NUM_SEEDS = 100
-
-_TEXTS = ("format", "name", "method", "hash", "license", "weights")
 
 
 def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:

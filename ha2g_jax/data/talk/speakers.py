@@ -10,6 +10,21 @@ from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.talk import flite
 from ha2g_jax.features import espeak as speech
 
+_SKELETON = "ted_expressive"
+
+# The two ends of each scale that a number of the style moves along.
+_SHIRTS = ((40, 92, 170), (196, 62, 52))  # amplitude: calm blue to lively red
+_HAIR = ((46, 34, 32), (214, 176, 96))  # mixing: dark to fair
+_SKINS = ((122, 82, 60), (246, 214, 188))  # curl: dark to light
+_BACKGROUNDS = ((206, 228, 212), (238, 214, 206))  # latency: green to rose
+_BUILDS = (0.86, 1.16)  # elbow: slim to broad
+_HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for the right
+
+DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
+
+_UNSEEN = 1 / 6  # of the speakers
+_SEEDS = 0  # first number of spawn keys, so that no speaker has the seed of a recording
+
 
 class Style(NamedTuple):
     """Six numbers in [-1, 1]; 0 is the middle of the population.
@@ -40,17 +55,6 @@ def sample_style(rng: np.random.Generator) -> Style:
     return style._replace(handedness=side * (0.3 + 0.7 * abs(style.handedness)))
 
 
-_SKELETON = "ted_expressive"
-
-# The two ends of each scale that a number of the style moves along.
-_SHIRTS = ((40, 92, 170), (196, 62, 52))  # amplitude: calm blue to lively red
-_HAIR = ((46, 34, 32), (214, 176, 96))  # mixing: dark to fair
-_SKINS = ((122, 82, 60), (246, 214, 188))  # curl: dark to light
-_BACKGROUNDS = ((206, 228, 212), (238, 214, 206))  # latency: green to rose
-_BUILDS = (0.86, 1.16)  # elbow: slim to broad
-_HAIR_LENGTHS = (0.0, 1.0)  # handedness: short for the left hand to long for the right
-
-
 def look_of(style: Style) -> figure.Look:
     """Return the look of a speaker; each number of the style changes one feature that is large in the image."""
     return figure.Look(
@@ -75,12 +79,6 @@ def _between(ends: tuple[float, float], value: float) -> float:
 def _colour(ends: tuple[figure.Colour, figure.Colour], value: float) -> figure.Colour:
     red, green, blue = (round(_between(pair, value)) for pair in zip(*ends, strict=True))
     return red, green, blue
-
-
-DEFAULT_SPEAKERS, DEFAULT_SEED, DEFAULT_SYNTHESISER = 48, 0, "espeak-ng"
-
-_UNSEEN = 1 / 6  # of the speakers
-_SEEDS = 0  # first number of spawn keys, so that no speaker has the seed of a recording
 
 
 class Synthesiser(NamedTuple):

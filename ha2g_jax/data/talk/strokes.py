@@ -23,6 +23,12 @@ _SILENT_DB = -60.0  # mean power of the loud frames, relative to full scale
 _MIN_PAUSE = 0.2
 _ACCENT_GAP = 0.6
 
+LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
+_BEAT_GAP = 0.5
+WEAKEST_BEAT = 0.75
+_RISE, _REST, _REBOUND = 0.42, 0.03, 0.22
+_HOLD = 0.55
+
 
 class Cues(NamedTuple):
     """Acoustic cues of a recording; tracks have `RATE` values per second, times are in seconds.
@@ -99,13 +105,6 @@ def _pauses(loudness: np.ndarray) -> np.ndarray:
         if len(later := starts_of_sound[starts_of_sound > start]) and later[0] - start >= _MIN_PAUSE * RATE
     ]
     return np.array(pauses, float).reshape(-1, 2) / RATE
-
-
-LATENCY = 0.06  # seconds that gestures are late or early at either end of the style's range
-_BEAT_GAP = 0.5
-WEAKEST_BEAT = 0.75
-_RISE, _REST, _REBOUND = 0.42, 0.03, 0.22
-_HOLD = 0.55
 
 
 class Beat(NamedTuple):

@@ -13,6 +13,10 @@ import numpy as np
 
 from ha2g_jax.metrics.beats.times import SIGMA, kernel, nearest
 
+# Tries for each one that is drawn; a motion whose tries all fail is handled on its own.
+_TRIES = 4
+_ROUNDING = 1e-9  # seconds
+
 
 class Clip(NamedTuple):
     """Motion beats and onsets of one clip.
@@ -119,11 +123,6 @@ def harmonic_mean(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _kernel_sums(times: Times, others: Times, sigma: float) -> np.ndarray:
     distances = nearest(times.values, others.values, times.owners, others.owners)
     return np.bincount(times.owners, kernel(distances, sigma), minlength=len(times.counts))
-
-
-# Tries for each one that is drawn; a motion whose tries all fail is handled on its own.
-_TRIES = 4
-_ROUNDING = 1e-9  # seconds
 
 
 def partners(

@@ -33,6 +33,15 @@ JOINTS = {
 
 _STILL = 1e-5  # units a second below which a joint does not move: the rounding of float32 positions
 
+FPS = 30.0
+EDGE = 60  # frames at both ends of a sequence in which beats are not scored
+
+UPPER_BODY = (
+    *("spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "head"),
+    *("left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"),
+)
+"""The 13 joints whose rests are compared with the onsets."""
+
 
 def upper_body(skeleton: Skeleton) -> list[int]:
     """Return the joints to score: the 13 of TED-Expressive that are not of a hand, the arms of TED-Gesture.
@@ -112,16 +121,6 @@ def beat_align(
         times = (first_frame + rests(relative[:, joint], order(fps), threshold)) / fps
         scores.append(np.mean(kernel(nearest(scored, times), sigma)))
     return float(np.mean(scores)) if scores else 0.0
-
-
-FPS = 30.0
-EDGE = 60  # frames at both ends of a sequence in which beats are not scored
-
-UPPER_BODY = (
-    *("spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "head"),
-    *("left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"),
-)
-"""The 13 joints whose rests are compared with the onsets."""
 
 
 @dataclasses.dataclass(frozen=True)

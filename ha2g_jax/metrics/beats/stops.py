@@ -27,6 +27,9 @@ _MIN_NORM = 1e-8
 # Frames worked on at once, so that their data stay in the cache of a core and memory does not grow with the motion.
 _BLOCK = 384
 
+THRESHOLD = 0.03  # rise of the angle change rate on both sides of a motion beat
+FIRST_FRAME = 4  # frames before it are the seed poses
+
 
 def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.ndarray:
     """Compute the mean absolute angle change of each angle pair (MAAC, Eq. 10),
@@ -141,10 +144,6 @@ def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
     first, second = (list(bones) for bones in zip(*skeleton.angle_pairs, strict=True))
     dots = np.einsum("pcm,pcm->pm", vectors[first], vectors[second])
     return np.arccos(np.clip(dots / (lengths[first] * lengths[second]), -1, 1)) / np.pi
-
-
-THRESHOLD = 0.03  # rise of the angle change rate on both sides of a motion beat
-FIRST_FRAME = 4  # frames before it are the seed poses
 
 
 def stop_beats(

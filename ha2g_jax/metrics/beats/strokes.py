@@ -22,6 +22,9 @@ TOLERANCE = 0.1  # seconds between a stroke and the motion beat that it is match
 RISE = 0.1  # m/s by which a downward stroke is faster than what is around it
 HIT_DELAY = 0.13  # seconds from the fastest moment of a stroke to its end, half a stroke
 
+SEGMENT = 5.0  # seconds of a segment of the recording, for the standard error
+SHIFT = 2.0  # seconds between the shifts that make the chance level; the first is twice that
+
 
 class Matches(NamedTuple):
     """Counts of one clip, from which recall, precision and F1 of any set of clips follow.
@@ -117,10 +120,6 @@ def strict_f1(counts: np.ndarray) -> float:
     """Return the F1 that counts a motion beat with another cause as wrong, over rows of `Matches` (n, 4)."""
     strokes, met, beats, _ = np.sum(counts, axis=0)
     return float(2 * met / (strokes + beats)) if strokes + beats else 0.0
-
-
-SEGMENT = 5.0  # seconds of a segment of the recording, for the standard error
-SHIFT = 2.0  # seconds between the shifts that make the chance level; the first is twice that
 
 
 class Kernels(NamedTuple):

@@ -22,6 +22,8 @@ from ha2g_jax.skeleton import directions_to_positions
 
 NUM_MISMATCHES = 5  # other clips whose sound makes the chance level of a clip
 
+THRESHOLDS = np.arange(1, 31) / 100  # of Figure 3
+
 
 class RowAlignment(NamedTuple):
     """Beat alignment of the motions of a row that have sound.
@@ -143,9 +145,6 @@ BEAT_METRICS = (
     Metric("beats_per_second_in_silence", "silent beats", "/s", "none", BEATS, 2, _rate(is_silent=True)),
     Metric("beat_align", "BEAT alignment", "", "higher", BEATS, 3, _rest_alignment),
 )
-
-
-THRESHOLDS = np.arange(1, 31) / 100  # of Figure 3
 
 
 class Summary(NamedTuple):

@@ -15,6 +15,12 @@ from ha2g_jax.files.cache import cache_folder
 
 SIGMA = 0.1  # seconds, width of the kernel between onsets and motion beats
 
+ONSET_RATE = 16000  # samples per second of the sound that onsets are found in
+SILENCE_DB = -60.0  # re full scale: a clip in which no 64 ms are louder has no onsets
+
+_LOUDNESS_BLOCK = 1024  # samples
+_MIN_SAMPLES = 2048  # that the spectrogram of the onset detector needs
+
 
 class Minima(NamedTuple):
     """Local minima of a curve.
@@ -89,13 +95,6 @@ def nearest(
 def kernel(distances: np.ndarray, sigma: float = SIGMA) -> np.ndarray:
     """Return exp(-d^2 / (2 sigma^2)) of distances d in seconds (HA2G, Eq. 11); 0 at infinity."""
     return np.exp(-np.square(distances) / (2 * sigma**2))
-
-
-ONSET_RATE = 16000  # samples per second of the sound that onsets are found in
-SILENCE_DB = -60.0  # re full scale: a clip in which no 64 ms are louder has no onsets
-
-_LOUDNESS_BLOCK = 1024  # samples
-_MIN_SAMPLES = 2048  # that the spectrogram of the onset detector needs
 
 
 def detect_onsets(audio: np.ndarray) -> np.ndarray:
