@@ -25,17 +25,12 @@ Result = TypeVar("Result")
 
 @contextlib.contextmanager
 def parallel_map(count: int, died: str) -> Iterator[Callable[..., Iterator]]:
-    """Provide a `map` that runs in `count` processes, or in this process if `count` is 1.
+    """Provide a `map`, with results in order, that runs in `count` processes, or in this process if `count` is 1.
 
-    Args:
-        count: number of processes.
-        died: error message for a process that dies.
-
-    Yields:
-        A function of a function (importable by name) and an iterable, like `map`, with results in order.
+    Its function must be importable by name.
 
     Raises:
-        UserError: a process died.
+        UserError: a process died; the message is `died`.
     """
     if count == 1:
         yield map
@@ -62,15 +57,10 @@ def in_order(
 ) -> Iterator[Result]:
     """Yield the results of `function(*task)` in the order of the tasks, with few tasks in progress at a time.
 
-    Args:
-        executor: executor that `workers` yields.
-        function: function that is importable by name.
-        tasks: arguments of each call.
-        count: number of workers.
-        died: error message for a worker that dies.
+    The executor is one of `workers` of `count` processes, and the function is importable by name.
 
     Raises:
-        UserError: a worker died.
+        UserError: a worker died; the message is `died`.
     """
     pending: collections.deque[Future[Result]] = collections.deque()
     try:

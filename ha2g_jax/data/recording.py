@@ -286,10 +286,9 @@ def to_clips(
 
     Args:
         recording: recording, used up to the end of the shorter of its motion and its audio.
-        skeleton: skeleton of the positions.
-        fps: frames per second of the positions.
+        skeleton, fps: those of the positions.
         filters: conditions that a window must fulfil.
-        max_seconds: maximum length of a clip in seconds.
+        max_seconds: maximum length of a clip.
         first: number of the first clip, for a recording of several shots; clips are named NAME-NUMBER.
 
     Returns:

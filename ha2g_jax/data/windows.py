@@ -107,16 +107,7 @@ class WindowIndex(NamedTuple):
 def make_index(
     corpus: Corpus, split: str, num_frames: int, num_images: int = 0, among: Container[str] | None = None
 ) -> WindowIndex:
-    """Index the windows of a split.
-
-    Audio and images stay compressed; all other fields of each record are checked.
-
-    Args:
-        corpus: corpus of the clips.
-        split: name of the split.
-        num_frames: length N of a window in frames.
-        num_images: number of images that each clip must have.
-        among: names of the speakers whose clips are used; all by default.
+    """Index the windows of a split, see `Windows`; audio and images stay compressed, all other fields are checked.
 
     Raises:
         UserError: no clip has a window of N frames, or a record is damaged, has positions that are not finite or not

@@ -343,13 +343,9 @@ def _write(
 def read_words(
     model: Generator[Any], speech: pathlib.Path, audio: np.ndarray, words: pathlib.Path | None
 ) -> tuple[Word, ...]:
-    """Return the words of the speech; () if the model reads no words or there is no transcript.
+    """Return the words of the speech (samples,) at 16 kHz, by default of the transcript beside its file.
 
-    Args:
-        model: model that the words are for.
-        speech: path of the speech.
-        audio: (samples,) float32 mono samples of the speech at 16 kHz.
-        words: path of a transcript; by default one beside the speech.
+    They are () if the model reads no words or there is no transcript.
 
     Raises:
         UserError: the transcript cannot be read.

@@ -45,7 +45,6 @@ class Model(Generator[Spec]):
 
     @property
     def reads_words(self) -> bool:
-        """Whether the words of the speech change the motion."""
         return bool({"words", "plain_words"} & set(self.spec.inputs))
 
     @property
@@ -55,17 +54,14 @@ class Model(Generator[Spec]):
 
     @property
     def name(self) -> str:
-        """Name of the config."""
         return self.config.name
 
     def choose_style(self, style: Style, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
-        """Return the values f_id of a requested style and their description, see `style.choose_style`."""
         return choose_style(self.spec, self.variables, self.assets, style, seed)
 
     def sample_windows(
         self, audio: np.ndarray, words: Sequence[Word], style: np.ndarray, start: np.ndarray, seed: int
     ) -> np.ndarray:
-        """Sample the poses of all windows of speech, see `Generator.sample_windows`."""
         speech, count = _windows(self, audio, words)
         chunks = encode_chunks(self.spec, self.variables, speech, self.assets.vocabulary, count)
         return sample_windows(self.spec, self.variables, chunks, style, start, seed, count)

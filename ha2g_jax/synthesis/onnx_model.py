@@ -60,7 +60,6 @@ class OnnxModel(Generator[Description]):
 
     @property
     def name(self) -> str:
-        """Name of the config."""
         return self.spec.name
 
     @property
@@ -69,7 +68,6 @@ class OnnxModel(Generator[Description]):
         return False
 
     def choose_style(self, style: Style, seed: int) -> tuple[np.ndarray, dict[str, Any]]:
-        """Return the values f_id of a requested style and their description, see `style.choose_style`."""
         return choose_style(self.spec, {}, self.assets, style, seed)
 
     def sample_windows(
@@ -192,12 +190,7 @@ def _blame(path: str) -> Iterator[None]:
 def page_description(path: str | pathlib.Path, seeds: int = NUM_SEEDS) -> dict[str, Any]:
     """Return what a web page needs beside an ONNX file, the contents of its model.json.
 
-    Args:
-        path: file of `ha2g model onnx`.
-        seeds: number of seeds, from 0 on, whose random choices are included.
-
-    Returns:
-        The values of the file's metadata by name (docs/onnx.md), and "takes", see `takes`.
+    They are the values of the file's metadata by name (docs/onnx.md), and "takes" of some seeds from 0 on, see `takes`.
 
     Raises:
         UserError: see `checkpoint.onnx.reading.read`.

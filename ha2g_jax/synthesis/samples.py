@@ -42,10 +42,7 @@ def write_sample(
     Args:
         folder: folder of the samples; created if it does not exist.
         step: number of steps that the model was trained for.
-        spec: networks and sizes.
-        variables: variables of the generator, arrays of this host.
-        assets: assets with the skeleton of the clip; the style of a speaker may be empty.
-        config: settings of the run.
+        spec, variables, assets, config: the model; variables are arrays of this host.
         clip: clip with speech and true motion.
     """
     audio = clip.audio[: _SECONDS * SAMPLE_RATE]

@@ -125,13 +125,7 @@ def make_talk(
 
 
 def talk_path(spec: str) -> pathlib.Path:
-    """Return the folder of a corpus, and build the default Talk corpus on first use.
-
-    Args:
-        spec: "talk" for the default Talk corpus, else the path of a corpus.
-
-    Returns:
-        The folder of the corpus.
+    """Return the folder of a corpus: that of a path, or of the Talk corpus for "talk", which is built on first use.
 
     Raises:
         UserError: the default Talk corpus cannot be written.
@@ -149,11 +143,7 @@ def talk_path(spec: str) -> pathlib.Path:
 
 
 def talk_folder(spec: str) -> pathlib.Path:
-    """Return the folder that `talk_path` returns, without building the corpus.
-
-    Args:
-        spec: "talk" for the default Talk corpus, which lies in `cache_folder()`; else the path of a corpus.
-    """
+    """Return the folder that `talk_path` returns, without building the corpus."""
     if spec != DEFAULT:
         return pathlib.Path(spec)
     return cache_folder() / _VERSION
