@@ -18,16 +18,12 @@ FGD_CUT, FGD_SEEDED_CUT = "fgd", "fgd_seeded"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Remembers:
-    """Something that keeps what was computed from it."""
+    """Base of what keeps what was computed from it."""
 
     _found: dict[Callable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False)
 
     def once(self, function: Callable[[Any], Value]) -> Value:
-        """Return function(self), computed at the first call only, so that metrics do not repeat work.
-
-        Args:
-            function: a function of this object, defined at the top level of a module.
-        """
+        """Return function(self) of a function at the top level of a module, computed at the first call only."""
         if function not in self._found:
             self._found[function] = function(self)
         return self._found[function]

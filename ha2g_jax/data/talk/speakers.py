@@ -27,7 +27,7 @@ _SEEDS = 0  # first number of spawn keys, so that no speaker has the seed of a r
 
 
 class Style(NamedTuple):
-    """Six numbers in [-1, 1]; 0 is the middle of the population.
+    """Six numbers in [-1, 1] that change how a speaker moves, and not when or why; 0 is the middle of the population.
 
     Attributes:
         mixing: weight of the three causes; high is more beats, low is larger word gestures and head movement.
@@ -47,9 +47,7 @@ class Style(NamedTuple):
 
 
 def sample_style(rng: np.random.Generator) -> Style:
-    """Draw a random style: uniform in [-1, 1], except that two of three speakers are right-handed and none is
-    ambidextrous.
-    """
+    """Draw a style: uniform in [-1, 1], but two of three speakers are right-handed and none is ambidextrous."""
     style = Style(*(float(value) for value in rng.uniform(-1, 1, len(Style._fields))))
     side = 1.0 if rng.random() < 2 / 3 else -1.0
     return style._replace(handedness=side * (0.3 + 0.7 * abs(style.handedness)))
