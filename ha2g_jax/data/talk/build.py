@@ -175,7 +175,6 @@ def _say_how_long(minutes: float, workers: int) -> None:
 
 
 def _plan(num_speakers: int, minutes: float, seed: int, synthesiser: str) -> list[_RecordingPlan]:
-    """Assign recordings to speakers and splits, in the order of writing."""
     num_clips = round(minutes * 60 / _MEAN_CLIP_SECONDS)
     unseen = num_unseen(num_speakers)
     seen = num_speakers - unseen
@@ -257,12 +256,8 @@ def _speak(
         words += [Word(word.text, start + word.start, start + word.end) for word in utterance.words]
         # A synthesiser ends every sentence with the same silence; people do not.
         spoken = utterance.audio[: round(utterance.words[-1].end * SAMPLE_RATE)]
-        is_long, short_pause, long_pause = (
-            rng.random() < _LONG_PAUSE,
-            rng.gamma(4, 0.12),
-            rng.uniform(*_LONG_PAUSE_SECONDS),
-        )
-        pause = np.zeros(round((long_pause if is_long else short_pause) * SAMPLE_RATE), np.float32)
+        is_long, short, long = rng.random() < _LONG_PAUSE, rng.gamma(4, 0.12), rng.uniform(*_LONG_PAUSE_SECONDS)
+        pause = np.zeros(round((long if is_long else short) * SAMPLE_RATE), np.float32)
         audio = np.concatenate([audio, spoken, pause])
     return audio * (_PEAK / np.abs(audio).max()), tuple(words)
 

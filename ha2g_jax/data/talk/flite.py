@@ -99,9 +99,6 @@ def say(markup: str, voice: FliteVoice) -> Utterance:
             `<break time="200ms"/>`.
         voice: voice of the speaker.
 
-    Returns:
-        The samples and the words with their times.
-
     Raises:
         UserError: Flite or the voice is not installed.
     """

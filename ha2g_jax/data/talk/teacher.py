@@ -50,7 +50,7 @@ class Movement(NamedTuple):
 def perform(
     audio: np.ndarray, words: Sequence[Word], style: Style, rng: np.random.Generator, fps: float = 15
 ) -> Movement:
-    """Make gestures to speech.
+    """Make gestures to speech, round(seconds * fps) frames of them.
 
     Args:
         audio: (samples,) float32 at 16 kHz.
@@ -58,9 +58,6 @@ def perform(
         style: style of the speaker.
         rng: generator of the random part of the movement: idle sway and a few milliseconds of latency.
         fps: frames per second of the result.
-
-    Returns:
-        A movement of round(seconds * fps) frames.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)
