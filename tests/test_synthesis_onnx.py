@@ -103,7 +103,7 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
     file = folder.with_suffix(".onnx")
     with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
         files.load(file, "jax")
-    with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g export-onnx"):
+    with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g model onnx"):
         files.load(tmp_path, "onnx")
     with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
         loading.load(file)

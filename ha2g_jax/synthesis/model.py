@@ -111,7 +111,7 @@ def load(source: str | pathlib.Path = "demo") -> Model:
     """Load a trained model.
 
     Args:
-        source: "demo" for the model of the package, a folder that `ha2g export-model` wrote, a workdir of `ha2g train`,
+        source: "demo" for the model of the package, a folder that `ha2g model export` wrote, a workdir of `ha2g train`,
             or hf://OWNER/NAME@REVISION for a model on the Hugging Face Hub.
 
     Raises:

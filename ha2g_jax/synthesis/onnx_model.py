@@ -149,7 +149,7 @@ def exported(checkpoint: str | pathlib.Path) -> pathlib.Path:
     assets, config = folder / "assets.json", folder / "config.json"
     if not all(path.is_file() for path in (assets, config, folder / "model.safetensors")):
         raise UserError(
-            f"no model folder at {shown(checkpoint)}; write an ONNX file with ha2g export-onnx, and give it as "
+            f"no model folder at {shown(checkpoint)}; write an ONNX file with ha2g model onnx, and give it as "
             "--checkpoint"
         )
     found = read_json(assets, "the assets of a model", MAX_ASSETS_BYTES)
