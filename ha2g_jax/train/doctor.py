@@ -25,15 +25,11 @@ _STEPS = 5
 _SECONDS = 20.0  # no further step is timed after this time
 
 
-def examine(config: Config | None = None, *, has_step: bool = True) -> list[Finding]:
-    """Examine the machine, and check that it has what a config needs.
+def examine(config: Config | None = None) -> list[Finding]:
+    """Examine the machine, check that it has what a config needs, and time a step, which takes a minute or more.
 
     Args:
         config: settings of the run; None for the smallest model, without data.
-        has_step: whether to compile and time a step, which takes a minute or more.
-
-    Returns:
-        Findings in the order in which they are shown.
     """
     findings = [*examine_machine(), _speech()]
     if findings[2].trouble and not findings[2].found:  # without devices, nothing can be computed
@@ -45,8 +41,9 @@ def examine(config: Config | None = None, *, has_step: bool = True) -> list[Find
     else:
         settings, (data, corpus) = _settings(config), _data(config)
         findings += [settings, *data, _word_vectors(config)]
-        has_step = has_step and not settings.trouble
-    return [*findings, _step(config, corpus)] if has_step else findings
+        if settings.trouble:
+            return findings
+    return [*findings, _step(config, corpus)]
 
 
 def as_text(findings: list[Finding]) -> str:

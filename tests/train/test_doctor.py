@@ -19,17 +19,24 @@ def config(tiny_talk):
     return config
 
 
+@pytest.fixture
+def quick_step(monkeypatch):
+    """Compile no step."""
+    monkeypatch.setattr(doctor, "_step", lambda config, corpus: measure.Finding("step", "quick"))
+
+
 def troubles(findings: list[measure.Finding]) -> dict[str, str]:
     """Return name -> trouble of the findings that have one."""
     return {finding.name: finding.trouble for finding in findings if finding.trouble}
 
 
 def examine(config) -> dict[str, str]:
-    return troubles(doctor.examine(config, has_step=False))
+    return troubles(doctor.examine(config))
 
 
+@pytest.mark.usefixtures("quick_step")
 def test_all_is_well_with_a_config_that_fits_its_data(config):
-    findings = doctor.examine(config, has_step=False)
+    findings = doctor.examine(config)
     assert troubles(findings) == {}
     values = [finding.values for finding in findings if finding.values]
     splits = {value["split"]: value for value in values if "split" in value}
@@ -39,9 +46,8 @@ def test_all_is_well_with_a_config_that_fits_its_data(config):
 
 
 @pytest.fixture
-def a_step(monkeypatch, tmp_path, tiny_talk):
+def a_step(quick_step, tmp_path, tiny_talk):
     """The arguments of a command that finds no trouble, with a step that is not compiled."""
-    monkeypatch.setattr(doctor, "_step", lambda config, corpus: measure.Finding("step", "quick"))
     path = tmp_path / "config.py"
     path.write_text(
         "from ha2g_jax.config import presets\n"
@@ -72,6 +78,7 @@ def test_the_exit_code_says_whether_something_is_wrong(a_step, tmp_path, capsys)
     assert cli.main(["doctor", "--config", "missing.py"]) == 2
 
 
+@pytest.mark.usefixtures("quick_step")
 def test_data_that_are_missing_or_of_another_kind_are_named(config, tmp_path, tiny_talk):
     config.data.path = str(tmp_path / "empty")
     assert "dataset.json is missing" in examine(config)["data"]
@@ -81,6 +88,7 @@ def test_data_that_are_missing_or_of_another_kind_are_named(config, tmp_path, ti
     assert "has skeleton ted_expressive" in examine(config)["data"]
 
 
+@pytest.mark.usefixtures("quick_step")
 def test_a_damaged_record_is_named(config, monkeypatch):
     from ha2g_jax.data.corpus import Clips
     from ha2g_jax.data.records import unpack
@@ -91,20 +99,22 @@ def test_a_damaged_record_is_named(config, monkeypatch):
         )
 
     monkeypatch.setattr(Clips, "fields", last_is_damaged)
-    findings = doctor.examine(config, has_step=False)
+    findings = doctor.examine(config)
     damaged = [finding.found for finding in findings if "damaged" in finding.trouble]
     assert damaged == ["train", "val", "test", "test_unseen_speakers"]
 
 
+@pytest.mark.usefixtures("quick_step")
 def test_talk_is_not_made_for_a_look(config, monkeypatch, tmp_path):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     config.data.path = "talk"
-    findings = doctor.examine(config, has_step=False)
+    findings = doctor.examine(config)
     assert troubles(findings) == {}
     assert any("not made yet" in finding.found for finding in findings)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("quick_step")
 def test_what_would_stop_a_run_later_is_named_now(config, tmp_path):
     config.model.text.vectors = str(tmp_path / "vectors.txt")
     config.train.batch_size = 100_000
