@@ -166,9 +166,7 @@ class Method(Protocol):
         """Return `config.loss.<method>`, less its weights and kind of GAN, as a hashable value for `terms`."""
         ...
 
-    def terms(
-        self, spec: Spec, settings: Any, outputs: Any, contrast: Any, targets: jax.Array, gan: jax.Array | None
-    ) -> Any:
+    def terms(self, spec: Spec, settings: Any, outputs: Any, contrast: Any, targets: jax.Array, gan: Any) -> Any:
         """Return the unweighted `Terms` of the objective.
 
         Args:

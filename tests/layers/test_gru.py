@@ -155,7 +155,7 @@ def test_gradients_of_both_orders_are_those_of_the_steps(oracles, is_padded):
 
     def scanned(arguments):
         gates, kernels, bias = arguments
-        (states,) = gru_scan((gates,), (kernels,), (bias,), (is_real,) if is_padded else None)
+        (states,) = gru_scan((gates,), (kernels,), (bias,), (jnp.asarray(is_real),) if is_padded else None)
         return jnp.sum(jnp.sin(states))
 
     def stepped(arguments):

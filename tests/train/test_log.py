@@ -69,6 +69,14 @@ def test_metrics_are_means_written_one_step_late(start, lines):
     assert (step, line["loss/huber"]) == (2, 2.0)
 
 
+def test_a_ratio_of_gradients_is_that_of_the_step_of_the_line(start, lines):
+    log = start(every=3)
+    for step, ratio in enumerate((0.0, 0.0, 0.6), 1):
+        log.add(step, _metrics(3.0, **{"gradient_ratio/gan": ratio}))
+    log.flush()
+    assert lines[0][1]["gradient_ratio/gan"] == pytest.approx(0.6) and lines[0][1]["loss/huber"] == 3.0
+
+
 def test_a_run_that_goes_on_writes_the_means_of_one_that_was_not_stopped(start, lines):
     values = np.random.default_rng(0).normal(size=7).astype(np.float32)
     whole = start(every=7)

@@ -1,5 +1,6 @@
 """One step: the shared forward pass changes no result, warm-up has no GAN term, and noise comes from keys."""
 
+import dataclasses
 import functools
 
 import jax
@@ -106,6 +107,15 @@ def test_terms_are_those_that_have_weights(objective, state, batch):
     }
     assert metrics.keys() == names | {"gradient_ratio/gan"}
     assert {value.shape for value in metrics.values()} == {()}
+
+
+def test_the_ratio_of_gradients_is_computed_for_lines_alone_and_changes_nothing_else(objective, step, state, batch):
+    every_second = jax.jit(functools.partial(steps.train_step, dataclasses.replace(objective, log_every=2)))
+    for before, has_line in ((state, False), (state.replace(step=state.step + 1), True)):
+        (after, metrics), (found, others) = (run(before, batch, jax.random.key(1)) for run in (step, every_second))
+        ratio = others.pop("gradient_ratio/gan")
+        assert metrics["gradient_ratio/gan"] > 0 and ratio == metrics.pop("gradient_ratio/gan") * has_line
+        assert equal(after, found) and metrics == others
 
 
 def test_chance_comes_from_the_key_and_the_step_alone(step, state, batch):

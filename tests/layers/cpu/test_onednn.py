@@ -160,7 +160,7 @@ def test_what_is_computed_with_onednn(use):
     assert calls_in(gradients(gru_scan), gates, kernels, biases) == {"Ha2gGruStates", "Ha2gGruSums"}
     assert not calls_in(conv, *half)
     assert not calls_in(conv, x[:0], kernel) and not calls_in(conv, x[:, :0], kernel)  # no output
-    assert not calls_in(lambda *it: gru_scan(*it, is_real), gates, kernels, biases)  # padding
+    assert not calls_in(lambda *it: gru_scan(*it, is_real=is_real), gates, kernels, biases)  # padding
     use(False)
     assert not calls_in(conv, x, kernel)
 
