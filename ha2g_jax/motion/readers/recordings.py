@@ -84,9 +84,9 @@ def find_recordings(
     in_folders = any(path.parent != root for path in paths)
     folders = [path.parent for path in paths]
     speakers = [speaker or shown(path.parent.resolve().name if in_folders else path.stem) for path in paths]
-    given = [None if file is None else pathlib.Path(file) for file in (audio, words)]
+    sound, text = (None if file is None else pathlib.Path(file) for file in (audio, words))
     return [
-        MotionRecording(path, name, own, *given, folders.count(path.parent) == 1)
+        MotionRecording(path, name, own, sound, text, folders.count(path.parent) == 1)
         for path, name, own in zip(paths, names, speakers, strict=True)
     ]
 
