@@ -162,26 +162,14 @@ def test_extras_say_how_long_the_speech_is(animate, tmp_path):
     assert (extras["fps"], extras["frames"], extras["meta"]["seed"]) == (15.0, 12, 3)
 
 
-def test_the_same_animation_gives_the_same_bytes(animate, tmp_path):
-    for name in ("a.glb", "b.glb"):
-        gltf.write_glb(tmp_path / name, animate())
-    assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
-
-
 def test_one_frame_is_a_whole_file(animate, tmp_path, validator):
     gltf.write_glb(tmp_path / "m.glb", animate(frames=1))
     assert validator(tmp_path / "m.glb")["issues"]["numErrors"] == 0
 
 
-def tree_of(path) -> dict:
-    data = path.read_bytes()
-    size = struct.unpack("<I", data[12:16])[0]
-    return json.loads(data[20 : 20 + size])
-
-
 def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
     gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
-    tree = tree_of(tmp_path / "m.vrma")
+    tree = Reader(tmp_path / "m.vrma").tree
     extension = tree["extensions"]["VRMC_vrm_animation"]
     assert tree["extensionsUsed"] == ["VRMC_vrm_animation"]
     assert extension["specVersion"] == "1.0"
@@ -193,7 +181,7 @@ def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
 
 def test_at_rest_no_node_is_turned_and_only_hips_may_travel(animate, tmp_path):
     gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
-    tree = tree_of(tmp_path / "m.vrma")
+    tree = Reader(tmp_path / "m.vrma").tree
     for node in tree["nodes"]:
         np.testing.assert_allclose(node.get("rotation", [0, 0, 0, 1]), [0, 0, 0, 1], atol=1e-9)
     assert {channel["target"]["path"] for channel in tree["animations"][0]["channels"]} == {"rotation"}
@@ -210,9 +198,7 @@ def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):
     skeleton = load_skeleton("ted_expressive")
     skeleton = dataclasses.replace(skeleton, lengths=1.25 * skeleton.lengths)
     write_figure(tmp_path / "figure.glb", skeleton)
-    data = (tmp_path / "figure.glb").read_bytes()
-    (size,) = struct.unpack("<I", data[12:16])
-    tree = json.loads(data[20 : 20 + size])
+    tree = Reader(tmp_path / "figure.glb").tree
     nodes = {node["name"]: node for node in tree["nodes"]}
     forearm = [skeleton.lengths[skeleton.bone("left_wrist")], 0, 0]  # along x in the T-pose
     np.testing.assert_allclose(nodes["left_wrist"]["translation"], forearm, atol=1e-6)
