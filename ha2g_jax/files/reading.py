@@ -69,6 +69,15 @@ def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> I
         raise UserError(f"{shown(path)} is not {expected} ({reason(error)})") from error
 
 
+@contextlib.contextmanager
+def naming(path: str | os.PathLike) -> Iterator[None]:
+    """Put the path of a file before the message of a `UserError`."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{shown(path)}: {error}") from error
+
+
 def reason(error: BaseException) -> str:
     """Return the message of an exception in one short line.
 

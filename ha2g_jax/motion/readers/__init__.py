@@ -21,7 +21,7 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason, shown
+from ha2g_jax.files.reading import check_regular, naming, parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_MOTION_FPS, MAX_MOTION_JSON_BYTES, MIN_MOTION_FPS
 from ha2g_jax.motion import motion as motions
 from ha2g_jax.motion.motion import Motion
@@ -76,10 +76,8 @@ def read_motion(
     kind = find_kind(content)
     skeleton = skeleton or kind.find_skeleton(content, joint_map)
     motion = kind.read(content, load_skeleton(skeleton), Options(fps, source_fps, joint_map))
-    try:
+    with naming(path):
         motion.check()
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
     return motion
 
 
@@ -237,12 +235,10 @@ def _is_smplx(content: Content) -> bool:
 
 def _read_smplx(content: Content, skeleton: Skeleton, options: Options) -> Motion:
     arrays = content.arrays or {smplx_arrays.POSITIONS[0]: content.array}
-    try:
+    with naming(content.path):
         found = smplx.to_motion(
             smplx_arrays.to_arrays(arrays, options.source_fps), skeleton, template(), fps=options.fps
         )
-    except UserError as error:
-        raise UserError(f"{shown(content.path)}: {error}") from error
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
     meta = {"read_from": {"kind": SMPLX, "fps": found.fps, "up": found.up}}
     fps = options.fps or found.fps

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reason, shown
+from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.limits import MAX_MOTION_JOINTS
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
@@ -68,10 +68,8 @@ def read_arrays(content: Mapping[str, Any], path: pathlib.Path) -> Arrays:
         raise UserError(
             f"{shown(path)} has positions of shape {positions.shape} for {len(joints)} joint names; {EXPECTED}"
         )
-    try:
+    with naming(path):
         check_length(len(positions), fps)
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
     return Arrays(positions, fps, joints, borders)
 
 
@@ -114,10 +112,8 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
     is_ours = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
     if up == _OURS_DOWN and is_ours == np.sign(skeleton.mean_pose[left, 0] - skeleton.mean_pose[right, 0]):
         return positions
-    try:
+    with naming(path):
         return to_skeleton_axes(positions, skeleton, up=up)
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton, path: pathlib.Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import naming, shown
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
@@ -167,7 +167,7 @@ def read_motion(
     legs = find_legs(names, bvh.joints, path)
     own = [joint for joint in places if joint != HEAD]
     found = [*(places[joint] for joint in own), places[HEAD]]
-    try:
+    with naming(path):
         world, rotations = world_motion(bvh, fps or bvh.fps, [*found, *(legs.values() if with_legs else ())])
         positions = np.zeros((len(world), skeleton.num_joints, 3))
         positions[:, [skeleton.joint(joint) for joint in own]] = world[:, : len(own)]
@@ -181,8 +181,6 @@ def read_motion(
             places_of_legs = world[:, len(found) :] * unit
             lower = _lower(positions, places_of_legs, rotations[len(found) :], list(legs), skeleton, up)
         positions = to_skeleton_axes(positions, skeleton, up=up)
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
     return BvhMotion(positions.astype(np.float32), bvh.seconds, bvh.fps, names.name, unit, up, lower)
 
 

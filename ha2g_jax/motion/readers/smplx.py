@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import check_regular, shown
+from ha2g_jax.files.reading import check_regular, naming
 from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import LowerBody
@@ -94,10 +94,8 @@ def read_smplx(
         arrays = dict(zip(POSITIONS, read_npz(path, max_bytes=_MAX_BYTES).values()))
     else:
         arrays = read_npz(path, max_bytes=_MAX_BYTES, names=NAMES)
-    try:
+    with naming(path):
         return to_motion(to_arrays(arrays, source_fps), skeleton, body, fps=fps, up=up)
-    except UserError as error:
-        raise UserError(f"{shown(path)}: {error}") from error
 
 
 def to_motion(arrays: SmplxArrays, skeleton: Skeleton, body: Body, *, fps: float | None, up: str = AUTO) -> SmplxMotion:
