@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
-from ha2g_jax.figure import DEFAULT_LOOK, Colour, Look, View, draw_figure, fit, outline
+from ha2g_jax.figure import DEFAULT_LOOK, Colour, View, draw_figure, fit, outline
 from ha2g_jax.figure.shapes import shade
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -63,7 +63,6 @@ def write(
     *,
     count: int = 8,
     words: Sequence[Word] = (),
-    look: Look = DEFAULT_LOOK,
     size: int = 240,
 ) -> None:
     """Write a figure of key frames as `.png` or `.svg`, with one row for each motion and one column for each moment.
@@ -97,7 +96,7 @@ def write(
         each.check()
     first = next(iter(motions.values()))
     times = [frame / first.fps for frame in choose(first, count)]
-    page = _page(motions, times, words, look, size)
+    page = _page(motions, times, words, size)
     content = _as_png(page) if suffix == ".png" else "".join(f"{line}\n" for line in _svg_lines(page)).encode()
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
@@ -119,7 +118,6 @@ class _Page(NamedTuple):
     width: int
     height: int
     size: int
-    look: Look
     view: View
     pictures: tuple[tuple[int, int, np.ndarray, Skeleton], ...]
     texts: tuple[_Text, ...]
@@ -146,7 +144,7 @@ def _choose_in_span(moments: np.ndarray, reach: np.ndarray, start: int, end: int
     return int(inside[np.argmax(reach[inside])]) if len(inside) else (start + end) // 2
 
 
-def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], look: Look, size: int) -> _Page:
+def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence[Word], size: int) -> _Page:
     letter = size / 14
     line, step = round(1.4 * letter), size + _GAP
     pictures, texts, y = [], [], _GAP
@@ -170,7 +168,7 @@ def _page(motions: Mapping[str, Motion], times: Sequence[float], words: Sequence
             texts.append(_Text(middle, y + number * line, coloured, letter, "middle"))
     view = fit((motion.positions, motion.skeleton) for motion in motions.values())
     width, height = _GAP + len(times) * step, y + lines * line + line // 2
-    return _Page(width, height, size, look, view, tuple(pictures), tuple(texts))
+    return _Page(width, height, size, view, tuple(pictures), tuple(texts))
 
 
 def _words_near(words: Sequence[Word], times: Sequence[float], column: int) -> list[Word]:
@@ -201,7 +199,7 @@ def _lines(words: Sequence[Word], width: float, letter: float) -> Iterator[list[
 def _as_png(page: _Page) -> bytes:
     image = Image.new("RGB", (page.width, page.height), _PAPER)
     for x, y, positions, skeleton in page.pictures:
-        pixels = draw_figure(positions, skeleton, page.look, page.size, page.size, page.view)
+        pixels = draw_figure(positions, skeleton, DEFAULT_LOOK, page.size, page.size, page.view)
         image.paste(Image.fromarray(pixels), (x, y))
     pen = ImageDraw.Draw(image)
     for text in page.texts:
@@ -225,11 +223,11 @@ def _svg_lines(page: _Page) -> Iterator[str]:
     yield f'<rect width="100%" height="100%" fill="{_hex(_PAPER)}"/>'
     yield '<radialGradient id="light0" cx="50%" cy="37.5%" r="75%">'  # approximates `shapes.backdrop`
     for offset, light in ((0, 1.05), (0.5, 1.0), (1, 0.85)):
-        yield f'<stop offset="{offset}" stop-color="{_hex(shade(page.look.background, light))}"/>'
+        yield f'<stop offset="{offset}" stop-color="{_hex(shade(DEFAULT_LOOK.background, light))}"/>'
     yield "</radialGradient>"
     scale, spine = page.view.place(page.size, page.size)
     for x, y, positions, skeleton in page.pictures:
-        figure = outline(positions[None], skeleton, page.look, detail=2)
+        figure = outline(positions[None], skeleton, DEFAULT_LOOK, detail=2)
         points = figure.points[0] * scale + spine
         yield f'<svg x="{x}" y="{y}" width="{page.size}" height="{page.size}">'
         yield '<rect width="100%" height="100%" fill="url(#light0)"/>'

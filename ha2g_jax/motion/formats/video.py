@@ -20,7 +20,7 @@ from av.video.reformatter import ColorRange
 from tqdm import tqdm
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.figure import DEFAULT_LOOK, Look, View, fit
+from ha2g_jax.figure import DEFAULT_LOOK, View, fit
 from ha2g_jax.figure.stage import Stage, draw, paint, set_stage
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.motion import Motion
@@ -50,7 +50,6 @@ def write_video(
     audio: np.ndarray | None,
     sample_rate: int = 16000,
     *,
-    look: Look = DEFAULT_LOOK,
     size: int | tuple[int, int] = 720,
     view: View | None = None,
     workers: int | None = None,
@@ -79,10 +78,10 @@ def write_video(
     width, height = check_size((size * len(motions), size) if isinstance(size, int) else size)
     longest = max(each.num_frames / each.fps for each in motions.values())
     frames = num_frames(longest if audio is None else len(audio) / sample_rate, VIDEO_FPS)
-    stage = set_stage(tuple(motions), look.background, width, height)
+    stage = set_stage(tuple(motions), DEFAULT_LOOK.background, width, height)
     poses = [_poses(each, frames) for each in motions.values()]
     view = _fit_poses(poses) if view is None else view
-    encode = functools.partial(_encode_piece, stage, poses, look, view)
+    encode = functools.partial(_encode_piece, stage, poses, view)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
     workers = workers or os.cpu_count() or 1
     with (
@@ -149,13 +148,13 @@ def _in_order(
 
 
 def _encode_piece(
-    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], look: Look, view: View, start: int
+    stage: Stage, poses: Sequence[tuple[np.ndarray, Skeleton]], view: View, start: int
 ) -> list[av.Packet]:
     """Encode the pictures of one piece from frame `start`, whose first picture does not depend on the one before."""
     drawings = []
     for index, (directions, skeleton) in enumerate(poses):
         positions = directions_to_positions(skeleton, directions[start : start + _PIECE])
-        drawings.append(draw(stage, index, positions, skeleton, look, view))
+        drawings.append(draw(stage, index, positions, skeleton, DEFAULT_LOOK, view))
     height, width = stage.clean[0].shape
     encoder = cast(VideoCodecContext, av.CodecContext.create("libx264", "w"))
     encoder.options, encoder.time_base, encoder.framerate = _ENCODER, _TIME_BASE, 1 / _TIME_BASE
