@@ -13,7 +13,7 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_samples
-from ha2g_jax.metrics import legacy, sanity
+from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats import times
 from ha2g_jax.metrics.beats.stops import angle_change_rates, low_samples
 from ha2g_jax.metrics.beats.times import kernel, nearest
@@ -268,7 +268,7 @@ def _beat_consistency(variant: str) -> Callable[[Row], float | None]:
         kept = [index for index, times in enumerate(sounds) if len(times)]
         if not kept:
             return None
-        return legacy.legacy_bc(reference.skeleton, windows[kept], [sounds[index] for index in kept], variant=variant)
+        return legacy_bc(reference.skeleton, windows[kept], [sounds[index] for index in kept], variant=variant)
 
     return measure
 
