@@ -118,10 +118,11 @@ def test_every_format_is_written_and_nothing_else(checkpoint, speech, tmp_path, 
     assert content.startswith(starts.get(suffix, b"")) and len(content) > 1000
 
 
-def test_a_file_of_another_program_is_that_of_export(checkpoint, speech, tmp_path):
-    assert generate(speech, "-o", tmp_path / "a.bvh", "--checkpoint", checkpoint) == 0
+@pytest.mark.parametrize("rig", [[], ["--rig", "mixamo"]])
+def test_a_file_of_another_program_is_that_of_export(checkpoint, speech, tmp_path, rig):
+    assert generate(speech, "-o", tmp_path / "a.bvh", "--checkpoint", checkpoint, *rig) == 0
     assert generate(speech, "-o", tmp_path / "b.npz", "--checkpoint", checkpoint) == 0
-    assert cli.main(["export", str(tmp_path / "b.npz"), "-o", str(tmp_path / "b.bvh")]) == 0
+    assert cli.main(["export", str(tmp_path / "b.npz"), "-o", str(tmp_path / "b.bvh"), *rig]) == 0
     assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
@@ -196,6 +197,9 @@ MISTAKES = {
     "mute": ["{speech}", "--mute", "1"],
     "style": ["{speech}", "--style", "ada:0.3,eve:0.7"],
     "seed pose": ["{speech}", "--seed-pose", "{bad}/missing.npz"],
+    "rig": ["{speech}", "-o", "{bad}/out.bvh", "--rig", "robot"],
+    "rig of a video": ["{speech}", "--rig", "mixamo"],
+    "rig of another format": ["{speech}", "-o", "{bad}/out.vrma", "--rig", "mixamo"],
     "size": ["{speech}", "--size", "large"],
     "size of the video": ["{speech}", "--size", "8192"],
     "format": ["{speech}", "-o", "{bad}/out.xyz"],
