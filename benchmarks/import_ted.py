@@ -1,4 +1,4 @@
-"""Measure how many hours of speech `ha2g data import-ted` imports in an hour.
+"""Measure how many hours of speech `ha2g data import` reads in an hour.
 
 python benchmarks/import_ted.py ted_expressive_dataset/train --hours 1 --workers 2
 

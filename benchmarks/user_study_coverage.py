@@ -137,7 +137,7 @@ def _bounds(found: Estimate, at: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print the table of docs/user_study_analysis.md."""
+    """Print how often the intervals of `ha2g study analyse` hold the truth, by design."""
     parser = argparse.ArgumentParser(description="Measure how often intervals of user studies hold the truth.")
     parser.add_argument("--studies", type=positive, default=1000, metavar="N", help="studies a design (default: 1000)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

@@ -60,7 +60,7 @@ viewer.view(motions, samples, height=520)
 # %% [markdown]
 # ## A page to share
 #
-# The page is one file that works offline. `ha2g view MOTION ... --audio WAV -o view.html` writes the same page.
+# The page is one file that works offline. `ha2g export MOTION ... --audio WAV -o view.html` writes the same page.
 
 # %%
 page = viewer.write_page(pathlib.Path(tempfile.mkdtemp()) / "styles.html", motions, samples)

@@ -75,8 +75,8 @@ print(*sorted(entry.name for entry in (folder / "run").iterdir()))
 # %% [markdown]
 # ## Watch the losses
 #
-# The log, `metrics.jsonl`, has the terms of the objective (Eq. 9) unweighted. `ha2g plot RUN` draws these curves as a
-# page, and TensorBoard reads the folder `tensorboard`.
+# The log, `metrics.jsonl`, has the terms of the objective (Eq. 9) unweighted. `ha2g runs RUN -o report.html`
+# draws these curves as a page, and TensorBoard reads the folder `tensorboard`.
 
 # %%
 lines = [json.loads(line) for line in (folder / "run" / "metrics.jsonl").read_text().splitlines()]

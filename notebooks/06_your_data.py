@@ -96,7 +96,7 @@ plt.show()
 # ## Import
 #
 # The sound and the words lie beside each motion file and have its name; the folder is the speaker. A window is left
-# out for a reason that the report counts. The command is `ha2g data import-bvh recordings corpus`.
+# out for a reason that the report counts. The command is `ha2g data import recordings corpus`.
 
 # %%
 report = import_bvh(folder / "recordings", folder / "imported")
@@ -161,7 +161,7 @@ for line in map(json.loads, (folder / "run" / "metrics.jsonl").read_text().split
 #
 # ```sh
 # pip install 'ha2g-jax[video,speech]'
-# ha2g data install-pose
+# ha2g data build-video --install
 # ha2g data build-video videos/ corpus --overlay overlay     # overlay/ shows the skeleton on each speaker
 # ha2g data inspect corpus
 # ha2g train --config video:small --workdir run --config.data.path=corpus

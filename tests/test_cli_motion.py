@@ -1,4 +1,4 @@
-"""`ha2g export`, `ha2g video` and `ha2g keyframes`: a file for each, and one line for every mistake."""
+"""`ha2g export`: a file for each, and one line for every mistake."""
 
 import argparse
 

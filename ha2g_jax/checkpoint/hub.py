@@ -132,7 +132,7 @@ def _check_files(name: str, sizes: dict[str, int | None]) -> None:
     for file, most in FILES.items():
         size = sizes.get(file, -1)
         if size == -1:
-            raise UserError(f"{shown(name)} has no {file}; expected a model that ha2g publish wrote")
+            raise UserError(f"{shown(name)} has no {file}; expected a model that ha2g model publish wrote")
         if size is None or size > most:
             raise UserError(f"{file} of {shown(name)} has {size} bytes; expected at most {most}")
 

@@ -104,7 +104,7 @@ class MethodPreset(NamedTuple):
         changes: changes at the size of its paper.
         on: key of `DATA` -> further changes.
         at: key of `SIZES` -> further changes; in those of "study", trials on the validation split have chosen the rates
-            and weights, see docs/results/protocol.md.
+            and weights, see docs/results/README.md.
         method: name of the method, a key of `settings.OF_METHOD`; "" for the name of the preset.
     """
 

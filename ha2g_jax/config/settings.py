@@ -2,7 +2,7 @@
 
 A config is one `ml_collections.ConfigDict`. Only the launcher, the command line, checkpoints and the functions that
 build networks and objectives read it; elsewhere modules take their own fields and functions take arguments. D1 to D19
-are decisions where the paper is silent, see docs/model.md and docs/objective.md.
+are decisions where the paper is silent, see docs/model.md.
 """
 
 import reprlib

@@ -74,7 +74,7 @@ class Clips(Sequence[Clip]):
             raise UserError(
                 f"{self.title(fields, index)} has {found}; "
                 "correct or remove this clip in the original data and make or import the corpus again "
-                "(ha2g data validate finds all errors)"
+                "(ha2g data inspect --check finds all errors)"
             )
         return fields
 

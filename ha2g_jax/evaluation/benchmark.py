@@ -1,4 +1,4 @@
-"""Measure the speed of training and generation on the machine at hand: the command `ha2g benchmark`."""
+"""Measure the speed of training and generation on the machine at hand: `ha2g doctor --benchmark`."""
 
 import copy
 import statistics

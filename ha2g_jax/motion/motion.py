@@ -172,8 +172,8 @@ class Motion:
         path = pathlib.Path(path)
         if path.suffix.lower() == ".bvh":
             raise UserError(
-                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g export, view, video and "
-                "keyframes take a BVH, and ha2g data import-bvh imports it"
+                f"{shown(path)} is a BVH file; expected an .npz that ha2g generate wrote: ha2g export takes a BVH, and "
+                "ha2g data import imports it"
             )
         with reading(path, "a motion of ha2g generate"):
             if not path.is_file():

@@ -1,4 +1,4 @@
-"""`ha2g benchmark` measures a step in several precisions and generation, in Markdown or JSON."""
+"""`ha2g doctor --benchmark` measures a step in several precisions and generation, in Markdown or JSON."""
 
 import json
 from typing import Any

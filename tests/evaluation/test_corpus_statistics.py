@@ -121,6 +121,6 @@ def test_a_record_that_cannot_be_used(tiny_talk, tmp_path):
     with CorpusWriter(tmp_path / "bad", splits=("test",), skeleton="ted_expressive", fps=15, metadata={}) as writer:
         writer.add("test", encode_clip(clip))
     write_records(tmp_path / "bad", "test", [encode_clip(dataclasses.replace(clip, positions=positions))])
-    with pytest.raises(UserError, match="ha2g data validate"):
+    with pytest.raises(UserError, match="ha2g data inspect --check"):
         summarise(tmp_path / "bad")
     assert np.isfinite(positions_to_directions(load_skeleton("ted_expressive"), clip.positions)).all()

@@ -148,7 +148,7 @@ def test_p_of_a_share_is_small_where_the_interval_excludes_a_half():
 @pytest.mark.parametrize("statistic", list(COVERAGE["TRIALS"]))
 @pytest.mark.parametrize("variation", [0, 1], ids=list(COVERAGE["VARIATIONS"]))
 def test_intervals_hold_the_truth_and_are_not_vacuous(statistic, variation):
-    """In 95 of 100 studies at least, with a fixed seed; docs/user_study_analysis.md has the numbers of 1000 each."""
+    """In 95 of 100 studies at least, with a fixed seed; docs/user_study.md has those of 1000 each."""
     trial, design = COVERAGE["TRIALS"][statistic], COVERAGE["Design"](20, 8)
     spread = list(COVERAGE["VARIATIONS"].values())[variation][trial is not COVERAGE["opinion"]]
     held, width = COVERAGE["measure"](trial, design, spread, 200, seed=7)
