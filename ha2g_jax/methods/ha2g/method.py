@@ -99,7 +99,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
         UserError: the inferer has no such levels, or the size of Whisper's mel is another one.
     """
     audio, inferer = config.model.audio, config.model.inferer
-    encoder = _AUDIO_ENCODERS[audio.kind](config)
+    encoder = _whisper(config) if audio.kind == "whisper" else resnet_se(config)
     generator = HA2G(
         audio=encoder,
         text=text_encoder(config, vocabulary_size),
@@ -145,10 +145,6 @@ def _whisper(config: Config) -> AsrAudioEncoder:
         num_frames=data.num_frames,
         fps=data.fps,
     )
-
-
-# E_a by `config.model.audio.kind`; the `inputs` of an encoder names its speech input.
-_AUDIO_ENCODERS: dict[str, Callable[[Config], Any]] = {"resnet_se": resnet_se, "whisper": _whisper}
 
 
 def _identity_encoder(config: Config, num_speakers: int) -> ImageIdentity | SpeakerIdentity:
