@@ -14,9 +14,8 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_samples
 from ha2g_jax.metrics import sanity
-from ha2g_jax.metrics.beats import times
 from ha2g_jax.metrics.beats.stops import angle_change_rates, low_samples
-from ha2g_jax.metrics.beats.times import kernel, nearest
+from ha2g_jax.metrics.beats.times import detect_onsets, kernel, nearest
 from ha2g_jax.metrics.metric import LEGACY, Metric
 from ha2g_jax.metrics.row import Cut, Reference, Row, cut_windows, places
 from ha2g_jax.skeleton import Skeleton, load_skeleton
@@ -214,7 +213,7 @@ def window_onsets(reference: Reference) -> dict[tuple[int, int], np.ndarray] | N
             if audio is not None:
                 first = round(start * _WINDOW_SAMPLES / _CUT.window)
                 sound = audio[first : first + _WINDOW_SAMPLES]
-                onsets[clip, start] = times.detect_onsets(np.pad(sound, (0, _WINDOW_SAMPLES - len(sound))))
+                onsets[clip, start] = detect_onsets(np.pad(sound, (0, _WINDOW_SAMPLES - len(sound))))
     return onsets or None
 
 
