@@ -6,7 +6,7 @@ import pytest
 from tables import kept_runs
 from tables.plan import Request
 
-SPLIT = {"clips": 2, "speakers": ["ada"], "shards": []}
+SPLIT = {"clips": 2, "windows": 4, "seconds": 9.0, "words": 5, "speakers": ["ada"], "shards": []}
 
 
 @pytest.fixture
