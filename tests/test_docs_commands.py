@@ -260,7 +260,7 @@ def write_smplx(folder):
     for system in ("emage", "ours", "true"):
         write["_motion"](folder / "smplx" / system / "one.npz")
     write["_speech"](folder / "poses.wav", folder / "poses.TextGrid")
-    model = functions_of("motion/readers/test_smplx_model.py")["_model"]()
+    model = functions_of("motion/readers/test_smplx_body.py")["_model"]()
     np.savez(folder / "SMPLX_NEUTRAL.npz", allow_pickle=True, **model)
     joints = template().points[:55]
     waves = np.sin(np.arange(25 * SECONDS) / 5)[:, None, None] * np.random.default_rng(0).normal(0, 0.1, joints.shape)
