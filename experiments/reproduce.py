@@ -34,6 +34,7 @@ from tables.plan import (
     read_record,
     scores_kind,
 )
+from tables.processes import Stop
 from tables.report import Results, all_numbers, as_markdown, describe_work, figure
 from tables.runs import Perform, add_options, perform_in_process, run_all, run_script
 from tables.workdirs import Record, Run
@@ -42,7 +43,6 @@ from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
 from ha2g_jax.evaluation.page import markdown
-from ha2g_jax.files.child_process import Stop
 from ha2g_jax.files.writing import whole_file
 
 CORPUS_TABLES = ("table5", "table10")

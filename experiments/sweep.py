@@ -20,11 +20,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from tables.plan import plan_grid
+from tables.processes import Stop, run_logged, stop_signals
 from tables.runs import Stopped, run_all
 from tables.workdirs import VALIDATION, Run, is_finished
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import Stop, run_logged, stop_signals
 from ha2g_jax.files.writing import whole_file, writing
 from ha2g_jax.train.workdir import METRICS, read_metrics
 

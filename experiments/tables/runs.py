@@ -18,9 +18,9 @@ import tqdm
 
 from ha2g_jax.config.presets import SIZES
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import Stop, run_logged, stop_signals
 from tables import look_aheads
 from tables.plan import WORKDIR, Request, plan_table
+from tables.processes import Stop, run_logged, stop_signals
 from tables.workdirs import Run, is_finished, last_step
 
 _WORKER = (sys.executable, "-m", "tables.runs")

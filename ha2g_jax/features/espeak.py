@@ -63,11 +63,7 @@ class Voice(NamedTuple):
 
 
 def sample_voice(rng: np.random.Generator) -> Voice:
-    """Draw a random voice; female and male voices are equally likely.
-
-    Args:
-        rng: generator of the random draws.
-    """
+    """Draw a random voice; female and male voices are equally likely."""
     is_male = rng.random() < 0.5
     return Voice(
         language=str(rng.choice(LANGUAGES)),

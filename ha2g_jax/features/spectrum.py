@@ -76,11 +76,8 @@ def mel_power(padded: np.ndarray) -> np.ndarray:
 
 
 def decibels(power: np.ndarray, reference: float) -> np.ndarray:
-    """Return mel powers in dB relative to a reference, in [-80, 0]; all of them -80 if the reference is silence.
-
-    Args:
-        power: (128, columns) float32 mel powers.
-        reference: mel power of 0 dB.
+    """Return mel powers (128, columns) in dB relative to a reference power, in [-80, 0]; all of them -80 if the
+    reference is silence.
     """
     if reference < _SILENCE_POWER:
         return np.full(power.shape, FLOOR_DB, np.float32)
@@ -91,10 +88,8 @@ def decibels(power: np.ndarray, reference: float) -> np.ndarray:
 def sound_power(power: np.ndarray) -> float:
     """Compute the mean power of a sound, up to a constant factor.
 
-    A band holds power per hertz (Slaney's area normalisation), so bands are weighted by their width.
-
-    Args:
-        power: (128, columns) mel powers.
+    A band of the mel powers (128, columns) holds power per hertz (Slaney's area normalisation), so bands are weighted
+    by their width.
     """
     edges = mel_frequencies(NUM_MELS + 2, SAMPLE_RATE / 2)
     widths = edges[2:] - edges[:-2]
@@ -102,12 +97,7 @@ def sound_power(power: np.ndarray) -> float:
 
 
 def window_column(frame: int, fps: float) -> int:
-    """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512.
-
-    Args:
-        frame: number of the frame, from 0.
-        fps: frames per second.
-    """
+    """Return the column of the spectrogram nearest to a frame's time, frame / fps x 16000 / 512, both from 0."""
     return round(frame * SAMPLE_RATE / (fps * HOP_LENGTH))
 
 
@@ -281,11 +271,6 @@ def _groups(sample_rate: int, fft_size: int, num_mels: int) -> list[tuple[slice,
 def mel_filters(sample_rate: int, fft_size: int, num_mels: int) -> np.ndarray:
     """Return triangles on Slaney's mel scale from 0 to half the sample rate, each of area 1, `librosa.filters.mel`.
 
-    Args:
-        sample_rate: samples per second.
-        fft_size: samples of a column of the spectrum.
-        num_mels: number of bands.
-
     Returns:
         (num_mels, 1 + fft_size // 2) float32.
     """
@@ -297,11 +282,8 @@ def mel_filters(sample_rate: int, fft_size: int, num_mels: int) -> np.ndarray:
 
 
 def mel_frequencies(count: int, highest: float) -> np.ndarray:
-    """Return frequencies in Hz, (count,), evenly spaced on Slaney's mel scale, `librosa.mel_frequencies`.
-
-    Args:
-        count: number of frequencies.
-        highest: the last one in Hz, at least 1000; the first is 0.
+    """Return frequencies in Hz, (count,), evenly spaced on Slaney's mel scale from 0 to `highest`, at least 1000;
+    `librosa.mel_frequencies`.
     """
     mels = np.linspace(0, _LINEAR_MEL + np.log(highest / _LINEAR_HZ) / _LOG_STEP, count)
     return np.where(

@@ -31,13 +31,8 @@ _kept: list[int] = []  # the standard error while it is replaced, once for each 
 
 
 def shown(path: str | os.PathLike) -> str:
-    """Return a path as printable text, whatever its bytes and its length.
-
-    Args:
-        path: path, which may hold bytes that are not UTF-8.
-
-    Returns:
-        The path with such bytes and control characters as escapes, its middle left out if it is very long.
+    """Return a path as printable text: bytes that are not UTF-8 and control characters as escapes, the middle left out
+    if it is very long.
     """
     text = os.fsencode(path).decode("utf-8", errors="backslashreplace")
     text = "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
@@ -79,11 +74,7 @@ def naming(path: str | os.PathLike) -> Iterator[None]:
 
 
 def reason(error: BaseException) -> str:
-    """Return the message of an exception in one short line.
-
-    Args:
-        error: exception of a parser or of the system.
-    """
+    """Return the message of an exception of a parser or of the system in one short line."""
     if isinstance(error, RecursionError):
         return "nested too deep"
     text = str(getattr(error, "strerror", None) or error)  # of OSError, and of the errors of FFmpeg
@@ -94,10 +85,6 @@ def reason(error: BaseException) -> str:
 
 def check_regular(path: str | os.PathLike, expected: str) -> None:
     """Check that there is a regular file, because reading a pipe or a device may never end.
-
-    Args:
-        path: path of the file.
-        expected: kind of file, with its article.
 
     Raises:
         UserError: there is nothing, a folder, a pipe or a device at the path, or its folder is unreadable.
@@ -118,9 +105,6 @@ def check_regular(path: str | os.PathLike, expected: str) -> None:
 
 def check_utf8(path: str | os.PathLike) -> None:
     """Check that a path is UTF-8, as the libraries that read and write corpora need it.
-
-    Args:
-        path: path of a file or a folder.
 
     Raises:
         UserError: the path has bytes that are not UTF-8.
@@ -150,12 +134,7 @@ def read_bytes(path: str | os.PathLike, expected: str, max_bytes: int) -> bytes:
 
 
 def read_json(path: str | os.PathLike, expected: str, max_bytes: int) -> Any:
-    """Read a JSON document of limited size and depth.
-
-    Args:
-        path: path of the file.
-        expected: kind of file, with its article.
-        max_bytes: maximum size in bytes.
+    """Read a JSON document of limited size and depth; see `read_bytes` for the arguments.
 
     Raises:
         UserError: the file is missing, unreadable, too large, not JSON in UTF-8, or nested too deep.
@@ -166,10 +145,7 @@ def read_json(path: str | os.PathLike, expected: str, max_bytes: int) -> Any:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON whose values are nested at most `MAX_JSON_DEPTH` deep.
-
-    Args:
-        text: JSON, in UTF-8 if bytes, with or without a byte order mark.
+    """Parse JSON, in UTF-8 if bytes, whose values are nested at most `MAX_JSON_DEPTH` deep.
 
     Raises:
         ValueError: the text is not JSON, or is nested too deep.
@@ -204,14 +180,8 @@ class SmallReads(io.BufferedReader):
 
 
 def read_exactly(file: IO[bytes], count: int) -> memoryview:
-    """Read bytes of a file in small parts.
-
-    Args:
-        file: file, which may be part of a zip file.
-        count: number of bytes; the caller has compared it with what the file can have.
-
-    Returns:
-        The bytes.
+    """Read bytes of a file, such as one in a zip file, in small parts; the caller has compared their number with what
+    the file can have.
 
     Raises:
         EOFError: the file ends early.

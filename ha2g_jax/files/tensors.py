@@ -55,11 +55,7 @@ def _check_header_size(path: pathlib.Path) -> None:
 
 
 def shapes_of(file: Any) -> dict[str, tuple[int, ...]]:
-    """Return the shape of each tensor of an open file by name, from the header alone.
-
-    Args:
-        file: result of `open_tensors`.
-    """
+    """Return the shape of each tensor of an open file by name, from the header alone."""
     names = file.keys()
     return {name: tuple(file.get_slice(name).get_shape()) for name in names}
 

@@ -11,12 +11,12 @@ import pytest
 import reproduce as command
 from tables import plan as plan_module
 from tables.plan import parse_changes, parse_seeds, plan_table, scores_path
+from tables.processes import stop_signals
 from tables.runs import Stopped
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.corpus_statistics import summarise
-from ha2g_jax.files.child_process import stop_signals
 
 from .fake_runs import FakeRuns, run_study
 

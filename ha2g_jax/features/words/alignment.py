@@ -218,34 +218,20 @@ def _force(decoder: "Decoder", audio: np.ndarray, start: float, end: float, text
 
 
 class VoicedClock(NamedTuple):
-    """A clock that almost stops in silence.
+    """A clock that almost stops in silence."""
 
-    Attributes:
-        times: (frames + 1,) times in the recording, in seconds.
-        readings: (frames + 1,) duration of speech up to each time, in seconds, strictly increasing.
-    """
-
-    times: np.ndarray
-    readings: np.ndarray
+    times: np.ndarray  # (frames + 1,) times in the recording, in seconds
+    readings: np.ndarray  # (frames + 1,) seconds of speech up to each time, strictly increasing
 
     def to_voiced(self, time: float) -> float:
-        """Convert a time in the recording to a reading of the clock."""
         return float(np.interp(time, self.times, self.readings))
 
     def to_time(self, reading: float) -> float:
-        """Convert a reading of the clock to a time in the recording."""
         return float(np.interp(reading, self.readings, self.times))
 
 
 def loudness(audio: np.ndarray) -> np.ndarray:
-    """Compute the level of each 10 ms in decibels, smoothed over 50 ms.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-
-    Returns:
-        (frames,) float64 with frames = samples // 160, at least 1.
-    """
+    """Return the level of each 10 ms in decibels, (frames,), smoothed over 50 ms; at least one frame."""
     frames = max(1, len(audio) // _FRAME)
     padded = np.zeros(frames * _FRAME)
     padded[: len(audio)] = audio[: frames * _FRAME]
@@ -255,11 +241,6 @@ def loudness(audio: np.ndarray) -> np.ndarray:
 
 
 def voiced_clock(audio: np.ndarray) -> VoicedClock:
-    """Compute the speech clock of a recording.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-    """
     level = loudness(audio)
     speed = np.where(level > np.quantile(level, 0.99) - _SPEECH_DB, 1.0, _SILENCE_SPEED)
     readings = np.concatenate([[0.0], np.cumsum(speed) * FRAME_SECONDS])
@@ -267,14 +248,8 @@ def voiced_clock(audio: np.ndarray) -> VoicedClock:
 
 
 def cut_at_quiet(audio: np.ndarray, max_seconds: float) -> list[tuple[float, float]]:
-    """Cut a recording into pieces, each of which ends at the quietest moment of its second half.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-        max_seconds: maximum length of a piece in seconds.
-
-    Returns:
-        (start, end) of each piece in seconds; together they cover the whole recording.
+    """Return (start, end) in seconds of pieces of a recording, each of which ends at the quietest moment of its second
+    half; together they cover the recording.
     """
     level = loudness(audio)
     longest = round(max_seconds / FRAME_SECONDS)
@@ -301,16 +276,8 @@ def _known_pronunciations(words: Iterable[str], dictionary: pathlib.Path) -> dic
 
 
 def guess_pronunciations(words: Iterable[str]) -> dict[str, str]:
-    """Guess the American English pronunciation of words, numbers and letters with espeak-ng.
-
-    Args:
-        words: words of any spelling.
-
-    Returns:
-        Phones of the CMU set, separated by spaces, by word; a single vowel if espeak-ng gives no phoneme.
-
-    Raises:
-        UserError: espeak-ng cannot be loaded.
+    """Return American English pronunciations by espeak-ng of words of any spelling: phones of the CMU set, separated
+    by spaces, by word; a single vowel if espeak-ng gives no phoneme.
     """
     with fresh_library() as (library, _):
         library.espeak_SetVoiceByName(_VOICE)

@@ -26,13 +26,7 @@ _MANY = 100  # marks on one letter
 
 
 class Stretch(NamedTuple):
-    """A text and the time at which it is spoken.
-
-    Attributes:
-        text: one or more words.
-        start: start in seconds, None if the file has no time.
-        end: end in seconds, None if the file has no time.
-    """
+    """A text of one or more words, and the time at which it is spoken in seconds, None if the file has no time."""
 
     text: str
     start: float | None
@@ -40,13 +34,7 @@ class Stretch(NamedTuple):
 
 
 def spread(texts: Sequence[str], start: float, end: float) -> list[Word]:
-    """Divide a stretch of time among words in proportion to their letters.
-
-    Args:
-        texts: words in order.
-        start: start of the stretch in seconds.
-        end: end of the stretch in seconds.
-    """
+    """Divide a stretch of time from `start` to `end` among words in proportion to their letters."""
     if not texts:
         return []
     letters = list(itertools.accumulate(map(num_letters, texts), initial=0))
@@ -127,11 +115,7 @@ def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ..
 
 
 def without_overlap(words: Iterable[Word]) -> tuple[Word, ...]:
-    """Sort words by time and remove overlaps, by the rules of `to_words`.
-
-    Args:
-        words: words with finite times in seconds, start <= end.
-    """
+    """Sort words of finite times, start <= end, and remove overlaps, by the rules of `to_words`."""
     positive = [word._replace(start=max(0.0, word.start)) for word in words if word.end > 0 or word.start >= 0]
     together: list[list[Word]] = []
     for word in sorted(positive, key=lambda word: word.start):
@@ -156,30 +140,16 @@ def without_overlap(words: Iterable[Word]) -> tuple[Word, ...]:
 
 
 def inside(words: Iterable[Word], duration: float) -> tuple[Word, ...]:
-    """Cut words to the duration of a recording.
-
-    Args:
-        words: words in seconds from the start of the recording.
-        duration: length of the recording in seconds.
-
-    Returns:
-        The words of which at least 1 ms lies in [0, duration], cut to this range.
-    """
+    """Return the words of which at least 1 ms lies in [0, duration] seconds, cut to this range."""
     cut = (word._replace(start=max(0.0, word.start), end=min(duration, word.end)) for word in words)
     return tuple(word for word in cut if word.end - word.start >= _MIN_WORD_SECONDS)
 
 
 def split_words(text: str) -> list[str]:
-    """Split a text into words as the corpus spells them.
+    """Split a text without brackets and tags into words as the corpus spells them.
 
     Letters (with their marks), digits and apostrophes within a word are kept, in lower case; everything else separates
     words, so that "twenty-one" is two words. A comma in a number is dropped: "1,000" is "1000".
-
-    Args:
-        text: any text, without brackets and tags.
-
-    Returns:
-        The words, none empty.
     """
     if len(text) > _MANY and not text.isascii():
         text = _with_few_marks(text)

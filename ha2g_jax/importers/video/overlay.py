@@ -83,14 +83,7 @@ def _drawn_images(video: pathlib.Path, image_points: np.ndarray, confidence: np.
 
 
 def draw_skeleton(image: Image.Image, skeleton: Skeleton, points: np.ndarray, confidence: np.ndarray) -> None:
-    """Draw the bones whose ends are both seen.
-
-    Args:
-        image: image to draw on.
-        skeleton: skeleton of the points.
-        points: (joints, 2) pixels, NaN where unseen.
-        confidence: (joints,) in [0, 1], 0 where unseen.
-    """
+    """Draw the bones whose ends are both seen: points (joints, 2) in pixels, confidence (joints,), 0 where unseen."""
     draw = ImageDraw.Draw(image)
     is_seen = np.isfinite(points).all(axis=-1) & (confidence > 0)
     # Points far outside are moved closer, because the time of drawing grows with the distance.

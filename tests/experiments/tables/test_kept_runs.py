@@ -6,10 +6,10 @@ import signal
 import pytest
 from tables.kept_runs import FILE, read_kept
 from tables.plan import plan_table
+from tables.processes import Stop
 from tables.runs import Stopped
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import Stop
 
 from ..fake_runs import FakeRuns, run_study
 

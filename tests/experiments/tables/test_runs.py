@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 from tables import runs
 from tables.plan import Request
+from tables.processes import Stop
 from tables.report import duration
 from tables.runs import perform_in_process
 from tables.workdirs import Run, last_step
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.child_process import Stop
 
 _STUB = """
 import json, os, pathlib, signal, sys, time

@@ -21,11 +21,7 @@ class Stop:
         self._processes: set[subprocess.Popen] = set()
 
     def handle(self, number: int) -> None:
-        """Ask the child processes to save and end; kill them if called again.
-
-        Args:
-            number: number of the signal.
-        """
+        """Ask the child processes to save and end; kill them if called again."""
         is_first = self.number is None
         self.number = number
         for process in list(self._processes):
@@ -48,11 +44,7 @@ class Stop:
 
 @contextlib.contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """Handle SIGTERM, Ctrl-C and a closed terminal (except under nohup) by a `Stop` in this context.
-
-    Yields:
-        The `Stop`, whose `number` is set when a signal arrives.
-    """
+    """Handle SIGTERM, Ctrl-C and a closed terminal (except under nohup) by a `Stop` in this context."""
     stop = Stop()
     with on_stop_signals(stop.handle, (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)):
         yield stop
