@@ -160,7 +160,7 @@ for line in map(json.loads, (folder / "run" / "metrics.jsonl").read_text().split
 # run it:
 #
 # ```sh
-# pip install 'ha2g-jax[video,speech]'
+# pip install 'ha2g-jax[import]'
 # ha2g data build-video --install
 # ha2g data build-video videos/ corpus --overlay overlay     # overlay/ shows the skeleton on each speaker
 # ha2g data inspect corpus

@@ -99,7 +99,7 @@ def test_no_words():
 
 def test_missing_library(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pocketsphinx", None)
-    with pytest.raises(UserError, match=r"needs pocketsphinx: pip install 'ha2g-jax\[speech\]'"):
+    with pytest.raises(UserError, match=r"needs pocketsphinx: pip install 'ha2g-jax\[import\]'"):
         alignment.align(np.zeros(SAMPLE_RATE, np.float32), "hello")
 
 

@@ -69,7 +69,7 @@ def test_nobody_speaks(whisper):
 
 def test_missing_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "faster_whisper", None)
-    with pytest.raises(UserError, match=r"needs faster-whisper: pip install 'ha2g-jax\[speech\]'"):
+    with pytest.raises(UserError, match=r"needs faster-whisper: pip install 'ha2g-jax\[import\]'"):
         recognition.recognise(SILENCE)
 
 
