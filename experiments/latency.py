@@ -58,9 +58,7 @@ def study_latency(
     """Train and score the missing runs and write the page, with an SVG and all numbers beside it.
 
     Args:
-        request: request of the user.
         out: Markdown file of the page.
-        command: command of the user, for the page.
         stop: signal that ends the work; the same request then continues it.
         perform: function that trains and scores one run.
 

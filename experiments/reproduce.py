@@ -89,9 +89,7 @@ def reproduce(
     """Train and score the missing runs of a table and write its page, with all numbers beside it.
 
     Args:
-        request: request of the user.
         out: Markdown file of the page.
-        command: command of the user, for the page.
         stop: signal that ends the work; the same request then continues it.
         perform: function that trains and scores one run.
         keep: folder of a table to which each finished run is added, see `kept_runs`; None for none.

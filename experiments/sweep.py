@@ -64,9 +64,6 @@ def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int
 def gather(runs: Sequence[Run]) -> dict[str, Any]:
     """Collect the state and the validation scores of every run, and their means and deviations over finished seeds.
 
-    Args:
-        runs: runs of the sweep.
-
     Returns:
         {"runs", "groups"} as JSON values.
     """

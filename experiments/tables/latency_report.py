@@ -105,9 +105,7 @@ class Results(NamedTuple):
     """Content of the page.
 
     Attributes:
-        request: request of the user.
         fps: frames per second of the models.
-        curves: scores of all runs.
         failures: setting -> seed -> reason in one line.
         records: setting -> seed -> record of the run.
         facts: title -> text, printed in this order.

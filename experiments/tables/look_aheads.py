@@ -76,8 +76,6 @@ def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> S
     """Compute the mean of a score over seeds, None where no seed has it.
 
     Args:
-        scores: seed -> scores.
-        name: name of the score.
         row: `MODEL_SCORES` or `TRUTH_SCORES`; the truth is the same for all seeds, and its value has no interval.
     """
     found = [each for one in scores.values() if (each := measured(one, name, row)) is not None]
@@ -92,7 +90,6 @@ def difference(first: Mapping[int, Scores], second: Mapping[int, Scores], name: 
     Args:
         first: seed -> scores.
         second: seed -> scores, on the same recordings.
-        name: name of the score.
     """
     pair = ({seed: found for seed, one in each.items() if (found := measured(one, name))} for each in (first, second))
     found = paired(*pair)
@@ -125,7 +122,6 @@ def losses(curve: Mapping[int | None, Mapping[int, Scores]], name: str) -> dict[
 
     Args:
         curve: look-ahead -> seed -> scores of the setting.
-        name: name of the score.
     """
     return {at: difference(curve.get(None, {}), curve.get(at, {}), name) for at in LOOK_AHEADS if at is not None}
 

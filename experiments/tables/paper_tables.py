@@ -31,7 +31,6 @@ class Row(NamedTuple):
         name: name of the row in the paper, or close to it.
         method: one of `presets.METHODS`.
         changes: settings that differ from those of the method.
-        published: published numbers.
         is_comparable: whether the paper calls it about as good as the row that it is compared with, and not worse.
     """
 
@@ -46,7 +45,6 @@ class Table(NamedTuple):
     """One table or figure of the paper.
 
     Attributes:
-        title: title of the table.
         published_on: data set of the published numbers.
         truth: published numbers of the true motion.
         rows: rows in the order of the paper.

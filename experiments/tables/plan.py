@@ -51,10 +51,7 @@ class Request(NamedTuple):
         data: one of `presets.DATA`.
         size: one of `config.SIZES`.
         path: folder of the corpus; "" for the Talk corpus, which is made on first use.
-        seeds: seeds of the runs of each row.
-        workdir: folder of the workdirs of all runs.
         changes: dotted name of a setting -> value, for every row but not for the auto-encoder.
-        jobs: number of runs at once.
         has_training: whether to train missing runs; False only evaluates existing ones.
         has_legacy: whether to add the scores of the public release.
         split: split that the study of look-aheads scores.
@@ -77,13 +74,11 @@ class Plan(NamedTuple):
     """All runs of a request.
 
     Attributes:
-        corpus: corpus of the runs.
         digest: SHA-256 of the description of the corpus.
         kept: runs that are kept in the workdir without their weights.
         rows: name of a row -> its runs in the order of the seeds.
         table: table of the paper without the rows that are left out, None for the study of look-aheads.
         autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
-        splits: splits to score.
         left_out: name of a row that lacks an input -> reason.
         draws: number of draws of the bootstrap over clips.
     """
@@ -135,7 +130,6 @@ def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]
     """Plan the runs of rows, one for each seed; the workdir is made, nothing else is written.
 
     Args:
-        request: request of the user.
         rows: name of a row -> its method, and the settings in which it differs from the method.
 
     Raises:
@@ -160,7 +154,6 @@ def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides:
 
     Args:
         spec: FILE[:SIZE] of the config.
-        workdir: folder of the workdirs of all runs.
         grids: texts of the form KEY=VALUE,VALUE...; the last one changes fastest.
         overrides: further arguments of every run, --config.KEY=VALUE.
 

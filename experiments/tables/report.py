@@ -74,7 +74,6 @@ class Results(NamedTuple):
     """Content of the report.
 
     Attributes:
-        request: request of the user.
         plan: plan of a table of the paper.
         records: name of a row -> seed -> record of the run.
         failures: name of a row -> seed -> reason in one line.
@@ -108,10 +107,6 @@ def describe_work(
     """Describe what a report is based on: title -> text.
 
     Args:
-        request: request of the user.
-        plan: plan of the runs.
-        records: records of the runs.
-        command: command of the user.
         seconds: time that the command has taken.
     """
     from ha2g_jax.train.run_record import commit  # JAX takes a while to import
@@ -150,7 +145,6 @@ def as_markdown(results: Results, numbers: str, chart: str | None = None) -> str
     """Write the page.
 
     Args:
-        results: results of all runs.
         numbers: name of the file beside the page with `all_numbers`.
         chart: name of the SVG of `figure`, for Figure 3.
     """

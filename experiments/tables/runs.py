@@ -28,11 +28,7 @@ _LOOK_EVERY = 1.0  # seconds between updates of the progress
 
 
 class Stopped(Exception):
-    """A signal ended the work.
-
-    Attributes:
-        number: number of the signal.
-    """
+    """A signal ended the work."""
 
     def __init__(self, number: int):
         super().__init__(f"stopped by signal {number}")
@@ -92,7 +88,6 @@ def run_all(
         perform: function that carries out one run: (run, number of the worker, stop), see `Perform`.
         stop: signal that ends the runs.
         title: title of the progress bar.
-        jobs: number of runs at once.
 
     Returns:
         Name of a run that failed -> reason in one line.
@@ -132,9 +127,7 @@ def perform_in_process(request: Request, run: Run, worker: int, stop: Stop) -> N
     """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
 
     Args:
-        request: request that the run belongs to.
         run: run to train and score.
-        worker: number of the worker, from 0.
         stop: signal that ends the process.
 
     Raises:

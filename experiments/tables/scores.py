@@ -184,7 +184,6 @@ def leave_one_out(row: CauseRow, recordings: Sequence[str]) -> dict[str, dict[st
 
     Args:
         row: what is found in one motion of each clip, with the chance level.
-        recordings: name of the recording of each clip.
 
     Returns:
         {name: {"value", "without": a number for each recording in ascending order}}.

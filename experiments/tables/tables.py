@@ -48,7 +48,6 @@ class Cell(NamedTuple):
     Attributes:
         seeds: mean and interval over seeds.
         low, high: means over seeds of the bounds of the intervals over clips, or None.
-        values: seed -> value.
     """
 
     seeds: Spread
@@ -61,8 +60,6 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> dict[
     """Look up {"value", "low", "high"} of one metric of one run, None where it is undefined.
 
     Args:
-        scores: of one run.
-        split: of the corpus.
         metric: name of a metric of `evaluation`, "legacy_..." included; or "talk.NAME" with one of the known
             causes; or "talk.floor" and "talk.above_floor": the better of the two floors of the hand shapes, and how far
             the row is above it.
@@ -123,9 +120,7 @@ def main_table(table: Table, scores: RowScores, split: str, columns: Mapping[str
     """Write the table of the paper's numbers beside ours, with the rows that stand beside every model.
 
     Args:
-        table: table of the paper.
         scores: name of a row -> seed -> scores.
-        split: name of the split.
         columns: metric -> title.
     """
     head = ("row", "paper: FGD, BC, diversity", *columns.values(), "seeds")
@@ -199,10 +194,7 @@ def every_number(
     """Write all scores with their intervals and the value of each seed, and all differences, as CSV.
 
     Args:
-        table: table of the paper.
         scores: name of a row -> seed -> scores.
-        splits: names of the splits.
-        metrics: metrics of the claims.
         more: further lines, kind and text.
     """
     out = io.StringIO()

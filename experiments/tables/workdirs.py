@@ -22,10 +22,6 @@ class Run(NamedTuple):
     """One training, of a row with one seed, of a point of a grid, or of the auto-encoder.
 
     Attributes:
-        name: name of the run and of its folder.
-        seed: seed of the training.
-        config: config of the training.
-        workdir: folder of the training.
         changed: settings that were asked for beside those of the method: dotted name -> value.
     """
 
@@ -40,8 +36,6 @@ class Record(NamedTuple):
     """What reports need of a run.
 
     Attributes:
-        name: name of the run.
-        seed: seed of the training.
         config: settings of the training.
         starts: record of each start of the training: its commit, versions and hardware.
         last_step: last step of the training so far.
@@ -133,8 +127,6 @@ def scores_file(run: Run, kind: str, causes: Sequence[Any]) -> pathlib.Path | No
     """Return the path of scores of a run, whose name has a hash of the weights and of all else they depend on.
 
     Args:
-        run: run that is scored.
-        kind: beginning of the name of the file.
         causes: values of JSON that the scores depend on, beside the checkpoint.
 
     Returns:

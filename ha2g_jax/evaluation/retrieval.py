@@ -60,7 +60,6 @@ def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, l
     Args:
         library: library of the same corpus.
         corpus: corpus of the clips.
-        split: name of the split.
 
     Returns:
         Id of each clip -> index of the training clip and its first frame, for each window of the clip.
@@ -83,7 +82,6 @@ def join_motion(corpus: Corpus, split: str, nearest: Mapping[str, Sequence[Seque
 
     Args:
         corpus: corpus of the clips.
-        split: name of the split.
         nearest: return value of `nearest_windows`.
     """
     clips, training = corpus.clips(split), corpus.clips(TRAIN)
