@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.errors import UserError
+from ha2g_jax.errors import require
 
 if TYPE_CHECKING:  # an extra, which takes a while to import
     from matplotlib.axes import Axes
@@ -225,11 +225,7 @@ def _figure(width: float, height: float, columns: int = 1, rows: int = 1) -> tup
     Raises:
         UserError: matplotlib is missing.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise UserError("charts need matplotlib, which is missing; pip install 'ha2g-jax[report]'") from None
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = require("matplotlib.figure", "report", by="a chart").Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).tolist()
     for axes in (axes for row in grid for axes in row):
         axes.grid(color="#dddddd", linewidth=0.7)
