@@ -6,6 +6,7 @@ from typing import Any
 
 from ha2g_jax import metrics
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.page import markdown
 from ha2g_jax.metrics.metric import Metric
 from ha2g_jax.metrics.sanity import SANITY_ROWS, TRUTH
 
@@ -77,10 +78,11 @@ def section_markdown(section: Mapping[str, Any]) -> str:
     """
     lines = _head(section)
     for title, rows, columns in _parts(section):
-        lines += ["", f"**{title}**", "", _markdown_row(["", *(metric.heading for metric in columns.values())])]
-        lines.append(_markdown_row(["---", *("---:" for _ in columns)]))
-        for name, row in rows.items():
-            lines.append(_markdown_row([name, *(_cell(row.get(key), metric) for key, metric in columns.items())]))
+        cells = [["", *(metric.heading for metric in columns.values())]]
+        cells += [
+            [name, *(_cell(row.get(key), metric) for key, metric in columns.items())] for name, row in rows.items()
+        ]
+        lines += ["", f"**{title}**", "", markdown(cells, has_numbers=True)]
     return "\n".join([*lines, *_foot(section, "- ")]) + "\n"
 
 
@@ -194,7 +196,3 @@ def _counts(section: Mapping[str, Any]) -> Sequence[str]:
         f"Beats: {truth['num_used']:.0f} clips scored with {'no' if rate is None else f'{rate:.2f}'} onsets/s, "
         f"{truth['num_silent']:.0f} silent and not scored; clips without a motion beat: {still or 'none'}",
     ]
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
