@@ -43,7 +43,7 @@ def test_a_precision_changes_the_types_of_the_step(monkeypatch):
             return 0.5
 
     monkeypatch.setattr(benchmark, "TimedStep", Step)
-    monkeypatch.setattr(benchmark, "_measure_generation", lambda model: benchmark.Generation(2, 1.0, 2.0))
+    monkeypatch.setattr(benchmark, "_measure_generation", lambda _: {"speech_seconds": 2, "seconds": 1.0, "speed": 2.0})
     assert cli.main([*COMMAND, "--precision", *benchmark.PRECISIONS]) == 0
     assert found == [("float32", "float32"), ("float32", "tensorfloat32"), ("bfloat16", "tensorfloat32")]
 
