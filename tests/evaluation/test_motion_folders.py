@@ -1,16 +1,20 @@
-"""Two folders are paired by the names of their files, with the sound beside them, and nothing is dropped in silence."""
+"""Folders of motion are paired by name, and files of any kind are read at one frame rate."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 import soundfile
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.inputs import evaluate_folders
-from ha2g_jax.evaluation.motion_folders import from_folders
+from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
 from ha2g_jax.evaluation.table import as_table
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.readers import find_skeleton
+from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 SECONDS = 4
 
@@ -136,3 +140,142 @@ def test_folders_are_evaluated_with_one_call(write):
     assert section["rows"]["ground truth"]["joint_mae"]["value"] == 0
     assert section["legacy_v1"]["rows"]["mine"]["legacy_bc_fixed"]["value"] is not None
     assert "mean pose" in as_table(results)
+
+
+@pytest.fixture
+def directions(perform):
+    return perform(1, 60)[0].directions
+
+
+@pytest.fixture
+def arrays(skeleton, directions):
+    positions = directions_to_positions(skeleton, directions.astype(np.float64))
+    return {"positions": positions, "fps": 15.0, "joint_names": np.array(skeleton.joints)}
+
+
+def read(path, skeleton, **options):
+    return read_directions(path, skeleton.name, **options)
+
+
+def as_json(arrays):
+    return json.dumps({name: np.asarray(value).tolist() for name, value in arrays.items()})
+
+
+def test_all_formats_give_the_same_directions(skeleton, directions, arrays, tmp_path):
+    np.savez(tmp_path / "arrays.npz", **arrays)
+    (tmp_path / "motion.json").write_text(as_json(arrays))
+    Motion.from_directions(skeleton, directions, 15).save(tmp_path / "ours.npz")
+    for name in ("arrays.npz", "motion.json", "ours.npz"):
+        found = read(tmp_path / name, skeleton)
+        np.testing.assert_allclose(found.directions, directions, atol=1e-6)
+        assert (found.fps, found.borders, found.directions.dtype) == (15, (), np.float32)
+        assert find_skeleton(tmp_path / name) == "ted_gesture"
+
+
+def test_joints_are_found_by_name_in_any_order_among_others(skeleton, directions, arrays, tmp_path):
+    order = np.random.default_rng(0).permutation(skeleton.num_joints)
+    names = [*(skeleton.joints[joint].upper() for joint in order), "tail"]
+    positions = np.concatenate([arrays["positions"][:, order], np.ones((60, 1, 3))], axis=1)
+    np.savez(tmp_path / "a.npz", positions=positions, fps=15, joint_names=names)
+    np.testing.assert_allclose(read(tmp_path / "a.npz", skeleton).directions, directions, atol=1e-6)
+
+
+def test_a_map_names_the_joints_of_another_system(skeleton, directions, arrays, tmp_path):
+    theirs = [f"Bone_{joint}" for joint in skeleton.joints]
+    np.savez(tmp_path / "a.npz", **arrays | {"joint_names": theirs})
+    (tmp_path / "map.yaml").write_text("\n".join(f"{joint}: Bone_{joint}" for joint in skeleton.joints))
+    with pytest.raises(UserError, match=r"lacks spine, neck.*it has Bone_spine.*--joint-map"):
+        read(tmp_path / "a.npz", skeleton)
+    found = read(tmp_path / "a.npz", skeleton, joint_map=str(tmp_path / "map.yaml"))
+    np.testing.assert_allclose(found.directions, directions, atol=1e-6)
+
+
+def test_other_axes_are_turned_to_ours(skeleton, directions, arrays, tmp_path):
+    for name, turn in (
+        ("up", Rotation.from_euler("x", 180, degrees=True)),
+        ("z", Rotation.from_euler("x", 90, degrees=True)),
+    ):
+        np.savez(tmp_path / f"{name}.npz", **arrays | {"positions": arrays["positions"] @ turn.as_matrix().T + 5})
+        found = read(tmp_path / f"{name}.npz", skeleton).directions
+        # The mean facing becomes that of the skeleton; of this motion it is some degrees off.
+        angles = np.arccos(np.clip(np.sum(found * directions, axis=-1), -1, 1))
+        assert angles.max() < np.deg2rad(20)
+        np.testing.assert_allclose(found[..., 1], directions[..., 1], atol=1e-5)
+
+
+def test_other_rates_are_resampled_and_borders_with_them(skeleton, arrays, tmp_path):
+    fine = np.repeat(arrays["positions"], 2, axis=0)
+    np.savez(tmp_path / "a.npz", **arrays | {"positions": fine, "fps": 30, "borders": [60, 90]})
+    found = read(tmp_path / "a.npz", skeleton)
+    assert (found.fps, len(found.directions), found.borders) == (30, 60, (30, 45))
+    np.testing.assert_allclose(
+        directions_to_positions(skeleton, found.directions.astype(np.float64)), arrays["positions"], atol=1e-5
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fps": None}, "has no fps"),
+        ({"positions": None, "joint_names": None}, "has no positions and no joint_names"),
+        ({"fps": 0.0}, "has 0.0 frames per second"),
+        ({"fps": "fast"}, "holds no motion"),
+        ({"positions": np.zeros((5, 3, 3))}, "shape .5, 3, 3. for 10 joint names"),
+        ({"positions": [[1, 2], [3]]}, "holds no motion"),
+        ({"positions": np.zeros((5, 10, 3))}, "in one place in frame 0"),
+    ],
+)
+def test_what_is_no_motion_is_refused(change, message, skeleton, arrays, tmp_path):
+    values = {name: np.asarray(value).tolist() for name, value in arrays.items()}
+    values |= {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in change.items()}
+    (tmp_path / "a.json").write_text(json.dumps({name: value for name, value in values.items() if value is not None}))
+    with pytest.raises(UserError, match=message) as caught:
+        read(tmp_path / "a.json", skeleton)
+    assert "a.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_numbers_that_are_none_are_named(skeleton, directions, arrays, tmp_path):
+    arrays["positions"][7, skeleton.joint("left_wrist")] = np.nan
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(UserError, match="not a number, of left_wrist in frame 7"):
+        read(tmp_path / "a.npz", skeleton)
+    (tmp_path / "a.json").write_text(as_json(arrays))
+    with pytest.raises(UserError, match="not a number, of left_wrist in frame 7"):
+        read(tmp_path / "a.json", skeleton)
+    motion = Motion.from_directions(skeleton, directions, 15)
+    broken = motion.directions.copy()
+    broken[3] = np.nan
+    dataclasses.replace(motion, directions=broken).save(tmp_path / "ours.npz")
+    with pytest.raises(UserError, match="in frame 3 is not a number"):
+        read(tmp_path / "ours.npz", skeleton)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"[1, 2]", b"{", b'{"a": ' * 3000])
+def test_unreadable_files_are_refused(content, skeleton, tmp_path):
+    for name in ("a.npz", "a.json", "a.bvh"):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(UserError, match=f"{name[0]}.{name[2:]}") as caught:
+            read(tmp_path / name, skeleton)
+        assert "\n" not in str(caught.value)
+
+
+def test_pickles_are_not_opened(skeleton, tmp_path):
+    np.savez(tmp_path / "a.npz", positions=np.array([{"a": 1}], object), fps=15, joint_names=["a"])
+    with pytest.raises(UserError, match=r"a\.npz cannot be used: .*Python objects"):
+        read(tmp_path / "a.npz", skeleton)
+
+
+def test_motion_of_another_skeleton_is_refused(skeleton, directions, tmp_path):
+    Motion.from_directions(skeleton, directions, 15).save(tmp_path / "a.npz")
+    with pytest.raises(UserError, match="has the skeleton ted_gesture, not ted_expressive"):
+        read(tmp_path / "a.npz", load_skeleton("ted_expressive"))
+
+
+def test_real_motion_capture_is_read(private_data):
+    path = private_data / "zeroeggs_067" / "067_Speech_2_x_1_0.mixamo.bvh"
+    assert find_skeleton(path) == "ted_expressive"
+    skeleton = load_skeleton("ted_expressive")
+    found = read(path, skeleton)
+    assert found.fps == pytest.approx(30, rel=1e-3)
+    assert len(found.directions) == 1033
+    np.testing.assert_allclose(np.linalg.norm(found.directions, axis=-1), 1, atol=1e-5)
