@@ -191,8 +191,8 @@ def test_flags_are_read():
     for text in ("0", "0,0"):
         with pytest.raises(UserError, match="each once"):
             parse_seeds(text)
-    found = parse_changes(["train.steps=300", "loss.gan=minimax", "train.betas=(0.5,0.9)"])
-    assert found == {"train.steps": 300, "loss.gan": "minimax", "train.betas": (0.5, 0.9)}
+    found = parse_changes(["train.steps=300", "loss.ha2g.gan=minimax", "train.betas=(0.5,0.9)"])
+    assert found == {"train.steps": 300, "loss.ha2g.gan": "minimax", "train.betas": (0.5, 0.9)}
     with pytest.raises(UserError, match="not KEY=VALUE"):
         parse_changes(["train.steps"])
     with pytest.raises(UserError, match="cannot set seed; give --seeds"):
@@ -222,7 +222,16 @@ def asked(monkeypatch):
 
 def test_flags_become_a_request(asked, tmp_path, capsys):
     argv = ["table3", "--data", "bvh:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path)]
-    argv += ["--jobs", "2", "--no-train", "--legacy", "--changes", "train.steps=3", "--changes", "loss.gan=minimax"]
+    argv += [
+        "--jobs",
+        "2",
+        "--no-train",
+        "--legacy",
+        "--changes",
+        "train.steps=3",
+        "--changes",
+        "loss.ha2g.gan=minimax",
+    ]
     argv += ["--keep", "kept"]
     assert command.main(argv) == 0
     ((request, out, line, _, _, keep),) = asked.calls
@@ -234,7 +243,7 @@ def test_flags_become_a_request(asked, tmp_path, capsys):
         "path": "corpora/x",
         "seeds": (4, 6),
         "workdir": tmp_path,
-        "changes": {"train.steps": 3, "loss.gan": "minimax"},
+        "changes": {"train.steps": 3, "loss.ha2g.gan": "minimax"},
         "jobs": 2,
         "has_training": False,
         "has_legacy": True,

@@ -18,7 +18,7 @@ from ha2g_jax.train.step import step_keys, train_step, validation_step
 
 STEPS, SIZE = 75, 16
 # Fewer layers than the paper's, which take long to compile.
-SHALLOW = {"model__audio__channels": (4,), "model__inferer__layers": 1, "model__inferer__hidden_dim": 16}
+SHALLOW = {"model__audio__spectrogram__channels": (4,), "model__inferer__layers": 1, "model__inferer__hidden_dim": 16}
 
 
 @pytest.fixture(scope="module")
