@@ -27,13 +27,8 @@ GESTURE = load_skeleton("ted_gesture")
 ODD = "t\udcff\udce9 lk"
 
 
-def ha2g_names(joint: str) -> str:
-    """Joints by the names of the built-in map ha2g."""
-    return joint
-
-
-def bvh(seconds: float = 1.0, **how) -> str:
-    return bvh_files.bvh(bvh_files.swing(seconds, 30, with_fingers=False), name=ha2g_names, **how)
+def bvh(seconds: float) -> str:
+    return bvh_files.bvh(bvh_files.swing(seconds, 30, with_fingers=False))
 
 
 BVH = bvh(0.2)
@@ -47,11 +42,6 @@ def read_bvh_motion(path: pathlib.Path) -> None:
 
 def read_poses(path: pathlib.Path) -> None:
     assert np.isfinite(read_smplx(path, GESTURE, BODY, fps=15).positions).all()
-
-
-def test_the_undamaged_file_is_read(tmp_path):
-    (tmp_path / "a.bvh").write_text(BVH)
-    read_bvh_motion(tmp_path / "a.bvh")
 
 
 @FUZZ
@@ -72,33 +62,14 @@ def test_headers_of_bvh(frames, frame_time, answered):
     answered(read_bvh_motion, "\n".join(lines).encode(), "a.bvh")
 
 
-def nested(count: int, name: str = "j", frames: int = 1) -> str:
+def test_a_thousand_joints_in_a_chain(tmp_path):
     joints = [
-        f"{'JOINT' if i else 'ROOT'} {name}{i}\n{{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n"
-        for i in range(count)
+        f"{'JOINT' if i else 'ROOT'} j{i}\n{{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n"
+        for i in range(1000)
     ]
-    return (
-        f"HIERARCHY\n{''.join(joints)}{'}' * count}\nMOTION\nFrames: {frames}\nFrame Time: 0.03333\n{'0 ' * 3 * count}"
-    )
-
-
-LARGE = {
-    "names": (nested(20, "n" * 64_000), "a name of 64001 characters"),
-    "joints": (nested(1_000, frames=216_000), "expected at most 30,000,000 numbers"),
-    "depth": (nested(1_000), "does not fit the joint map"),
-    "more joints": (nested(1_001), "more than 1000 joints"),
-    "blank lines": ("HIERARCHY\n" + "\n" * (9 << 20), "more than 100000 lines"),
-    "one line": (BVH.replace("\n", " ") + "1 " * (1 << 20), "line of 65536 characters"),
-    "a number": (BVH[: BVH.rindex(" ")] + " " + "1" * 10**6, "a word of more than 65536 characters"),
-    "NUL bytes": (BVH.replace("OFFSET", "OFFSET\0", 1), "line 4: found"),
-}
-
-
-@pytest.mark.parametrize("case", LARGE)
-def test_a_bvh_that_is_too_large(case, tmp_path):
-    content, found = LARGE[case]
-    (tmp_path / "a.bvh").write_text(content)
-    with within_limits(), pytest.raises(UserError, match=found):
+    motion = f"MOTION\nFrames: 1\nFrame Time: 0.03333\n{'0 ' * 3000}"
+    (tmp_path / "a.bvh").write_text(f"HIERARCHY\n{''.join(joints)}{'}' * 1000}\n{motion}")
+    with within_limits(), pytest.raises(UserError, match="does not fit the joint map"):
         read_bvh_motion(tmp_path / "a.bvh")
 
 

@@ -1,6 +1,6 @@
-"""Writes BVH files of a made-up person, in any naming, unit, way up and order of rotations."""
+"""Writes BVH files: of any joints, and of a made-up person in any naming, unit, way up and order of rotations."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -62,29 +62,45 @@ def bvh(
         fps: frames per second.
     """
     joints = {joint: place for joint, place in body().items() if joint in joint_angles}
-    lines: list[str] = ["HIERARCHY"]
-    columns: list[np.ndarray] = []
+    offsets = np.array([offset for _, offset in joints.values()]) @ _TO_UP[up].T * per_metre
+    angles = np.stack([joint_angles[joint] for joint in joints], axis=1)[..., ["XYZ".index(axis) for axis in order]]
+    parents = [list(joints).index(parent) if parent else -1 for parent, _ in joints.values()]
+    root = np.tile(offsets[0], (len(angles), 1))
+    return write([name(joint) for joint in joints], parents, offsets, angles, root, order=order, fps=fps)
 
-    def write(joint: str, depth: int) -> None:
-        pad, offset = "  " * depth, _TO_UP[up] @ np.array(joints[joint][1]) * per_metre
-        channels = [f"{axis}rotation" for axis in order]
-        angles = [joint_angles[joint][:, "XYZ".index(axis)] for axis in order]
-        if depth == 0:
-            channels = ["Xposition", "Yposition", "Zposition", *channels]
-            angles = [*np.repeat(offset[:, None], len(angles[0]), axis=1), *angles]
-        columns.extend(angles)
-        lines.extend([f"{pad}{'JOINT' if depth else 'ROOT'} {name(joint)}", pad + "{"])
-        lines.append(f"{pad}  OFFSET " + " ".join(f"{value:.6f}" for value in offset))
-        lines.append(f"{pad}  CHANNELS {len(channels)} " + " ".join(channels))
-        children = [child for child, (parent, _) in joints.items() if parent == joint]
+
+def write(
+    names: Sequence[str],
+    parents: Sequence[int],
+    offsets: np.ndarray,
+    angles: np.ndarray,
+    root: np.ndarray,
+    *,
+    order: str,
+    fps: float = 30.0,
+) -> str:
+    """A BVH file of joints with offsets (J, 3), degrees (T, J, 3) in the order of the channels and a root (T, 3)."""
+    lines, columns = ["HIERARCHY"], [root]
+
+    def add(joint: int, pad: str) -> None:
+        columns.append(angles[:, joint])
+        channels = " ".join(f"{axis}rotation" for axis in order)
+        lines.extend([f"{pad}{'JOINT' if pad else 'ROOT'} {names[joint]}", pad + "{"])
+        lines.append(f"{pad}  OFFSET " + " ".join(f"{value:.6f}" for value in offsets[joint]))
+        lines.append(f"{pad}  CHANNELS {'3' if pad else '6 Xposition Yposition Zposition'} {channels}")
+        children = [child for child, parent in enumerate(parents) if parent == joint]
         for child in children:
-            write(child, depth + 1)
+            add(child, pad + "  ")
         if not children:
             lines.extend([f"{pad}  End Site", pad + "  {", f"{pad}    OFFSET 0 0 0", pad + "  }"])
         lines.append(pad + "}")
 
-    write("hips", 0)
-    motion = np.stack(columns, axis=-1)
-    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {1 / fps:.7f}"]
-    lines += [" ".join(f"{value:.6f}" for value in row) for row in motion]
-    return "\n".join(lines) + "\n"
+    add(0, "")
+    rows = [" ".join(f"{value:.6f}" for value in row) for row in np.concatenate(columns, axis=1)]
+    return "\n".join([*lines, "MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / fps:.8f}", *rows]) + "\n"
+
+
+def first_frames(text: str, count: int) -> str:
+    head, motion = text.split("MOTION")
+    _, rate, *rows = motion.strip().splitlines()[: 2 + count]
+    return "\n".join([f"{head}MOTION", f"Frames: {count}", rate, *rows]) + "\n"

@@ -7,6 +7,8 @@ import re
 
 import numpy as np
 import pytest
+from motion.readers import bvh_files
+from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion.readers.smplx_body import JOINTS, PARENTS, template
 
@@ -30,15 +32,6 @@ def named(side: str, name: str) -> str:
     return name.format(side=side[0].upper()) if "{" in name else f"{side.title()}{name}"
 
 
-def rodrigues(vectors: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of axis-angles (..., 3): I + sin a K + (1 - cos a) K K."""
-    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vectors / np.maximum(angle[..., 0], 1e-12), -1, 0)
-    zero = np.zeros_like(x)
-    k = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
-
-
 @dataclasses.dataclass
 class Person:
     """Axis-angles (T, 55, 3) and the place of the pelvis (T, 3), y up."""
@@ -49,7 +42,8 @@ class Person:
     @property
     def joints(self) -> np.ndarray:
         """Positions (T, 55, 3) by forward kinematics, joint by joint."""
-        rest, local = template().points[: len(JOINTS)], rodrigues(self.poses)
+        rest = template().points[: len(JOINTS)]
+        local = Rotation.from_rotvec(self.poses.reshape(-1, 3)).as_matrix().reshape(-1, len(JOINTS), 3, 3)
         places, turned = np.empty((len(local), len(JOINTS), 3)), np.empty_like(local)
         for joint, parent in enumerate(PARENTS):
             turned[:, joint] = local[:, joint] if parent < 0 else turned[:, parent] @ local[:, joint]
@@ -89,7 +83,6 @@ def bvh(person: Person, names: dict[str, str] | None, axes: np.ndarray | None = 
         names: names of the joints; None for those of `ha2g export`.
         axes: (3, 3) axes of the file as rows, left-handed ones with the determinant -1; the same by default.
     """
-    from scipy.spatial.transform import Rotation
 
     def name(joint: str) -> str:
         if names is None:
@@ -105,69 +98,20 @@ def bvh(person: Person, names: dict[str, str] | None, axes: np.ndarray | None = 
         return f"{side.title()}Hand{finger[1].title()}{finger[2]}" if finger else f"{side.title()}{names[part]}"
 
     axes = np.eye(3) if axes is None else axes
-    rest = template().points @ axes.T
-    vectors = np.linalg.det(axes) * person.poses @ axes.T  # a reflection turns the axis of a rotation about
-    lines, columns = ["HIERARCHY"], []
-
-    def write(joint: int, pad: str) -> None:
-        parent = PARENTS[joint]
-        offset = 100 * (rest[joint] - (rest[parent] if parent >= 0 else 0))
-        angles = Rotation.from_rotvec(vectors[:, joint]).as_euler("ZXY", degrees=True)
-        place = [*(100 * person.trans @ axes.T).T] if parent < 0 else []
-        columns.extend([*place, *angles.T])
-        channels = f"{'6 Xposition Yposition Zposition' if parent < 0 else '3'} Zrotation Xrotation Yrotation"
-        lines.extend([f"{pad}{'JOINT' if pad else 'ROOT'} {name(JOINTS[joint])}", pad + "{"])
-        lines.extend([f"{pad} OFFSET {' '.join(map(str, offset))}", f"{pad} CHANNELS {channels}"])
-        children = [c for c, p in enumerate(PARENTS) if p == joint and JOINTS[c] not in ("jaw", *EYES)]
-        for child in children:
-            write(child, pad + " ")
-        if not children:
-            lines.extend([f"{pad} End Site", pad + " {", f"{pad}  OFFSET 0 1 0", pad + " }"])
-        lines.append(pad + "}")
-
-    write(0, "")
-    rows = np.stack(columns, axis=-1)
-    lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1 / FPS:.8f}"]
-    return "\n".join([*lines, *(" ".join(f"{value:.6f}" for value in row) for row in rows)]) + "\n"
+    kept = [joint for joint, name in enumerate(JOINTS) if name not in ("jaw", "left_eyeball", "right_eyeball")]
+    rest = 100 * template().points[: len(JOINTS)] @ axes.T
+    offsets = np.array([rest[joint] - (rest[PARENTS[joint]] if joint else 0) for joint in kept])
+    vectors = np.linalg.det(axes) * person.poses[:, kept] @ axes.T  # a reflection turns the axis of a rotation about
+    angles = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_euler("ZXY", degrees=True).reshape(vectors.shape)
+    parents = [kept.index(PARENTS[joint]) if joint else -1 for joint in kept]
+    joint_names = [name(JOINTS[joint]) for joint in kept]
+    return bvh_files.write(joint_names, parents, offsets, angles, 100 * person.trans @ axes.T, order="ZXY", fps=FPS)
 
 
-EYES = ("left_eyeball", "right_eyeball")
-
-
-def read_bvh_positions(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Positions (T, 3) of each joint of a BVH, by its definition: M_child = M_parent T(offset) R R R."""
-    head, motion = path.read_text().split("MOTION")
-    rows = np.array([line.split() for line in motion.strip().splitlines()[2:]], float)
-    stack, joints, column = [], {}, 0
-    for line in head.splitlines():
-        words = line.split()
-        if words[:1] in (["ROOT"], ["JOINT"]):
-            stack.append({"name": words[1], "parent": stack[-1] if stack else None})
-        elif words[:1] == ["End"]:
-            stack.append({"name": None})
-        elif words[:1] == ["OFFSET"]:
-            stack[-1]["offset"] = np.array(words[1:], float)
-        elif words[:1] == ["CHANNELS"]:
-            joint, channels = stack[-1], words[2:]
-            values = dict(zip(channels, rows[:, column : column + len(channels)].T, strict=True))
-            column += len(channels)
-            turn = np.tile(np.eye(3), (len(rows), 1, 1))
-            for channel in channels:
-                if channel.endswith("rotation"):
-                    axis = np.eye(3)["XYZ".index(channel[0])]
-                    turn = turn @ rodrigues(np.deg2rad(values[channel])[:, None] * axis)
-            place = np.tile(joint["offset"], (len(rows), 1))
-            if "Xposition" in values:
-                place = np.stack([values[f"{axis}position"] for axis in "XYZ"], axis=-1)
-            above = joint["parent"]
-            joint["turn"] = turn if above is None else above["turn"] @ turn
-            joint["place"] = place if above is None else (
-                above["place"] + (above["turn"] @ place[:, :, None])[:, :, 0]
-            )  # fmt: skip
-            joints[joint["name"]] = joint["place"]
-        elif words[:1] == ["}"]:
-            stack.pop()
-    return joints
+def pybvh_places(path: pathlib.Path) -> dict[str, np.ndarray]:
+    """Positions (T, 3) in metres of each joint of a BVH, by pybvh."""
+    read = pytest.importorskip("pybvh").read_bvh_file(str(path))
+    return {node.name: places / 100 for node, places in zip(read.nodes, np.moveaxis(read.node_positions(), 1, 0))}
 
 
 @pytest.fixture(scope="session")
@@ -186,8 +130,6 @@ def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
         "gender": "neutral",
     }
     # AMASS has z up: the root and the place are rotated.
-    from scipy.spatial.transform import Rotation
-
     to_z = Rotation.from_euler("x", 90, degrees=True)
     root = (to_z * Rotation.from_rotvec(person.poses[:, 0])).as_rotvec()
     z_up, place = np.concatenate([root, flat[:, 3:]], axis=1), to_z.apply(person.trans)

@@ -1,11 +1,8 @@
 """Joint maps: every naming finds its joints, "auto" finds the naming, and what is missing is said."""
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.joint_maps import choose_map, load_map
 from ha2g_jax.skeleton import load_skeleton
 
@@ -54,11 +51,8 @@ def test_a_namespace_makes_no_difference(prefix):
     assert name == "mixamo" and places["left_elbow"] == f"{prefix}LeftForeArm"
 
 
-def test_a_longer_spine_by_the_mixamo_map():
+def test_names_that_a_map_also_takes():
     assert places_of(ZEROEGGS, "mixamo")[1]["spine"] == "Spine3"
-
-
-def test_the_long_names_of_beat():
     assert places_of(ZEROEGGS, "beat")[1]["left_ring_1"] == "LeftHandRing1"
 
 
@@ -105,17 +99,14 @@ FAULTS = {
     "not yaml": ("spine: [", "is not YAML"),
     "a list": ("- spine", "is not a joint map"),
     "empty": ("", "is not a joint map"),
-    "numbers as keys": ("1: Spine", "is not a joint map"),
     "a joint of no name": ("spine:", "no name for spine"),
     "a name that is a truth": ("spine: no", "no name for spine"),
     "a name that is a table": ("spine: {a: b}", "no name for spine"),
     "unit in words": ("unit: metres", "has `unit: metres"),
     "unit below zero": ("unit: -1", "has `unit: -1"),
-    "unit that is a list": ("unit: [1]", "has `unit"),
     "up to nowhere": ("up: w", "has `up: w"),
     "up that is a list": ("up: [y]", "has `up"),
     "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
-    "nested too deep": ("spine: " + "[" * 20000, "is not YAML"),
     "too long": ("# " + "x" * (1 << 18), "more than 65536 bytes"),
 }
 
@@ -133,14 +124,3 @@ def test_a_map_that_is_none(text, found, tmp_path):
 def test_no_such_map():
     with pytest.raises(UserError, match="no joint map nothing; give auto, zeroeggs, beat, mixamo, genea, ha2g or"):
         load_map("nothing")
-
-
-@settings(max_examples=50, deadline=None, derandomize=True)
-@given(content=st.one_of(st.binary(max_size=60), st.text("spine:[]{}&*!-\n #'\"0x", max_size=60).map(str.encode)))
-def test_any_map_is_read_or_refused(content, tmp_path_factory):
-    path = tmp_path_factory.getbasetemp() / "any.yaml"
-    path.write_bytes(content)
-    try:
-        assert isinstance(load_map(str(path)), joint_maps.JointMap)
-    except UserError as error:
-        assert "\n" not in str(error)

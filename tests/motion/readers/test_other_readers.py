@@ -6,6 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from motion.formats.conftest import blender  # noqa: F401
+from motion.readers import bvh_files
+from motion.readers.conftest import pybvh_places
 from motion.readers.test_kinds import lower_of, rigid
 
 from ha2g_jax.motion import formats, solver
@@ -33,20 +35,15 @@ def bvhio_places(path: pathlib.Path) -> Places:
     return {name: np.array(places) for name, places in found.items()}
 
 
-def pybvh_places(path: pathlib.Path) -> Places:
-    pybvh = pytest.importorskip("pybvh")
-    read = pybvh.read_bvh_file(str(path))
-    places = read.node_positions() if hasattr(read, "node_positions") else pybvh.frames_to_node_positions(read)
-    return {node.name: places[FRAMES, index] / 100 for index, node in enumerate(read.nodes)}
-
-
 @pytest.fixture(params=["bvhio", "pybvh", "blender"])
 def places_of(request) -> Callable[[pathlib.Path], Places]:
     """A function from the path of a BVH to positions in metres, by a reader of others."""
     if request.param == "blender":
         read = request.getfixturevalue("blender")
         return lambda path: read(path, FRAMES, 30)
-    return {"bvhio": bvhio_places, "pybvh": pybvh_places}[request.param]
+    if request.param == "bvhio":
+        return bvhio_places
+    return lambda path: {name: places[FRAMES] for name, places in pybvh_places(path).items()}
 
 
 def check_reading(path: pathlib.Path, motion: Motion, places: Places) -> None:
@@ -76,10 +73,8 @@ def test_a_bvh_is_read_where_others_find_its_joints(kind, files, places_of, tmp_
 
 def test_a_real_recording_is_read_where_others_find_its_joints(private_data, places_of, tmp_path):
     [source] = private_data.glob("zeroeggs_067/*.bvh")
-    head, motion = source.read_text().split("MOTION")
-    _, rate, *rows = motion.strip().splitlines()[:92]
     path = tmp_path / "real.bvh"
-    path.write_text("\n".join([f"{head}MOTION", f"Frames: {len(rows)}", rate, *rows]) + "\n")
+    path.write_text(bvh_files.first_frames(source.read_text(), 90))
     check_reading(path, read_motion(path), places_of(path))
 
 

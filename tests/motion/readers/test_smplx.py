@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.linalg
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers.smplx import read_smplx
@@ -29,18 +26,6 @@ def _read(folder, skeleton=EXPRESSIVE, fps=30.0, source_fps=None, up="auto", **a
     np.savez(folder / "a.npz", allow_pickle=True, **({"mocap_frame_rate": 30} | arrays))
     motion = read_smplx(folder / "a.npz", skeleton, BODY, fps=fps, source_fps=source_fps, up=up)
     return dict(zip(skeleton.joints, motion.positions.swapaxes(0, 1), strict=True))
-
-
-def _hang_independently(poses: np.ndarray) -> np.ndarray:
-    """The 55 joints of one frame by chains of 4 x 4 matrices and matrix exponentials."""
-    worlds = []
-    for joint, parent in enumerate(PARENTS):
-        x, y, z = poses[joint]
-        local = np.eye(4)
-        local[:3, :3] = scipy.linalg.expm(np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
-        local[:3, 3] = BODY.points[joint] - (BODY.points[parent] if parent >= 0 else 0)
-        worlds.append(local if parent < 0 else worlds[parent] @ local)
-    return np.array([world[:3, 3] for world in worlds])
 
 
 def _directions(joints: dict[str, np.ndarray], start: str, end: str) -> np.ndarray:
@@ -81,23 +66,6 @@ def test_arms_hang_down_and_a_bent_elbow_points_ahead(tmp_path):
     np.testing.assert_allclose(_directions(joints, "left_elbow", "left_wrist"), [[0, 0, -1]] * 2, atol=1e-6)
     # The palm looks inwards, the thumb up.
     assert (_directions(joints, "left_wrist", "left_thumb_2")[:, 1] < -0.5).all()
-
-
-def test_joints_lie_where_an_independent_computation_puts_them(tmp_path):
-    poses = RNG.uniform(-0.6, 0.6, (3, 55, 3))
-    poses[:, :10] *= 0.1  # upright, so that the way up is plain
-    trans = RNG.uniform(-1, 1, (3, 3))
-    joints = _read(tmp_path, poses=poses.reshape(3, -1).astype(np.float64), trans=trans)
-    world = np.array([_hang_independently(frame) for frame in poses]) + trans[:, None]
-    names = {"spine": "spine3"}
-    ours = [joint for joint in EXPRESSIVE.joints if joint not in FACE]
-    expected = np.stack([world[:, JOINTS.index(names.get(joint, joint))] for joint in ours], axis=1)
-    found = np.stack([joints[joint] for joint in ours], axis=1)
-    # One rigid motion leads from one to the other for all frames together.
-    centred = [(points - points.mean((0, 1))).reshape(-1, 3) for points in (expected, found)]
-    rotation, _ = scipy.linalg.orthogonal_procrustes(*centred)
-    assert np.linalg.det(rotation) == pytest.approx(1)
-    np.testing.assert_allclose(centred[0] @ rotation, centred[1], atol=2e-6)
 
 
 def test_the_face_is_fixed_on_the_head(tmp_path):
@@ -192,13 +160,15 @@ BAD = {
     "flat": ({"poses": np.zeros(165)}, "poses has shape"),
     "other joints": ({"joints": np.zeros((4, 25, 3))}, "joints has shape"),
     "nan": ({"poses": _bad_frame(np.nan)}, "frame 4 of poses"),
-    "infinite": ({"poses": _bad_frame(np.inf)}, "frame 4 of poses"),
+    "complex numbers": ({"poses": np.zeros((4, 165), complex)}, "poses"),
+    "a number": ({"poses": np.array(3.0)}, "poses"),
     "huge": ({"poses": _bad_frame(1e300)}, "frame 4 of poses"),
     "text": ({"poses": np.full((4, 165), "a")}, "instead of numbers"),
     "hours": ({"poses": _poses(9000), "mocap_frame_rate": 1}, "150 minutes at 1 frames per second"),
     "endless": ({"joints": np.zeros((400_001, 55, 3), np.float16)}, "has 400001 frames"),
     "no rate": ({"poses": _poses(4), "mocap_frame_rate": np.zeros(0)}, "mocap_frame_rate is"),
     "rate of 0": ({"poses": _poses(4), "mocap_frame_rate": 0}, "mocap_frame_rate is '0'"),
+    "rate in words": ({"poses": _poses(4), "mocap_frame_rate": "fast"}, "mocap_frame_rate is 'fast'"),
     "endless rate": ({"poses": _poses(4), "mocap_frame_rate": np.nan}, "mocap_frame_rate is 'nan'"),
     "trans of other length": ({"poses": _poses(4), "trans": np.zeros((3, 3))}, r"trans has shape \(3, 3\)"),
     "trans lost": ({"poses": _poses(4), "trans": np.full((4, 3), np.nan)}, "frame 1 of trans"),
@@ -227,57 +197,3 @@ def test_a_file_without_frame_rate_asks_for_it(tmp_path):
 def test_a_way_up_that_is_along_the_shoulders_is_refused(tmp_path):
     with pytest.raises(UserError, match="shoulders"):
         _read(tmp_path, poses=_poses(4, pelvis=(0, 0, np.pi / 2)), up="y")
-
-
-@settings(max_examples=50, deadline=None, derandomize=True)
-@given(
-    shapes=st.fixed_dictionaries(
-        {},
-        optional={
-            "poses": st.sampled_from([(2, 165), (2, 55, 3), (0, 165), (2, 164), (165,), ()]),
-            "joints": st.sampled_from([(2, 55, 3), (2, 127, 3), (2, 3, 55), ()]),
-            "trans": st.sampled_from([(2, 3), (3, 2), ()]),
-            "betas": st.sampled_from([(300,), (1, 16), (0, 3), (), (2, 2, 2)]),
-            "mocap_frame_rate": st.sampled_from([(), (1,), (2,)]),
-        },
-    ),
-    dtype=st.sampled_from(["f4", "f8", "i4", "?", "U3", "f2"]),
-    seed=st.integers(0, 9),
-)
-def test_arrays_of_any_shape_are_read_or_refused(tmp_path_factory, shapes, dtype, seed):
-    random = np.random.default_rng(seed)
-    path = tmp_path_factory.getbasetemp() / "fuzz.npz"
-    np.savez(path, **{name: (30 * random.random(shape)).astype(dtype) for name, shape in shapes.items()})
-    try:
-        motion = read_smplx(path, EXPRESSIVE, BODY, fps=15)
-    except UserError as error:
-        assert "\n" not in str(error)
-    else:
-        assert np.isfinite(motion.positions).all()
-
-
-WHOLE = ("poses.npz", "joints.npy")
-
-
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(
-    name=st.sampled_from(WHOLE),
-    changes=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=4),
-    keep=st.floats(0.5, 1),
-)
-def test_a_damaged_file_is_read_or_refused(tmp_path_factory, name, changes, keep):
-    path = tmp_path_factory.getbasetemp() / name
-    if path.suffix == ".npz":
-        np.savez(path, poses=_poses(3), mocap_frame_rate=30)
-    else:
-        np.save(path, np.tile(BODY.points[:55], (3, 1, 1)))
-    content = bytearray(path.read_bytes())
-    for place, value in changes:
-        content[int(place * len(content))] = value
-    path.write_bytes(content[: len(content) if changes else int(keep * len(content))])
-    try:
-        motion = read_smplx(path, EXPRESSIVE, BODY, fps=15, source_fps=30)
-    except UserError as error:
-        assert "\n" not in str(error)
-    else:
-        assert np.isfinite(motion.positions).all()

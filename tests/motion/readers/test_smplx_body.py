@@ -1,7 +1,5 @@
 """The neutral body, the body model of a file, and the package smplx agree."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,6 +16,7 @@ from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton, normalize
 
 NUM_VERTICES = 10475
+FRAMES, MILLIMETRE = 20, 1e-3
 CORNERS = {"nose": 9120, "right_eye": 9929, "left_eye": 9448, "right_ear": 616, "left_ear": 6}
 
 
@@ -44,15 +43,12 @@ def test_joints_and_face_come_from_the_model(tmp_path):
     body = read_body_model(tmp_path / "SMPLX_NEUTRAL.npz")
     np.testing.assert_allclose(body.points, template().points, atol=1e-6)
     assert body.directions.shape == (61, 3, 10)
+    all_shapes = _model(shapedirs=np.zeros((NUM_VERTICES, 3, 400), np.float16))
+    np.savez(tmp_path / "all.npz", allow_pickle=True, **all_shapes)
+    assert read_body_model(tmp_path / "all.npz").directions.shape == (61, 3, 300)
     # The file's own shape coefficients may be more, or fewer, than the model knows.
     np.testing.assert_allclose(body.shaped(np.array([2.0])), 1.2 * template().points, atol=1e-6)
     np.testing.assert_allclose(body.shaped(np.full(300, 1.0)), 1.1 * template().points, atol=1e-6)
-
-
-def test_a_model_with_all_shapes_has_300(tmp_path):
-    shapes = np.zeros((NUM_VERTICES, 3, 400), np.float16)
-    np.savez_compressed(tmp_path / "a.npz", allow_pickle=True, **_model(shapedirs=shapes))
-    assert read_body_model(tmp_path / "a.npz").directions.shape == (61, 3, 300)
 
 
 def test_betas_of_a_file_shape_the_skeleton(tmp_path):
@@ -92,39 +88,28 @@ def test_a_pickle_is_refused_unread(tmp_path):
         read_body_model(tmp_path / "SMPLX_NEUTRAL.pkl")
 
 
-VERTICES, FRAMES = 10475, 20
-MILLIMETRE = 1e-3
-
-
-def write_model(path, joints: np.ndarray, seed: int = 0) -> None:
+def write_model(path, joints: np.ndarray) -> None:
     """Write all arrays that the package asks for; each joint is a random mean of the vertices about it."""
-    random = np.random.default_rng(seed)
-    owner = np.arange(VERTICES) % len(JOINTS)
-    vertices = joints[owner] + random.normal(0, 0.05, (VERTICES, 3))
-    regressor = np.where(owner == np.arange(len(JOINTS))[:, None], random.random((len(JOINTS), VERTICES)), 0)
+    random = np.random.default_rng(0)
+    owner = np.arange(NUM_VERTICES) % len(JOINTS)
+    vertices = joints[owner] + random.normal(0, 0.05, (NUM_VERTICES, 3))
+    regressor = np.where(owner == np.arange(len(JOINTS))[:, None], random.random((len(JOINTS), NUM_VERTICES)), 0)
     regressor /= regressor.sum(axis=1, keepdims=True)
     vertices += (joints - regressor @ vertices)[owner]
-    tree = np.array([PARENTS, range(len(JOINTS))], np.int64)
-    tree[0, 0] = 2**32 - 1
-    hands: dict[str, Any] = {f"hands_{part}{side}": np.zeros(shape) for part, shape in HANDS.items() for side in "lr"}
-    np.savez(
-        path,
-        v_template=vertices,
-        shapedirs=random.normal(0, 0.01, (VERTICES, 3, 20)),
-        posedirs=random.normal(0, 1e-3, (VERTICES, 3, 486)),
-        J_regressor=regressor,
-        kintree_table=tree,
-        weights=np.eye(len(JOINTS))[owner],
-        f=random.integers(0, VERTICES, (100, 3)),
-        lmk_faces_idx=np.zeros(51, int),
-        lmk_bary_coords=np.full((51, 3), 1 / 3),
-        dynamic_lmk_faces_idx=np.zeros((79, 17), int),
-        dynamic_lmk_bary_coords=np.full((79, 17, 3), 1 / 3),
-        **hands,
-    )
-
-
-HANDS = {"components": (45, 45), "mean": (45,)}
+    arrays = _model(v_template=vertices, J_regressor=regressor)
+    arrays |= {f"hands_components{side}": np.zeros((45, 45)) for side in "lr"}
+    arrays |= {f"hands_mean{side}": np.zeros(45) for side in "lr"}
+    arrays |= {
+        "shapedirs": random.normal(0, 0.01, (NUM_VERTICES, 3, 20)),
+        "posedirs": random.normal(0, 1e-3, (NUM_VERTICES, 3, 486)),
+        "weights": np.eye(len(JOINTS))[owner],
+        "f": random.integers(0, NUM_VERTICES, (100, 3)),
+        "lmk_faces_idx": np.zeros(51, int),
+        "lmk_bary_coords": np.full((51, 3), 1 / 3),
+        "dynamic_lmk_faces_idx": np.zeros((79, 17), int),
+        "dynamic_lmk_bary_coords": np.full((79, 17, 3), 1 / 3),
+    }
+    np.savez(path, allow_pickle=True, **arrays)
 
 
 @pytest.fixture
@@ -182,11 +167,7 @@ def test_what_is_written_has_our_joints_in_the_package(package, tmp_path):
     assert tuple(PARENTS) == tuple(animation.armature.parents)
     _, places = world(animation)
     sample.from_motion(motion, FRAMES).write(tmp_path / "x.npz")
-    offsets = animation.armature.offsets
-    rest = np.zeros_like(offsets)
-    for joint, parent in enumerate(PARENTS[1:], start=1):
-        rest[joint] = rest[parent] + offsets[joint]
-    write_model(tmp_path / "SMPLX_NEUTRAL.npz", rest)
+    write_model(tmp_path / "SMPLX_NEUTRAL.npz", rigs.rest_positions(animation.armature)[1])
     with np.load(tmp_path / "x.npz") as arrays:
         theirs = package(tmp_path / "SMPLX_NEUTRAL.npz", dict(arrays))
     np.testing.assert_allclose(theirs - theirs[:, :1], places - places[:, :1], atol=MILLIMETRE / 10)
