@@ -1,9 +1,7 @@
 """The add-on reads what we write, finds any armature's bones, and moves them as we do."""
 
 import importlib
-import importlib.util
 import json
-import os
 import pathlib
 import subprocess
 import sys
@@ -14,13 +12,13 @@ import zipfile
 
 import numpy as np
 import pytest
+from fixtures.blender import blender_python
+from fixtures.motions import swaying
 
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.armature import Animation, world
 from ha2g_jax.motion.formats import export
-from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import retarget
-from ha2g_jax.skeleton import load_skeleton, normalize
 
 ROOT = pathlib.Path(__file__).parent.parent
 MILLIMETRE = 1e-3
@@ -35,16 +33,6 @@ BONES = {  # of Unreal's mannequin: those whose direction is that of ours
     ("hand_l", "index_01_l"): ("left_wrist", "left_index_1"),
     ("hand_l", "pinky_01_l"): ("left_wrist", "left_pinky_1"),
 }
-
-
-def make_motion(skeleton_name: str = "ted_expressive", frames: int = 12) -> Motion:
-    """The mean pose with every bone swinging, each in its own way, within what joints allow."""
-    skeleton = load_skeleton(skeleton_name)
-    random = np.random.default_rng(0)
-    sway = random.normal(0, 0.12, (2, skeleton.num_bones, 3))
-    time = np.arange(frames)[:, None, None] / 15
-    directions = normalize(skeleton.mean_directions) + sway[0] * np.sin(3 * time) + sway[1] * np.sin(5 * time + 1)
-    return Motion.from_directions(skeleton, directions, 15)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +51,7 @@ def addon() -> types.SimpleNamespace:
 
 @pytest.fixture(scope="module")
 def animation() -> Animation:
-    return solver.animate(make_motion())
+    return solver.animate(swaying(frames=12, size=0.2))
 
 
 def positions_of(read) -> np.ndarray:
@@ -83,7 +71,7 @@ FORMATS = [*((rig, suffix) for rig in ("ha2g", "mixamo", "unreal") for suffix in
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
 @pytest.mark.parametrize(("rig", "suffix"), [*FORMATS, ("vrm", ".vrma")])
 def test_what_is_read_is_what_was_written(addon, tmp_path, skeleton, rig, suffix):
-    motion = make_motion(skeleton)
+    motion = swaying(skeleton, 12, size=0.2)
     export(motion, tmp_path / f"m{suffix}", rig=rig)
     read = addon.reading.read_motion(tmp_path / f"m{suffix}")
     animation = retarget(solver.animate(motion), rigs.load_rig(rig))
@@ -95,7 +83,7 @@ def test_what_is_read_is_what_was_written(addon, tmp_path, skeleton, rig, suffix
 
 
 def test_the_body_of_a_glb_is_read_whole(addon, tmp_path):
-    export(make_motion(), tmp_path / "m.glb")
+    export(swaying(frames=12, size=0.2), tmp_path / "m.glb")
     body = addon.reading.read_motion(tmp_path / "m.glb").body
     assert len(body.points) > 500
     assert np.unique(body.faces).tolist() == list(range(len(body.points)))
@@ -144,7 +132,7 @@ def moving(addon, tmp_path_factory):
 
     def read(rig: str = "ha2g", skeleton: str = "ted_expressive"):
         path = tmp_path_factory.mktemp("moving") / "m.json"
-        export(make_motion(skeleton), path, rig=rig)
+        export(swaying(skeleton, 12, size=0.2), path, rig=rig)
         return addon.reading.read_motion(path)
 
     return read
@@ -245,27 +233,11 @@ def test_the_extension_is_what_blender_installs(addon, tmp_path):
         assert {"__init__.py", "blender_manifest.toml", "bone_names.json", "panel.py"} <= set(archive.namelist())
         manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
     # docs.blender.org/manual/en/latest/advanced/extensions/getting_started.html, "Required values"
-    required = (
-        "schema_version",
-        "id",
-        "version",
-        "name",
-        "tagline",
-        "maintainer",
-        "type",
-        "blender_version_min",
-        "license",
-    )
+    required = ["schema_version", "id", "version", "name", "tagline", "maintainer", "type"]
+    required += ["blender_version_min", "license"]
     assert all(manifest.get(key) for key in required)
     assert len(manifest["tagline"]) <= 64
     assert not manifest["tagline"].endswith(".")
-
-
-def blender_python() -> str:
-    python = os.environ.get("HA2G_BLENDER_PYTHON") or (importlib.util.find_spec("bpy") and sys.executable)
-    if not python:
-        pytest.skip("no Blender here (set HA2G_BLENDER_PYTHON to a Python that has bpy)")
-    return str(python)
 
 
 @pytest.fixture(scope="module")
@@ -273,9 +245,10 @@ def in_blender(tmp_path_factory) -> tuple[pathlib.Path, dict]:
     """What `in_blender.py` did there: the folder of its files, and what it found in them."""
     python = blender_python()
     folder = tmp_path_factory.mktemp("blender")
+    motion = swaying(frames=12, size=0.2)
     for name in ("motion.glb", "motion.bvh", "motion.json"):
-        export(make_motion(), folder / name)
-    export(make_motion(), folder / "unreal.json", rig="unreal")
+        export(motion, folder / name)
+    export(motion, folder / "unreal.json", rig="unreal")
     with wave.open(str(folder / "tone.wav"), "wb") as sound:
         sound.setnchannels(1)
         sound.setsampwidth(2)

@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from fixtures.motions import swaying
 from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ha2g_jax.motion.formats import export
-from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import load_skeleton
 
 ADDON = pathlib.Path(__file__).parent.parent.parent / "integrations" / "blender"
 
@@ -37,9 +36,7 @@ def addon() -> Iterator[types.SimpleNamespace]:
 def contents(tmp_path_factory) -> dict[str, bytes]:
     """Files of every format of a short motion, by suffix."""
     folder = tmp_path_factory.mktemp("exported")
-    skeleton = load_skeleton("ted_gesture")
-    sway = np.random.default_rng(0).normal(0, 0.1, (4, skeleton.num_bones, 3)).astype(np.float32)
-    motion = Motion.from_directions(skeleton, skeleton.mean_directions + sway, 15)
+    motion = swaying("ted_gesture", 4)
     for suffix in (".glb", ".vrma", ".bvh", ".json"):
         export(motion, folder / f"m{suffix}")
     return {path.suffix: path.read_bytes() for path in folder.iterdir()}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.motions import swaying
 from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_tree
 from hypothesis import given
@@ -27,9 +28,7 @@ SKELETON = load_skeleton("ted_gesture")
 
 
 def make_motion(frames: int = 6) -> Motion:
-    sway = np.random.default_rng(0).normal(0, 0.1, (frames, SKELETON.num_bones, 3)).astype(np.float32)
-    meta = {"seed": 3, "speech": "a.wav", "duration": 0.4, "borders": [2, 4]}
-    return Motion.from_directions(SKELETON, SKELETON.mean_directions + sway, 15, meta)
+    return swaying(SKELETON.name, frames, size=0.2, speech="a.wav", duration=0.4, borders=[2, 4])
 
 
 def arrays_of(motion: Motion) -> dict[str, np.ndarray]:

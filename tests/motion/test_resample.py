@@ -11,11 +11,6 @@ def unit_vectors(*shape: int, seed: int = 0) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize(("duration", "fps", "frames"), [(8, 15, 120), (2.27, 15, 34), (0.2, 15, 3), (0.2, 1, 1)])
-def test_number_of_frames(duration, fps, frames):
-    assert num_frames(duration, fps) == frames
-
-
 def test_slerp_turns_by_the_fraction_of_the_angle():
     first, second = unit_vectors(100), unit_vectors(100, seed=1)
     angle = np.arccos(np.sum(first * second, axis=-1))
@@ -31,11 +26,6 @@ def test_slerp_turns_by_the_fraction_of_the_angle():
 def test_slerp_of_equal_and_opposite_vectors_is_a_unit_vector(second, fraction):
     mixed = slerp(np.array([1.0, 0, 0]), np.array(second), np.array([fraction]))
     assert np.linalg.norm(mixed) == pytest.approx(1)
-
-
-def test_the_same_rate_gives_the_same_frames():
-    directions = unit_vectors(20, 5)
-    np.testing.assert_allclose(resample(directions, 15, 15, 20), directions, atol=1e-6)
 
 
 def test_frames_that_both_rates_have_agree_and_the_end_is_held():
@@ -57,7 +47,7 @@ def test_a_steady_turn_stays_steady():
     np.testing.assert_allclose(steps, 0.2 * 15 / 24, atol=1e-3)
 
 
-@pytest.mark.parametrize("samples", [3200, 36267, 36800, 987200, 28_800_000])  # 0.2 s to 30 minutes
+@pytest.mark.parametrize("samples", [160, 3200, 36267, 36800, 987200, 28_800_000])  # 0.2 s to 30 minutes
 @pytest.mark.parametrize("fps", [1, 15, 23.976, 24, 25, 29.97, 30, 50, 60, 120, 240])
 def test_frames_fill_the_sound_to_half_a_frame(samples, fps):
     duration = samples / 16000
@@ -73,16 +63,6 @@ def sway(seed: int = 0) -> np.ndarray:
     offsets = np.sin(2 * np.pi * rng.uniform(0.3, 2, (1, 5, 3)) * time + rng.uniform(0, 6, (1, 5, 3)))
     vectors = unit_vectors(5) + 0.3 * offsets
     return (vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)).astype(np.float32)
-
-
-def test_the_speed_does_not_jump_at_the_frames_of_the_source():
-    fine = resample(sway(), 15, 960, 64 * 299).astype(np.float64)
-    speeds = np.linalg.norm(np.diff(fine, axis=0), axis=-1) * 960
-    jumps = np.abs(np.diff(speeds, axis=0)).reshape(-1, 5)
-    at_knots = jumps[np.arange(63, len(jumps), 64)].mean()
-    straight = slerp(sway()[:-1], sway()[1:], np.array([0.5]))
-    corner = np.abs(np.diff(np.linalg.norm(straight - sway()[:-1], axis=-1), axis=0)).mean() * 2 * 15
-    assert at_knots < 0.05 * corner
 
 
 def test_acceleration_shows_no_comb():

@@ -9,6 +9,7 @@ import pathlib
 import numpy as np
 import pytest
 from fixtures.browser import drive
+from fixtures.motions import swaying
 from PIL import Image
 
 from ha2g_jax.features.text import Word
@@ -21,8 +22,8 @@ TO_PAGE = np.array([1, -1, -1])
 
 
 @pytest.fixture(scope="module")
-def motions(make_motion):
-    return {"first": make_motion(frames=30, fps=15.0), "second": make_motion(frames=60, fps=30.0, seed=1)}
+def motions():
+    return {"first": swaying(frames=30, fps=15.0), "second": swaying(frames=60, fps=30.0, seed=1)}
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import zlib
 import av
 import numpy as np
 import pytest
+from fixtures.motions import swaying
 
 from ha2g_jax.skeleton import normalize
 from ha2g_jax.viewer import packing
@@ -40,8 +41,8 @@ def test_a_direction_is_kept_to_less_than_a_tenth_of_a_degree():
 
 
 @pytest.mark.parametrize("name", AXES)
-def test_a_motion_is_unpacked_in_the_axes_of_the_page(name, make_motion):
-    motion = make_motion(name, frames=40)
+def test_a_motion_is_unpacked_in_the_axes_of_the_page(name):
+    motion = swaying(name, frames=40)
     packed = pack_motion(motion)
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["directions"])), np.uint8).reshape(2, -1)
     zigzag = planes[0] + 256 * planes[1].astype(int)
@@ -52,8 +53,8 @@ def test_a_motion_is_unpacked_in_the_axes_of_the_page(name, make_motion):
     assert packed["lengths"] == pytest.approx(motion.skeleton.lengths, abs=1e-5)
 
 
-def test_a_minute_takes_few_bytes(make_motion):
-    packed = pack_motion(make_motion(frames=900))
+def test_a_minute_takes_few_bytes():
+    packed = pack_motion(swaying(frames=900))
     assert len(packed["directions"]) < 900 * 42 * 2 * 1.25 * 4 / 3  # bytes a number, in base64
 
 

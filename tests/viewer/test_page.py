@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 import soundfile
+from fixtures.motions import swaying
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
@@ -33,8 +34,8 @@ class Elements(html.parser.HTMLParser):
         self.texts[self._id] = self.texts.get(self._id, "") + data
 
 
-def content(page):
-    return json.loads(Elements(page.text).texts["content"])
+def content_of(text):
+    return json.loads(Elements(text).texts["content"])
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +43,8 @@ def speech():
     return np.random.default_rng(0).normal(0, 0.1, 16000).astype(np.float32)
 
 
-def test_the_page_names_nothing_outside_itself(make_motion, speech):
-    elements = Elements(view(make_motion(), speech, words=[Word("hello", 0.1, 0.4)]).text).elements
+def test_the_page_names_nothing_outside_itself(speech):
+    elements = Elements(view(swaying(), speech, words=[Word("hello", 0.1, 0.4)]).text).elements
     assert len(elements) > 30
     links = [attributes.get(name) for _, attributes in elements for name in ("src", "href", "data")]
     assert set(filter(None, links)) == {"data:,"}  # the icon, which browsers else ask for
@@ -53,31 +54,31 @@ def test_the_page_names_nothing_outside_itself(make_motion, speech):
     assert "connect-src" not in policy  # so that default-src holds for it
 
 
-def test_the_same_input_gives_the_same_page(make_motion, speech, tmp_path):
-    pages = [write_page(tmp_path / name, {"a": make_motion()}, speech) for name in ("one.html", "two.html")]
+def test_the_same_input_gives_the_same_page(speech, tmp_path):
+    pages = [write_page(tmp_path / name, {"a": swaying()}, speech) for name in ("one.html", "two.html")]
     assert pages[0].read_bytes() == pages[1].read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.html", "two.html"]
 
 
-def test_names_and_words_cannot_end_the_script(make_motion):
+def test_names_and_words_cannot_end_the_script():
     wicked = "</script><img src=x onerror=alert(1)>$title"
-    page = view({wicked: make_motion()}, words=[Word(wicked, 0, 1)])
+    page = view({wicked: swaying()}, words=[Word(wicked, 0, 1)])
     assert not any(tag == "img" for tag, _ in Elements(page.text).elements)
-    assert content(page)["motions"][0]["name"] == wicked
-    assert content(page)["words"] == [[wicked, 0, 1]]
+    assert content_of(page.text)["motions"][0]["name"] == wicked
+    assert content_of(page.text)["words"] == [[wicked, 0, 1]]
 
 
-def test_the_page_lasts_as_long_as_what_it_shows(make_motion, speech):
-    assert content(view(make_motion(frames=45), speech))["duration"] == pytest.approx(3)
-    assert content(view(make_motion(frames=6), speech))["duration"] == pytest.approx(1)
-    silent = content(view({"a": make_motion(frames=45), "b": make_motion(frames=48, fps=24.0)}))
+def test_the_page_lasts_as_long_as_what_it_shows(speech):
+    assert content_of(view(swaying(frames=45), speech).text)["duration"] == pytest.approx(3)
+    assert content_of(view(swaying(frames=6), speech).text)["duration"] == pytest.approx(1)
+    silent = content_of(view({"a": swaying(frames=45), "b": swaying(frames=48, fps=24.0)}).text)
     assert silent["duration"] == pytest.approx(3)
     assert silent["sound"] is None
     assert [motion["name"] for motion in silent["motions"]] == ["a", "b"]
 
 
-def test_a_notebook_shows_the_page_in_a_frame(make_motion):
-    page = view(make_motion(), height=400)
+def test_a_notebook_shows_the_page_in_a_frame():
+    page = view(swaying(), height=400)
     ((tag, attributes),) = Elements(page._repr_html_()).elements
     assert tag == "iframe"
     assert attributes["srcdoc"] == page.text
@@ -85,8 +86,8 @@ def test_a_notebook_shows_the_page_in_a_frame(make_motion):
     assert len(repr(page)) < 100  # which is stored with the output, too
 
 
-def test_what_cannot_be_shown_is_refused_in_one_line(make_motion, tmp_path):
-    motion = make_motion()
+def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
+    motion = swaying()
     broken = Motion(motion.directions.copy(), motion.positions, 15.0, motion.joint_names, motion.meta)
     broken.directions[3, 5] = np.nan
     many = Motion.from_directions(motion.skeleton, np.repeat(motion.directions, 7_000, axis=0), 240.0)
@@ -107,17 +108,11 @@ def test_three_js_comes_whole():
     assert "OrbitControls" in text
 
 
-def contents(path):
-    text = path.read_text()
-    start = text.index('id="content">') + len('id="content">')
-    return json.loads(text[start : text.index("</script>", start)])
-
-
 @pytest.fixture
-def folder(make_motion, tmp_path):
+def folder(tmp_path):
     for name in ("a/talk.npz", "b/talk.npz", "other.npz"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        make_motion(frames=20).save(tmp_path / name)
+        swaying(frames=20).save(tmp_path / name)
     soundfile.write(tmp_path / "talk.wav", np.random.default_rng(0).normal(0, 0.1, 24000), 16000)
     (tmp_path / "words.srt").write_text("1\n00:00:00,200 --> 00:00:00,900\nhello there\n")
     return tmp_path
@@ -132,24 +127,17 @@ def test_one_page_of_several_files(folder, capsys):
     motions = [folder / "other.npz", folder / "a" / "talk.npz", folder / "b" / "talk.npz"]
     assert view_command(*motions, "--audio", folder / "talk.wav", "--words", folder / "words.srt", "-o", out) == 0
     assert capsys.readouterr().out.strip() == str(out)
-    content = contents(out)
+    content = content_of(out.read_text())
     assert [motion["name"] for motion in content["motions"]] == ["other", "a/talk", "b/talk"]
     assert content["duration"] == 1.5
     assert [word[0] for word in content["words"]] == ["hello", "there"]
     assert content["sound"]
 
 
-def test_words_need_no_sound(folder):
-    assert view_command(folder / "other.npz", "--words", folder / "words.srt", "-o", folder / "v.html") == 0
-    content = contents(folder / "v.html")
-    assert len(content["words"]) == 2
-    assert content["sound"] is None
-
-
 def test_motion_capture_stands_beside_it(private_data, folder):
     recording = sorted(pathlib.Path(private_data).glob("zeroeggs*/*.bvh"))[0]
     assert view_command(recording, folder / "other.npz", "-o", folder / "v.html") == 0
-    captured, _ = contents(folder / "v.html")["motions"]
+    captured, _ = content_of((folder / "v.html").read_text())["motions"]
     assert captured["name"] == recording.stem
     assert captured["fps"] == 30
 

@@ -38,10 +38,8 @@ def test_all_at_once(skeleton, gestures):
 
 MISTAKES = {
     "energy": (Controls(energy=2.5), "the energy is 2.5; expected 0 to 2"),
-    "nan": (Controls(extent=float("nan")), "the extent is nan"),
     "side": (Controls(handedness="both hands"), "expected left, right or both"),
     "backwards": (Controls(pins=(Pin(3, 2),)), "0 <= start <= end"),
-    "negative": (Controls(mutes=(Span(-1, 2),)), "0 <= start <= end"),
     "endless": (Controls(mutes=(Span(1, float("inf")),)), "0 <= start <= end"),
     "late": (Controls(pins=(Pin(13, 14),)), "after the end of the motion at 12.0333 s"),
     "overlap": (Controls(pins=(Pin(2, 4), Pin(3, 5))), "overlaps the one at 3 s"),

@@ -44,17 +44,19 @@ def assert_unit(directions: np.ndarray):
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1, atol=1e-5)
 
 
+def assert_same_away_from(span: slice, changed: np.ndarray, motion: np.ndarray):
+    eased = round(control.EASE * FPS)
+    np.testing.assert_array_equal(changed[: span.start - eased], motion[: span.start - eased])
+    np.testing.assert_array_equal(changed[span.stop + eased :], motion[span.stop + eased :])
+
+
 @pytest.mark.parametrize(("amount", "low", "high"), [(0.5, 0.45, 0.55), (1.5, 1.35, 1.55), (2, 1.6, 2.1)])
 def test_energy_scales_the_speed(skeleton, gestures, amount, low, high):
     motion = gestures(skeleton)
     livelier = control.energy(skeleton, motion, FPS, amount)
     assert_unit(livelier)
-    assert low < speed(wrists(skeleton, livelier)) / speed(wrists(skeleton, motion)) < high
-    assert (
-        low
-        < speed(directions_to_positions(skeleton, livelier)) / speed(directions_to_positions(skeleton, motion))
-        < high
-    )
+    for places in (wrists, directions_to_positions):
+        assert low < speed(places(skeleton, livelier)) / speed(places(skeleton, motion)) < high
 
 
 @pytest.mark.parametrize("amount", [0.5, 1.5])
@@ -158,9 +160,7 @@ def test_a_pinned_pose_is_held_and_the_rest_is_left_alone(skeleton, gestures):
     held = control.pin(skeleton, motion, FPS, [control.Pin(4, 6, pose)])
     assert_unit(held)
     np.testing.assert_array_equal(held[60:91], np.broadcast_to(pose, held[60:91].shape))
-    eased = round(control.EASE * FPS)
-    np.testing.assert_array_equal(held[: 60 - eased], motion[: 60 - eased])
-    np.testing.assert_array_equal(held[91 + eased :], motion[91 + eased :])
+    assert_same_away_from(slice(60, 91), held, motion)
     # On the way no bone turns faster than it has to: its own speed and the way to the pose, at most 1.875 times.
     way = max(degrees(motion[rows], pose).max() for rows in (slice(50, 60), slice(91, 101)))
     steps, own = degrees(held[51:101], held[50:100]).max(), degrees(motion[51:101], motion[50:100]).max()
@@ -190,9 +190,7 @@ def test_a_muted_span_rests_the_arms_and_leaves_the_rest_alone(skeleton, gesture
     expected = np.broadcast_to(control.rest_pose(skeleton)[arms], muted[60:91, arms].shape)
     np.testing.assert_array_equal(muted[60:91, arms], expected)
     np.testing.assert_array_equal(muted[:, ~arms], motion[:, ~arms])
-    eased = round(control.EASE * FPS)
-    np.testing.assert_array_equal(muted[: 60 - eased], motion[: 60 - eased])
-    np.testing.assert_array_equal(muted[91 + eased :], motion[91 + eased :])
+    assert_same_away_from(slice(60, 91), muted, motion)
     assert speed(wrists(skeleton, motion)[60:91]) > 0.1
 
 

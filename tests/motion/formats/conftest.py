@@ -1,16 +1,14 @@
 """A hand-made animation, and readers of files that this project did not write, where they are installed."""
 
-import importlib.util
 import json
-import os
 import pathlib
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from fixtures.blender import blender_python
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs
@@ -48,9 +46,7 @@ def animate() -> Callable[..., Animation]:
 @pytest.fixture(scope="session")
 def blender() -> Callable[..., dict[str, np.ndarray]]:
     """Reads joints' positions (frames, 3), metres, y up, of a `.bvh` or `.glb` in Blender, in a process of its own."""
-    python = os.environ.get("HA2G_BLENDER_PYTHON") or (importlib.util.find_spec("bpy") and sys.executable)
-    if not python:
-        pytest.skip("no Blender here (set HA2G_BLENDER_PYTHON to a Python that has bpy)")
+    python = blender_python()
     script = pathlib.Path(__file__).parent / "blender_positions.py"
 
     def read(path: pathlib.Path, frames: Sequence[int], fps: float = FPS) -> dict[str, np.ndarray]:

@@ -7,20 +7,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.motions import swaying
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import formats, rigs
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import load_skeleton, normalize
 
 DOCS = pathlib.Path(__file__).parents[3] / "docs" / "export.md"
 
 
-def make(name: str = "ted_expressive", frames: int = 9) -> Motion:
-    skeleton = load_skeleton(name)
-    random = np.random.default_rng(0).normal(0, 0.1, (frames, skeleton.num_bones, 3))
-    directions = normalize(skeleton.mean_directions + random.cumsum(axis=0) / 5)
-    return Motion.from_directions(skeleton, directions, 15, {"speech": "a.wav", "duration": 0.61})
+def make(name: str = "ted_expressive") -> Motion:
+    return swaying(name, 9, size=0.2, speech="a.wav", duration=0.61)
 
 
 @pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])

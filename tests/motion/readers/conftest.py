@@ -108,12 +108,6 @@ def bvh(person: Person, names: dict[str, str] | None, axes: np.ndarray | None = 
     return bvh_files.write(joint_names, parents, offsets, angles, 100 * person.trans @ axes.T, order="ZXY", fps=FPS)
 
 
-def pybvh_places(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Positions (T, 3) in metres of each joint of a BVH, by pybvh."""
-    read = pytest.importorskip("pybvh").read_bvh_file(str(path))
-    return {node.name: places / 100 for node, places in zip(read.nodes, np.moveaxis(read.node_positions(), 1, 0))}
-
-
 @pytest.fixture(scope="session")
 def files(person, tmp_path_factory) -> dict[str, pathlib.Path]:
     """The person in each layout, by the name of the layout."""

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pygltflib
 import pytest
+from fixtures.bvh_readers import pybvh_places
 from motion.readers import bvh_files
-from motion.readers.conftest import FRAMES, pybvh_places
+from motion.readers.conftest import FRAMES
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.bvh_readers import bvhio_places, pybvh_places
 from motion.formats.conftest import blender  # noqa: F401
 from motion.readers import bvh_files
-from motion.readers.conftest import pybvh_places
 from motion.readers.test_kinds import lower_of, rigid
 
 from ha2g_jax.motion import formats, solver
@@ -24,26 +24,14 @@ MADE_UP = ("neck", "nose", "left_eye", "right_eye", "left_ear", "right_ear", "he
 Places = dict[str, np.ndarray]
 
 
-def bvhio_places(path: pathlib.Path) -> Places:
-    """Positions (frames, 3) of each joint in metres."""
-    bvhio = pytest.importorskip("bvhio")
-    root, found = bvhio.readAsHierarchy(str(path)), {}
-    for frame in FRAMES:
-        root.loadPose(frame)
-        for joint, *_ in root.layout():
-            found.setdefault(joint.Name, []).append([value / 100 for value in joint.PositionWorld])
-    return {name: np.array(places) for name, places in found.items()}
-
-
 @pytest.fixture(params=["bvhio", "pybvh", "blender"])
 def places_of(request) -> Callable[[pathlib.Path], Places]:
     """A function from the path of a BVH to positions in metres, by a reader of others."""
     if request.param == "blender":
         read = request.getfixturevalue("blender")
         return lambda path: read(path, FRAMES, 30)
-    if request.param == "bvhio":
-        return bvhio_places
-    return lambda path: {name: places[FRAMES] for name, places in pybvh_places(path).items()}
+    read = {"bvhio": bvhio_places, "pybvh": pybvh_places}[request.param]
+    return lambda path: {name: places[FRAMES] for name, places in read(path).items()}
 
 
 def check_reading(path: pathlib.Path, motion: Motion, places: Places) -> None:

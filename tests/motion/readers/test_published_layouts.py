@@ -22,8 +22,9 @@ SEAMLESS = "V00_S0809_I00000582_P0947"
 CAPTURE = "c--20250108--1300--DXG448--BWW760--pilot--MotionPrior--ACTING_Adult_Birthday_--103301-103661"
 
 
-def swinging():
-    """Return axis-angles (FRAMES, 55, 3) of somebody whose forearms swing."""
+@pytest.fixture(scope="module")
+def poses():
+    """Axis-angles (FRAMES, 55, 3) of somebody whose forearms swing."""
     swing = np.sin(2 * np.pi * 0.5 * np.arange(FRAMES) / 30)
     poses = np.zeros((FRAMES, 55, 3))
     poses[:, JOINTS.index("left_shoulder"), 2] = -1.3
@@ -32,11 +33,6 @@ def swinging():
     poses[:, JOINTS.index("right_elbow"), 1] = 1 - 0.8 * swing
     poses[:, JOINTS.index("right_index_1"), 2] = 0.5
     return poses
-
-
-@pytest.fixture(scope="module")
-def poses():
-    return swinging()
 
 
 @pytest.fixture(scope="module")

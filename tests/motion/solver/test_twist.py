@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fixtures.motions import swaying
 from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs, rotations, solver
@@ -9,7 +10,6 @@ from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import Transfer, retarget
 from ha2g_jax.motion.solver.frames import fit
 from ha2g_jax.motion.solver.twist import continue_angle, smooth_angle, transport
-from ha2g_jax.skeleton import load_skeleton
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -83,13 +83,7 @@ FPS, FRAMES = 15, 60
 
 @pytest.fixture(scope="module", params=["ted_expressive", "ted_gesture"])
 def motion(request):
-    """Bones that wander about their mean directions."""
-    skeleton = load_skeleton(request.param)
-    time = np.arange(FRAMES)[:, None, None] / FPS
-    random = np.random.default_rng(0)
-    phase, speed = random.uniform(0, 6, (2, 1, skeleton.num_bones, 3))
-    directions = skeleton.mean_directions + 0.4 * np.sin(phase + speed * time)
-    return Motion.from_directions(skeleton, directions, FPS)
+    return swaying(request.param, FRAMES, FPS, size=0.4)
 
 
 def convert(motion, sizes):
