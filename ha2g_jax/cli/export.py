@@ -108,14 +108,13 @@ def _write_page(arguments: argparse.Namespace) -> None:
     from ha2g_jax.features import words as transcripts
     from ha2g_jax.viewer.page import write_page
 
-    motions = _load(arguments)
-    audio = _read_audio(arguments.audio) if arguments.audio else None
-    spoken = ()
-    if arguments.words is not None and audio is None:
-        spoken = transcripts.read_words(arguments.words)
-    elif arguments.words is not None:
-        spoken = transcripts.words_of(audio, arguments.words, recognise=None)
-    write_page(arguments.out, motions, audio, words=spoken)
+    motions, words = _load(arguments), arguments.words
+    if arguments.audio is None:
+        write_page(arguments.out, motions, words=transcripts.read_words(words) if words else ())
+    else:
+        audio = _read_audio(arguments.audio)
+        spoken = transcripts.words_of(audio, words, recognise=None) if words else ()
+        write_page(arguments.out, motions, audio, words=spoken)
 
 
 def _draw_key_frames(arguments: argparse.Namespace) -> None:
