@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ha2g_jax.data.talk import anatomy, lexicon
+from ha2g_jax.data.talk import lexicon
 from ha2g_jax.metrics import causes, reconstruction
-from ha2g_jax.skeleton import load_skeleton
 
 NAMES = list(lexicon.HAND_SHAPES)
 SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
@@ -14,17 +13,6 @@ SHAPES = np.array(list(lexicon.HAND_SHAPES.values()))
 def shape_at(flexions: np.ndarray, time: float) -> str:
     """Return the name of the shape that hands (T, hands, 5) at 15 frames per second show at a time."""
     return NAMES[causes.hand_shape(causes.shown_flexions(flexions, time, 15), SHAPES)]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_pose_of_a_template_is_read_back_as_its_class(name):
-    skeleton = load_skeleton("ted_expressive")
-    fingers = np.tile(SHAPES[NAMES.index(name)], (15, 2, 1))
-    body = anatomy.Body(np.zeros((15, 3)), np.zeros((15, 3)), np.zeros((15, 2)), np.full((15, 2, 7), 20.0), fingers)
-    flexions = anatomy.finger_flexions(skeleton, anatomy.body_directions(skeleton, body))
-    np.testing.assert_allclose(flexions, fingers, atol=1e-5)
-    for hands in ([0], [1], [0, 1]):
-        assert shape_at(flexions[:, hands], 0.5) == name
 
 
 def test_a_shape_counts_only_at_its_moment():

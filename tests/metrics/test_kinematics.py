@@ -69,12 +69,6 @@ def test_a_sinusoid_has_the_values_of_its_differences():
     assert kinematics.acceleration(positions, FPS) == pytest.approx(0.1 * (2 * np.sin(w / 2) * FPS) ** 2 * mean)
 
 
-def test_a_straight_line_has_neither():
-    positions = np.arange(20.0)[:, None, None] * np.ones((1, 4, 3))
-    assert kinematics.acceleration(positions, FPS) == 0
-    assert kinematics.jerk(positions, FPS) == 0
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_turning_and_moving_the_body_change_nothing(seed):
@@ -216,17 +210,6 @@ def test_motion_that_stands_still_has_zeros():
     assert cca([still], [still]) == 0
 
 
-def test_inputs_are_not_modified():
-    clips, real = walks(4), walks(4)
-    before = [clip.tobytes() for clip in (*clips, *real)]
-    for metric in (kinematics.acceleration, kinematics.jerk):
-        metric(clips[0], FPS)
-    kinematics.l1_diversity(clips[0])
-    hellinger(clips, real, FPS)
-    cca(clips, real, ["a", "a", "b", "b"])
-    assert [clip.tobytes() for clip in (*clips, *real)] == before
-
-
 ANGLES_RNG = np.random.default_rng(0)
 TRAINING = np.stack([np.linspace(0, 1, 1001), np.linspace(1, 3, 1001)], axis=1)
 LIMITS = kinematics.training_limits(TRAINING)
@@ -285,10 +268,3 @@ def test_motion_that_stands_still_is_within_limits_of_its_own():
 def test_undefined_without_frames():
     found = violations(np.zeros((4, 2)))
     assert np.isnan([found.mean, found.worst, found.any]).all()
-
-
-def test_angles_are_not_modified():
-    angles = ANGLES_RNG.normal(size=(20, 2))
-    before = [x.tobytes() for x in (angles, TRAINING)]
-    violations(angles, kinematics.training_limits(TRAINING))
-    assert [x.tobytes() for x in (angles, TRAINING)] == before

@@ -113,10 +113,3 @@ def test_undefined_without_a_border():
     for frames, borders in ((100, []), (0, [30]), (5, [2]), (34, [30]), (100, [200])):
         score = seams.seam_score([np.ones((frames, 4, 3))], [np.array(borders)], FPS)
         assert np.isnan(score[:4]).all() and score.borders == 0
-
-
-def test_inputs_are_not_modified():
-    clip, borders = smooth_motion(np.random.default_rng(0)), BORDERS[::-1].copy()
-    before = clip.tobytes(), borders.tobytes()
-    seams.seam_score([clip], [borders], FPS)
-    assert (clip.tobytes(), borders.tobytes()) == before

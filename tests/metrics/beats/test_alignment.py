@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.metrics.beats.alignment import Clip, align, mismatched, partners, with_partners
-from ha2g_jax.metrics.beats.stops import angle_change_rate, make_clips, mean_angle_change, stop_beats
+from ha2g_jax.metrics.beats.stops import angle_change_rate, make_clips, stop_beats
 from ha2g_jax.metrics.beats.summary import summary, sweep
 from ha2g_jax.metrics.beats.times import audio_onsets
 from ha2g_jax.metrics.legacy import VARIANTS, legacy_bc
@@ -103,13 +103,6 @@ def test_beats_lie_where_the_arms_stop(fps, shift):
     np.testing.assert_allclose(found * fps, stops[(stops > 0.5) & (stops < 3.9)] * fps, atol=0.1)
 
 
-def test_beats_lie_near_uneven_stops():
-    stops = np.cumsum(np.random.default_rng(2).uniform(0.35, 0.7, 12)) + 0.2
-    motion = swinging_arms(stopping_angles(stops, int(15 * stops[-1]) + 6))
-    found = stop_beats(angle_change_rate(SKELETON, motion), FPS)
-    np.testing.assert_allclose(found * FPS, stops * FPS, atol=0.6)
-
-
 def test_minima_must_rise_on_both_sides_after_the_seed_poses():
     rate = np.ones(20)
     rate[[2, 4]] = 0  # the seed poses, and the first step that is scored
@@ -124,7 +117,7 @@ def test_minima_must_rise_on_both_sides_after_the_seed_poses():
 
 def test_clips_of_any_length_are_those_of_each_alone():
     rng = np.random.default_rng(0)
-    rates = [rng.uniform(0, 2, length) for length in (33, 0, 3, 60, 5, 7, 33)]
+    rates = [rng.integers(0, 6, length) / 3 for length in (33, 0, 3, 60, 5, 7, 33)]  # some of them equal
     onsets = [np.sort(rng.uniform(0, 3, 4)) for _ in rates]
     fps = np.array([15, 15, 30, 25, 15, 15, 60.0])
     clips = make_clips(rates, onsets, fps)
@@ -223,26 +216,9 @@ def test_onsets_of_clicks_and_none_under_the_floor():
     assert audio_onsets(audio[8000:9500], 3.0).max(initial=0) < 0.1  # shorter than a spectrum
 
 
-def test_inputs_are_not_modified():
-    motions, onsets = synthetic_motions(8)
-    before = motions["stops"].tobytes(), [times.tobytes() for times in onsets]
-    rates = angle_change_rate(SKELETON, motions["stops"])
-    clips = make_clips(rates, onsets, FPS)
-    summary(align(clips), mismatched(clips, np.arange(8)))
-    mean_angle_change(SKELETON, motions["stops"])
-    assert before == (motions["stops"].tobytes(), [times.tobytes() for times in onsets])
-
-
-def timed(onsets, end: float = 2.0, beats=(0.5, 1.5), start: float = 0.0) -> Clip:
-    return Clip(np.array(beats, float), np.array(onsets, float), start, end)
-
-
-def many(
-    count: int,
-    rng: np.random.Generator,
-) -> list[Clip]:
+def many(count: int, rng: np.random.Generator) -> list[Clip]:
     ends = rng.uniform(2, 20, count)
-    return [timed(np.sort(rng.uniform(0, end, 8)), end, np.sort(rng.uniform(0, end, 5)), 0.2) for end in ends]
+    return [clip(np.sort(rng.uniform(0, end, 5)), np.sort(rng.uniform(0, end, 8)), 0.2, end) for end in ends]
 
 
 def test_partners_are_other_recordings_with_sound_that_last_as_long():
@@ -270,7 +246,7 @@ def test_partners_are_other_recordings_with_sound_that_last_as_long():
 
 
 def test_every_partner_is_drawn_as_often():
-    clips = [timed([0.5 + 0.01 * index]) for index in range(12)]
+    clips = [clip([0.5, 1.5], [0.5 + 0.01 * index], end=2) for index in range(12)]
     sources = [0, 0, 0, *range(1, 10)]
     counts = np.zeros((12, 12))
     for seed in range(400):
@@ -282,10 +258,10 @@ def test_every_partner_is_drawn_as_often():
 
 
 def test_few_recordings_leave_gaps_and_one_leaves_it_undefined():
-    clips = [timed([0.5]), timed([0.7]), timed([0.9])]
+    clips = [clip([0.5, 1.5], [0.5], end=2), clip([0.5, 1.5], [0.7], end=2), clip([0.5, 1.5], [0.9], end=2)]
     assert np.sort(partners(clips, [0, 0, 1], num=2)).tolist() == [[-1, 2], [-1, 2], [0, 1]]
     assert np.isnan(mismatched(clips, [0, 0, 0])).all()
-    assert np.isnan(mismatched([timed([]), timed([])], [0, 1])).all()
+    assert np.isnan(mismatched([clip([0.5, 1.5], [], end=2), clip([0.5, 1.5], [], end=2)], [0, 1])).all()
     assert mismatched([], []).shape == (0,)
 
 
@@ -305,15 +281,3 @@ def test_scores_are_those_of_the_others_speech():
         expected.append(np.nanmean(align(paired).f))  # without those that are silent so long
     np.testing.assert_allclose(mismatched(clips, sources, 4, 0), expected, atol=1e-9)
     np.testing.assert_allclose(with_partners(clips, drawn), expected, atol=1e-9)
-
-
-def test_a_longer_recording_is_cut_and_its_silence_left_out():
-    early, late = timed([0.5, 1.5], end=9.0), timed([5.0], end=9.0)
-    short = timed([1.0])
-    assert mismatched([short, early, late], [0, 1, 2])[0] == pytest.approx(1)
-    assert np.isnan(mismatched([short, late], [0, 1])[0])
-
-
-def test_a_shorter_recording_is_repeated():
-    beats = (0.5, 2.5, 4.5)
-    assert mismatched([timed([3.0], end=6.0, beats=beats), timed([0.5])], [0, 1])[0] == pytest.approx(1)

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.metrics.beats import rests
 from ha2g_jax.metrics.beats.rests import EDGE, FPS, UPPER_BODY, beat_consistency, mean_speeds
-from ha2g_jax.metrics.kinematics import l1_diversity
 from ha2g_jax.skeleton import load_skeleton
 
 
@@ -97,24 +96,6 @@ def test_what_stands_still_scores_nothing_and_what_cannot_be_scored_is_undefined
     for frames in (0, 4, 5):
         assert np.isnan(rests.beat_align(still[:frames], np.array([0.3]), np.ones(2), 15))
         np.testing.assert_array_equal(rests.mean_speeds([still[:frames]], 15), 0)
-
-
-def test_inputs_are_not_modified():
-    positions, onsets, speeds = pulsing(15, np.array([2.0])), np.array([2.0, 0.1]), np.ones(1)
-    before = [x.tobytes() for x in (positions, onsets, speeds)]
-    rests.beat_align(positions, onsets, rests.mean_speeds([positions], 15), 15)
-    rests.beat_align(positions, onsets, speeds, 15)
-    assert [x.tobytes() for x in (positions, onsets, speeds)] == before
-
-
-def test_l1div_is_the_sum_over_coordinates_of_the_mean_distance_from_the_mean():
-    joints = np.zeros((4, 55, 3))
-    joints[:, 7, 1] = [0.0, 0.0, 2.0, 2.0]
-    joints[:, 8, 0] = [1.0, -1.0, 1.0, -1.0]
-    before = joints.copy()
-    assert l1_diversity(joints, first_frame=0) == pytest.approx(2.0)
-    np.testing.assert_array_equal(joints, before)
-    assert l1_diversity(np.ones((4, 55, 3)), first_frame=0) == 0
 
 
 def stopping(rests: np.ndarray, frames: int = 600) -> np.ndarray:
