@@ -15,6 +15,7 @@ import jax
 import numpy as np
 import pytest
 import soundfile
+from fixtures.corpora import make_clip, write_corpus
 from fixtures.simulated_study import write_study
 from fixtures.workdirs import write_run
 
@@ -300,9 +301,8 @@ def write_corpora(folder, tiny_talk):
     """Write the corpora that the pages merge; all others are the tiny one, the Talk corpus of the cache included."""
     for name in ("DST", "corpora/video", "corpora/own_all", "talk-v3"):
         (folder / name).symlink_to(tiny_talk)
-    write = functions_of("data/test_regroup.py")
     for name in ("ONE", "TWO"):
-        write["write"](folder / name, {"train": [write["make_clip"](f"clip of {name}", "ada", "hello")]})
+        write_corpus(folder / name, {"train": [make_clip(f"clip of {name}", speaker="ada")]})
 
 
 def write_autoencoder(folder, draw_state):

@@ -263,11 +263,3 @@ def test_each_setting_alone(example):
         assert {name for name in example if not np.array_equal(after[name], before[name])} == expected
     for name, array in before.items():
         np.testing.assert_array_equal(example[name], array)
-
-
-def test_white_noise_is_flat():
-    """A band of the spectrogram holds power per hertz, so white noise has the same in all."""
-    noise = np.random.default_rng(1).normal(size=8 * SAMPLE_RATE).astype(np.float32)
-    power = np.power(10, log_mel(noise) / 10)
-    bands = power.mean(axis=1)
-    np.testing.assert_allclose(bands / bands.mean(), 1, atol=0.35)

@@ -15,7 +15,7 @@ import msgpack
 import numpy as np
 import pytest
 from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
-from fixtures.corpora import write_records
+from fixtures.corpora import make_clip, write_corpus, write_records
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data import corpus
@@ -29,37 +29,21 @@ from ha2g_jax.limits import MAX_CLIP_BYTES
 SKELETON = "ted_gesture"
 
 
-def make_clip(name: str, speaker: str, word: str, seed: int) -> Clip:
-    rng = np.random.default_rng(seed)
-    return Clip(
-        id=name,
-        speaker=speaker,
-        audio=np.zeros(4000, np.float32),
-        words=(Word(word, 0.0, 0.2),),
-        positions=rng.normal(size=(5 + seed, 10, 3)).astype(np.float32),
-        reference_images=None,
-        recording_start=0.0,
-        window_starts=(0,),
-    )
+def clip_of(name: str, speaker: str, word: str, seed: int) -> Clip:
+    """A clip of 5 frames and more, of random positions."""
+    positions = np.random.default_rng(seed).normal(size=(5 + seed, 10, 3)).astype(np.float32)
+    return make_clip(name, speaker=speaker, words=(Word(word, 0.0, 0.2),), positions=positions, window_starts=(0,))
 
 
 CLIPS = {
-    "train": [make_clip("a", "bo", "one", 0), make_clip("b", "al", "two", 1), make_clip("c", "bo", "two", 2)],
-    "test": [make_clip("d", "cy", "three", 3), make_clip("e", "al", "four", 4)],
+    "train": [clip_of("a", "bo", "one", 0), clip_of("b", "al", "two", 1), clip_of("c", "bo", "two", 2)],
+    "test": [clip_of("d", "cy", "three", 3), clip_of("e", "al", "four", 4)],
 }
-
-
-def write(path, clips=CLIPS):
-    with CorpusWriter(path, splits=tuple(clips), skeleton=SKELETON, fps=15, metadata={"name": "tiny"}) as writer:
-        for split, members in clips.items():
-            for clip in members:
-                writer.add(split, encode_clip(clip))
 
 
 @pytest.fixture
 def path(tmp_path):
-    write(tmp_path / "corpus")
-    return tmp_path / "corpus"
+    return write_corpus(tmp_path / "corpus", CLIPS)
 
 
 def test_reads_what_was_written(path):
@@ -96,9 +80,9 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
     (tmp_path / "link").symlink_to("nowhere")
     before = sorted(tmp_path.iterdir())
     with pytest.raises(UserError, match=r"cannot write .*file/corpus"):
-        write(tmp_path / "file" / "corpus")
+        write_corpus(tmp_path / "file" / "corpus", CLIPS)
     with pytest.raises(UserError, match="link exists already"):
-        write(tmp_path / "link")
+        write_corpus(tmp_path / "link", CLIPS)
 
     class FullDisk:
         def __init__(self, *_: str):
@@ -108,17 +92,17 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch):
             pass
 
         def close(self) -> None:
-            raise RuntimeError("write() failed: No space left on device; writing .x/train-00000.array_record")
+            raise RuntimeError("write_corpus() failed: No space left on device; writing .x/train-00000.array_record")
 
     monkeypatch.setattr("ha2g_jax.data.corpus_writer.array_record_module.ArrayRecordWriter", FullDisk)
     with pytest.raises(UserError, match=r"cannot write .*corpus \(.*no space left on device\)") as caught:
-        write(tmp_path / "new" / "corpus")
+        write_corpus(tmp_path / "new" / "corpus", CLIPS)
     assert "\n" not in str(caught.value)
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_same_clips_same_bytes(path, tmp_path):
-    write(tmp_path / "again")
+    write_corpus(tmp_path / "again", CLIPS)
     for file in path.iterdir():
         assert file.read_bytes() == (tmp_path / "again" / file.name).read_bytes()
 
@@ -131,7 +115,7 @@ def test_failure_leaves_nothing(tmp_path):
         writer.add("train", encode_clip(CLIPS["train"][0]))
         raise RuntimeError("stop")
     with pytest.raises(UserError, match="no clip to write"):
-        write(tmp_path / "corpus", {"train": [], "test": []})
+        write_corpus(tmp_path / "corpus", {"train": [], "test": []})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -149,9 +133,9 @@ def test_two_writers_of_one_corpus(tmp_path):
 
 def test_refusals(path, tmp_path):
     with pytest.raises(UserError, match="exists already"):
-        write(path)
+        write_corpus(path, CLIPS)
     with pytest.raises(UserError, match="'a/b' cannot be the name of a split"):
-        write(tmp_path / "other", {"train": CLIPS["train"], "a/b": CLIPS["test"]})
+        write_corpus(tmp_path / "other", {"train": CLIPS["train"], "a/b": CLIPS["test"]})
     with pytest.raises(UserError, match=r"dataset\.json is missing"):
         Corpus.open(tmp_path / "nowhere")
     with pytest.raises(UserError, match="no split 'dev'; it has train, test"):
@@ -160,7 +144,7 @@ def test_refusals(path, tmp_path):
 
 def test_a_split_may_be_empty(tmp_path):
     """An empty training split leaves the published statistics, and no vocabulary."""
-    write(tmp_path / "corpus", {"train": [], "test": CLIPS["test"]})
+    write_corpus(tmp_path / "corpus", {"train": [], "test": CLIPS["test"]})
     corpus = Corpus.open(tmp_path / "corpus")
     assert (len(corpus.clips("train")), len(corpus.clips("test"))) == (0, 2)
     assert corpus.speakers == ("cy", "al")
@@ -170,11 +154,11 @@ def test_a_split_may_be_empty(tmp_path):
 
 def test_statistics_are_of_what_training_sees(tmp_path):
     """Frames outside every window, such as those that a filter refused, do not count."""
-    clip = make_clip("a", "bo", "one", 100)
+    clip = clip_of("a", "bo", "one", 100)
     seen = dataclasses.replace(clip, positions=clip.positions[40:84], window_starts=(0, 10))
     windowed = dataclasses.replace(clip, window_starts=(40, 50))
     for name, made in (("seen", seen), ("windowed", windowed)):
-        write(tmp_path / name, {"train": [made]})
+        write_corpus(tmp_path / name, {"train": [made]})
     first, second = (Corpus.open(tmp_path / name).metadata["statistics"] for name in ("seen", "windowed"))
     assert first == second
 
@@ -247,7 +231,7 @@ def test_vocabulary_is_ordered_by_counts_of_any_size(path):
 
 def test_a_record_with_other_types_is_named(tmp_path):
     record = cast(bytes, msgpack.packb(msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}))
-    write(tmp_path / "corpus")
+    write_corpus(tmp_path / "corpus", CLIPS)
     write_records(tmp_path / "corpus", "train", [record])
     with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has recording of a wrong type"):
         Corpus.open(tmp_path / "corpus").clips("train").fields(0)
@@ -277,7 +261,7 @@ def test_damaged_shard(path):
 def test_a_clip_is_found_in_its_shard(tmp_path, monkeypatch):
     """Messages name the shard and the number in it; a shard that is damaged names itself."""
     monkeypatch.setattr("ha2g_jax.data.corpus_writer._CLIPS_PER_SHARD", 2)
-    write(tmp_path / "corpus")
+    write_corpus(tmp_path / "corpus", CLIPS)
     clips = Corpus.open(tmp_path / "corpus").clips("train")
     assert [clips.place(index).split("/")[-1] for index in range(3)] == [
         "train-00000.array_record",

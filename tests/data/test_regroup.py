@@ -2,59 +2,38 @@
 
 import collections
 import dataclasses
-import json
 import shutil
 
 import numpy as np
 import pytest
+from fixtures.corpora import edit, make_clip, write_corpus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ha2g_jax.data import regroup, validation
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.records import Clip, encode_clip
+from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 
-def make_clip(name: str, speaker: str, word: str, skeleton: str = "ted_gesture") -> Clip:
-    bones = load_skeleton(skeleton)
-    rng = np.random.default_rng(len(name) + len(word))
-    return Clip(
-        id=name,
-        speaker=speaker,
-        audio=(rng.normal(size=48000) / 10).astype(np.float32),
-        words=(Word(word, 0.1, 0.4),),
-        positions=np.tile(directions_to_positions(bones, bones.mean_directions), (45, 1, 1)),
-        reference_images=rng.integers(0, 255, (1, 32, 32, 3), np.uint8),
-        recording_start=0.0,
-        window_starts=(0, 10),
-        recording=f"{name}-file",
-    )
-
-
-def write(path, splits: dict[str, list[Clip]], *, skeleton: str = "ted_gesture", fps: float = 15, metadata=None):
-    with CorpusWriter(path, splits=list(splits), skeleton=skeleton, fps=fps, metadata=metadata or {}) as writer:
-        for split, clips in splits.items():
-            for clip in clips:
-                writer.add(split, encode_clip(clip))
-    return path
+def saying(name: str, speaker: str, word: str, skeleton: str = "ted_gesture") -> Clip:
+    return make_clip(name, skeleton=skeleton, speaker=speaker, words=(Word(word, 0.1, 0.4),), recording=f"{name}-file")
 
 
 @pytest.fixture
 def corpora(tmp_path):
     """Two corpora with the same name of a clip, of its recording and of a speaker."""
-    one = {"train": [make_clip("a", "bo", "hello"), make_clip("b", "al", "you")], "val": []}
-    two = {"train": [make_clip("a", "bo", "goodbye")], "test": [make_clip("c", "cy", "now")]}
+    one = {"train": [saying("a", "bo", "hello"), saying("b", "al", "you")], "val": []}
+    two = {"train": [saying("a", "bo", "goodbye")], "test": [saying("c", "cy", "now")]}
     counts = {"videos": 1, "clips": 2, "windows": 5, "kept": 3, "filtered": {"motion": 2}}
     more = {"videos": 2, "clips": 2, "windows": 2, "kept": 1, "filtered": {"pose": 1}, "rejected": {"too short": 1}}
     first = {"source": "first", "licence": "free", "settings": 3, "import": {"train": counts}}
     second = {"source": "second", "licence": "free", "import": {"train": more, "test": counts}}
     return (
-        write(tmp_path / "one", one, metadata=first),
-        write(tmp_path / "two", two, metadata=second),
+        write_corpus(tmp_path / "one", one, metadata=first),
+        write_corpus(tmp_path / "two", two, metadata=second),
     )
 
 
@@ -107,8 +86,8 @@ def test_description(corpora, tmp_path):
 
 def test_licences_are_stated_one_by_one(corpora, tmp_path):
     """A licence that nobody has stated stays not stated; the other corpus' licence does not cover it."""
-    clip = make_clip("x", "di", "so")
-    private = write(tmp_path / "private", {"train": [clip]}, metadata={"licence": "", "source": "a studio"})
+    clip = saying("x", "di", "so")
+    private = write_corpus(tmp_path / "private", {"train": [clip]}, metadata={"licence": "", "source": "a studio"})
     regroup.merge([corpora[0], private], tmp_path / "all")
     metadata = Corpus.open(tmp_path / "all").metadata
     assert metadata["licence"] == "one: free | private: not stated"
@@ -136,11 +115,11 @@ def test_folders_of_one_name(corpora, tmp_path):
 
 
 def test_what_does_not_fit_is_refused(corpora, tmp_path):
-    expressive = write(
-        tmp_path / "expressive", {"train": [make_clip("x", "di", "so", "ted_expressive")]}, skeleton="ted_expressive"
+    expressive = write_corpus(
+        tmp_path / "expressive", {"train": [saying("x", "di", "so", "ted_expressive")]}, skeleton="ted_expressive"
     )
-    slow = write(tmp_path / "slow", {"train": [make_clip("x", "di", "so")]}, fps=25)
-    clash = write(tmp_path / "clash", {"train": [make_clip("two-a", "di", "so")]})
+    slow = write_corpus(tmp_path / "slow", {"train": [saying("x", "di", "so")]}, fps=25)
+    clash = write_corpus(tmp_path / "clash", {"train": [saying("two-a", "di", "so")]})
     cases = {
         r"one has skeleton ted_gesture \(10 joints\), .*expressive ted_expressive \(43\); merge corpora of one": [
             corpora[0],
@@ -161,8 +140,7 @@ def test_what_does_not_fit_is_refused(corpora, tmp_path):
 
 
 def test_a_damaged_import_report(corpora, tmp_path):
-    dataset = json.loads((corpora[0] / "dataset.json").read_text())
-    (corpora[0] / "dataset.json").write_text(json.dumps({**dataset, "import": {"train": {"kilos": 3}}}))
+    edit(corpora[0], lambda data: data.update({"import": {"train": {"kilos": 3}}}))
     with pytest.raises(UserError, match="damaged import report"):
         regroup.merge(corpora, tmp_path / "all")
 
@@ -172,13 +150,11 @@ SKELETON = load_skeleton("ted_gesture")
 
 def make_recorded(number: int, frames: int) -> Clip:
     """Two clips per recording, four recordings per speaker."""
-    return Clip(
-        id=f"clip-{number}",
+    return make_clip(
+        f"clip-{number}",
         speaker=f"speaker-{number // 8}",
         audio=np.zeros(frames * 16000 // 15, np.float32),
-        words=(),
         positions=np.tile(directions_to_positions(SKELETON, SKELETON.mean_directions), (frames, 1, 1)),
-        reference_images=None,
         recording_start=(number % 2) * 100.0,
         window_starts=(0,),
         recording=f"recording-{number // 2}",
@@ -192,11 +168,8 @@ def original(tmp_path_factory):
     lengths = np.random.default_rng(0).integers(45, 90, 40)
     report = {"train": {"videos": 20, "clips": 40, "windows": 40, "kept": 40, "filtered": {}}}
     metadata = {"name": "original", "import": report}
-    with CorpusWriter(path, splits=("train", "dev"), skeleton=SKELETON.name, fps=15, metadata=metadata) as writer:
-        for split in (0, 1):
-            for number in range(split, 40, 2):
-                writer.add(("train", "dev")[split], encode_clip(make_recorded(number, int(lengths[number]))))
-    return path
+    clips = [make_recorded(number, int(length)) for number, length in enumerate(lengths)]
+    return write_corpus(path, {"train": clips[::2], "dev": clips[1::2]}, metadata=metadata)
 
 
 def owners(corpus: Corpus, field: str) -> dict[str, set[str]]:

@@ -226,11 +226,6 @@ def test_two_threads_that_decode_one_clip_get_one_track(corpus):
     assert cache[0] is cache.peek(0) is cache[0]
 
 
-def test_names_of_windows(corpus):
-    windows = _val(corpus)
-    assert [windows.name(index) for index in (0, 3, 4)] == ["b@0", "b@26", "c@0"]
-
-
 def _with_nan() -> np.ndarray:
     positions = _positions()
     positions[7, 3, 1] = np.nan
