@@ -59,16 +59,12 @@ def test_positions_keep_their_precision(clip):
     np.testing.assert_array_equal(decode_clip(encode_clip(precise)).positions, precise.positions)
 
 
-@pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
-def test_truncated(clip, keep):
-    record = encode_clip(clip)
-    end = int(len(record) * keep) if isinstance(keep, float) else keep
-    with pytest.raises(UserError, match="damaged"):
-        decode_clip(record[:end])
-
-
 def test_foreign_content(clip):
-    """Well-formed msgpack of other content, and damage inside the audio, the frames or the positions."""
+    """Part of a record, well-formed msgpack of other content, and damage inside the audio, frames or positions."""
+    record = encode_clip(clip)
+    for end in (0, 1, 100, len(record) // 2, -1):
+        with pytest.raises(UserError, match=r"^record 3 of x is damaged"):
+            decode_clip(record[:end], "record 3 of x")
     fields = msgpack.unpackb(encode_clip(clip))
     positions = fields["positions"]
     for change in (
@@ -86,12 +82,3 @@ def test_foreign_content(clip):
     for other in ([], 3, {"a": 1}):
         with pytest.raises(UserError, match="damaged"):
             decode_clip(msgpack.dumps(other) or b"")
-
-
-def test_a_message_names_the_record(clip):
-    record = encode_clip(clip)
-    with pytest.raises(UserError, match=r"^record 3 of x is damaged"):
-        decode_clip(record[:-1], "record 3 of x")
-    at = record.index(b"fLaC")
-    with pytest.raises(UserError, match=r"^clip a-0, record 3 of x, is damaged"):
-        decode_clip(record[:at] + b"nope" + record[at + 4 :], "record 3 of x")
