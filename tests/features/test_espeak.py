@@ -103,9 +103,3 @@ def test_missing_library(monkeypatch, tmp_path):
     monkeypatch.setattr("espeakng_loader.get_library_path", lambda: str(tmp_path / "none.so"))
     with pytest.raises(UserError, match="espeak-ng cannot be loaded"):
         speech.say("hello", MAN)
-
-
-def test_missing_voices(monkeypatch, tmp_path):
-    monkeypatch.setattr("espeakng_loader.get_data_path", lambda: str(tmp_path))
-    with pytest.raises(UserError, match="cannot read its voices"):
-        speech.say("hello", MAN)

@@ -64,21 +64,6 @@ def test_mel_is_librosas_with_reflected_borders():
     np.testing.assert_allclose(mel, expected, atol=1e-3)
 
 
-def test_mel_of_a_tone_peaks_in_the_band_of_its_pitch():
-    mel = log_mel(tone(1, hertz=1000))
-    centres = librosa.mel_frequencies(130, fmin=0, fmax=8000)[1:-1]
-    assert abs(centres[np.argmax(mel[:, 15])] - 1000) < 40
-    assert mel.max() == 0
-    assert mel.min() == -80
-
-
-@pytest.mark.parametrize("num_samples", [1, 2, 511, 512, 513, 1024])
-def test_mel_of_a_very_short_clip(num_samples):
-    mel = log_mel(noise(num_samples))
-    assert mel.shape == (128, 1 + num_samples // 512)
-    assert np.isfinite(mel).all()
-
-
 def test_silence_is_the_floor_and_a_quiet_clip_is_as_loud_as_a_loud_one():
     assert (log_mel(np.zeros(16000, np.float32)) == -80).all()
     np.testing.assert_allclose(log_mel(1e-4 * noise(16000)), log_mel(noise(16000)), atol=1e-2)
@@ -99,23 +84,6 @@ def test_windows_are_whole_and_silent_past_the_end():
     np.testing.assert_array_equal(window[:, :38], mel[:, 62:])
     assert (window[:, 38:] == -80).all()
     assert (mel_window(mel, 900, 34, 15) == -80).all()
-
-
-def test_a_window_of_a_long_clip_is_that_of_the_same_sound_alone():
-    samples = noise(16000 * 12)
-    start = 120 * 16000 // 15  # on a column
-    window = mel_window(log_mel(samples, reference=1), 120, 34, 15)
-    alone = log_mel(samples[start : start + 36267], reference=1)
-    np.testing.assert_allclose(window[:, 1:69], alone[:, 1:69], atol=1e-3)  # the outer columns reach further
-
-
-def test_clicks_lie_in_their_windows():
-    samples = np.zeros(16000 * 60, np.float32)
-    clicks = np.arange(1, 60, 2)  # one in each stride of two seconds, a second after its start
-    samples[clicks * 16000] = 1
-    mel = log_mel(samples)
-    loudest = [np.argmax(mel_window(mel, 30 * window, 34, 15).sum(axis=0)) for window in range(29)]
-    assert set(loudest) <= {31, 32}  # a second is 31.25 columns
 
 
 def speech_like(seconds: float, seed: int = 0) -> np.ndarray:

@@ -7,6 +7,7 @@ import runpy
 
 import numpy as np
 import pytest
+from fixtures.transcripts import LONG_GRID, TEXTS, TREES, check_words
 from fuzz.conftest import within_limits
 from fuzz.mutation import FUZZ, damaged_bytes, damaged_text, damaged_tree
 from hypothesis import given
@@ -21,72 +22,22 @@ from ha2g_jax.motion import control
 from ha2g_jax.motion.control import Controls, apply
 from ha2g_jax.skeleton import load_skeleton
 
-GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
 
-xmin = 0
-xmax = 1
-tiers? <exists>
-size = 1
-item []:
-    item [1]:
-        class = "IntervalTier"
-        name = "words"
-        xmin = 0
-        xmax = 1
-        intervals: size = 2
-        intervals [1]:
-            xmin = 0
-            xmax = 0.5
-            text = "old"
-        intervals [2]:
-            xmin = 0.5
-            xmax = 1
-            text = "ladies"
-"""
-SHORT_GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
-
-0
-1
-<exists>
-1
-"IntervalTier"
-"words"
-0
-1
-1
-0
-1
-"old"
-"""
-SRT = "1\n00:00:00,500 --> 00:00:00,900\nOld <b>ladies</b>\n\n2\n00:00:01,000 --> 00:00:02,000\nit's (laughs) 80\n"
-VTT = (
-    "WEBVTT\n\nNOTE a\n\n00:00.500 --> 00:00.900 align:start\nold<00:00:00.700> ladies\n\n"
-    "00:01.000 --> 00:02.000\n{x} [y] 80\n"
-)
-TSV = "start\tend\tword\n0.5\t0.9\tOld\n0.9\t1.5\tladies\n"
-TEXTS = {"a.TextGrid": GRID, "b.TextGrid": SHORT_GRID, "a.srt": SRT, "a.vtt": VTT, "a.tsv": TSV}
-TEXTS["a.csv"] = TSV.replace("\t", ",")
-GENTLE = {"words": [{"case": "success", "word": "Old", "start": 0.5, "end": 0.9}, {"case": "not-found-in-audio"}]}
-GENTLE["words"][1]["word"] = "dear"
-WHISPER = {"segments": [{"start": 0.0, "end": 2.0, "text": " Old (x) 80", "words": []}, {"start": 2, "end": 3.5}]}
-WHISPER["segments"][1] |= {"text": "a b", "words": [{"word": "a", "start": 2, "end": 2.5}, {"word": "b"}]}
+def read(path: pathlib.Path) -> None:
+    check_words(read_words(path))
 
 
 @FUZZ
-@given(data=st.data())
-def test_transcripts(data, answered):
-    name = data.draw(st.sampled_from(list(TEXTS)))
-    content = data.draw(st.one_of(damaged_text(TEXTS[name]), damaged_bytes(TEXTS[name].encode())))
-    answered(read_words, content, name)
+@given(data=st.data(), name=st.sampled_from(sorted(TEXTS)))
+def test_transcripts(data, name, answered):
+    content = st.one_of(damaged_text(TEXTS[name]), damaged_bytes(TEXTS[name].encode()), st.binary(max_size=300))
+    answered(read, data.draw(content), name)
 
 
 @FUZZ
-@given(data=st.data())
-def test_transcripts_in_json(data, answered):
-    tree = data.draw(damaged_tree(data.draw(st.sampled_from([GENTLE, WHISPER]))))
-    answered(read_words, json.dumps(tree).encode(), "a.json")
+@given(data=st.data(), name=st.sampled_from(sorted(TREES)))
+def test_transcripts_in_json(data, name, answered):
+    answered(read, json.dumps(data.draw(damaged_tree(TREES[name]))).encode(), name)
 
 
 CUE = "00:00:01,000 --> 00:00:02,000\n"
@@ -95,7 +46,7 @@ LARGE = {
     "lines.srt": ("1\n" + CUE + "a\n" * 4_000_000, "more than 1000000 lines"),
     "gaps.srt": ("1\n" + CUE + "a\n\n" * 1_000, "a subtitle of"),
     "letters.srt": ("1\n" + CUE + "a" * (4 << 20), "expected at most 3145728"),
-    "blanks.TextGrid": (GRID.replace("item []", "\n" * 900_000 + "item []"), "TextGrid"),
+    "blanks.TextGrid": (LONG_GRID.replace("item []", "\n" * 900_000 + "item []"), "TextGrid"),
     "words.tsv": ("start\tend\tword\n" + "0\t1\ta\n" * 110_000, "more than 100000 words"),
     "deep.json": ('{"words":' + "[" * 90 + "]" * 90 + "}", "nested too deep"),
 }

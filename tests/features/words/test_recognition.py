@@ -67,12 +67,6 @@ def test_nobody_speaks(whisper):
     assert recognition.recognise(SILENCE) == ()
 
 
-def test_missing_library(monkeypatch):
-    monkeypatch.setitem(sys.modules, "faster_whisper", None)
-    with pytest.raises(UserError, match=r"needs faster-whisper: pip install 'ha2g-jax\[import\]'"):
-        recognition.recognise(SILENCE)
-
-
 def test_models_that_cannot_be_loaded(tmp_path, whisper, monkeypatch):
     """One line that tells where it looked and how to name a folder."""
     with pytest.raises(UserError, match=r"has no Whisper model in CTranslate2's format \(model.bin, tokenizer.json"):

@@ -1,188 +1,16 @@
 """The transcript of a recording is found by rules; every format gives the same words, a hostile file one line."""
 
-import itertools
 import json
-import os
 import resource
 import subprocess
 import sys
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from fixtures.transcripts import FILES, GENTLE, LONG_GRID, SHORT_GRID, WHISPER, WORDS, check_words
 
 from ha2g_jax import limits
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import words as transcripts
-
-# As to_words must give them, whatever the format.
-WORDS = [("old", 0.5, 0.9), ("ladies", 0.9, 1.5), ("it's", 2.0, 2.25), ("80", 2.25, 2.5)]
-
-LONG_GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
-
-xmin = 0
-xmax = 3
-tiers? <exists>
-size = 2
-item []:
-    item [1]:
-        class = "IntervalTier"
-        name = "phones"
-        xmin = 0
-        xmax = 3
-        intervals: size = 1
-        intervals [1]:
-            xmin = 0
-            xmax = 3
-            text = "AH"
-    item [2]:
-        class = "IntervalTier"
-        name = "S1 - words"
-        xmin = 0
-        xmax = 3
-        intervals: size = 6
-        intervals [1]:
-            xmin = 0
-            xmax = 0.5
-            text = ""
-        intervals [2]:
-            xmin = 0.5
-            xmax = 0.9
-            text = "Old"
-        intervals [3]:
-            xmin = 0.9
-            xmax = 1.5
-            text = "ladies,"
-        intervals [4]:
-            xmin = 1.5
-            xmax = 2.0
-            text = "<sil>"
-        intervals [5]:
-            xmin = 2.0
-            xmax = 2.25
-            text = "it’s"
-        intervals [6]:
-            xmin = 2.25
-            xmax = 2.5
-            text = "80"
-"""
-SHORT_GRID = """File type = "ooTextFile"
-Object class = "TextGrid"
-
-0
-3
-<exists>
-1
-"IntervalTier"
-"ORT"
-0
-3
-6
-0
-0.5
-""
-0.5
-0.9
-"Old"
-0.9
-1.5
-"ladies,"
-1.5
-2
-"sp"
-2
-2.25
-"it's"
-2.25
-2.5
-"80"
-"""
-GENTLE = {
-    "transcript": "Old ladies, uh it's 80",
-    "words": [
-        {"case": "success", "alignedWord": "old", "word": "Old", "start": 0.5, "end": 0.9},
-        {"case": "success", "alignedWord": "ladies", "word": "ladies", "start": 0.9, "end": 1.5},
-        {"case": "success", "alignedWord": "it's", "word": "it's", "start": 2.0, "end": 2.25},
-        {"case": "success", "alignedWord": "<unk>", "word": "80", "start": 2.25, "end": 2.5},
-    ],
-}
-TIMED = [{"word": f" {text}", "start": start, "end": end, "probability": 0.9} for text, start, end in WORDS]
-WHISPER = {"text": "...", "language": "en", "segments": [{"start": 0.5, "end": 2.5, "text": "...", "words": TIMED}]}
-WHISPERX = {
-    "segments": [
-        {"start": 0.5, "end": 1.5, "text": "Old ladies,", "words": TIMED[:2]},
-        {"start": 2.0, "end": 2.5, "text": "it's 80", "words": [TIMED[2], {"word": "80"}]},
-    ],
-    "word_segments": TIMED,
-}
-OPENAI = {"segments": [{"start": 0.5, "end": 2.5, "text": "Old ladies, it's 80"}], "words": TIMED}
-SRT = """1
-00:00:00,500 --> 00:00:00,900
-<i>Old</i>
-
-2
-00:00:00,900 --> 00:00:01,500
-MARY: ladies, (laughs)
-
-3
-00:00:02,000 --> 00:00:02,250
-{\\an8}- it's
-
-4
-00:00:02,250 --> 00:00:02,500
-80 [music]
-"""
-VTT = """WEBVTT - a talk
-
-NOTE nothing
-
-00:00.500 --> 00:00.900 align:start
-<v Mary>Old</v>
-
-two
-00:00:00.900 --> 00:00:01.500
-<c.yellow>ladies</c>, &lrm;
-
-00:00:02.000 --> 00:00:02.250
-it&#39;s
-
-00:00:02.250 --> 00:00:02.500
-80
-"""
-TSV = "word\tend\tstart\nOld\t0.9\t0.5\nladies,\t1.5\t0.9\nit's\t2.25\t2.0\n80\t2.5\t2.25\n"
-CSV = 'start,end,text\n0.5,0.9,Old\n0.9,1.5,"ladies,"\n2.0,2.25,it\'s\n2.25,2.5,80\n'
-WHISPER_TSV = "start\tend\ttext\n500\t900\tOld\n900\t1500\tladies,\n2000\t2250\tit's\n2250\t2500\t80\n"
-NO_HEADER = "0.5\t0.9\tOld\n0.9\t1.5\tladies,\n2.0\t2.25\tit's\n2.25\t2.5\t80\n"
-
-FILES = {
-    "long.TextGrid": LONG_GRID.encode(),
-    "long16.TextGrid": LONG_GRID.encode("utf-16"),
-    "dos.TextGrid": LONG_GRID.replace("\n", "\r\n").encode("utf-8-sig"),
-    "short.TextGrid": SHORT_GRID.encode(),
-    "gentle.json": json.dumps(GENTLE).encode(),
-    "whisper.json": json.dumps(WHISPER).encode(),
-    "whisperx.json": json.dumps(WHISPERX).encode(),
-    "words_only.json": json.dumps({"word_segments": TIMED}).encode(),
-    "openai.json": json.dumps(OPENAI).encode(),
-    "a.srt": SRT.encode(),
-    "dos.srt": SRT.replace("\n", "\r\n").encode("utf-8-sig"),
-    "a.vtt": VTT.encode(),
-    "misnamed.srt": VTT.encode(),
-    "a.tsv": TSV.encode(),
-    "a.csv": CSV.encode(),
-    "whisper.tsv": WHISPER_TSV.encode(),
-    "bare.tsv": NO_HEADER.encode(),
-}
-
-
-def check(words):
-    """What every reader promises of its words."""
-    assert words
-    for word in words:
-        assert word.text == word.text.lower() and word.text.strip() == word.text != ""
-        assert 0 <= word.start < word.end < 1e6
-    assert all(before.end <= after.start + 1e-9 for before, after in itertools.pairwise(words))
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -190,7 +18,7 @@ def test_every_format_gives_the_same_words(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(FILES[name])
     words = transcripts.read_words(path)
-    check(words)
+    check_words(words)
     assert [word.text for word in words] == [text for text, _, _ in WORDS]
     times = [time for word in words for time in (word.start, word.end)]
     assert times == pytest.approx([time for _, *pair in WORDS for time in pair], abs=1e-6)
@@ -201,7 +29,7 @@ def test_genuine_textgrids(private_data, folder):
     """The same words within a millisecond as in the tables that come with them."""
     [grid] = (private_data / folder).glob("*.TextGrid")
     words, reference = transcripts.read_words(grid), transcripts.read_words(private_data / folder / "words.tsv")
-    check(words)
+    check_words(words)
     assert len(words) > 100
     assert [word.text for word in words] == [word.text for word in reference]
     for word, true in zip(words, reference, strict=True):
@@ -292,12 +120,6 @@ def test_hostile_files(tmp_path, name):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
-def test_a_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "talk.tsv")
-    with pytest.raises(UserError, match=r"talk\.tsv is not a file"):
-        transcripts.read_words(tmp_path / "talk.tsv")
-
-
 def test_a_gigabyte_is_not_read(tmp_path):
     path = tmp_path / "a.srt"
     with path.open("wb") as file:
@@ -308,40 +130,6 @@ def test_a_gigabyte_is_not_read(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 10 * limits.MAX_TRANSCRIPT_BYTES / 1024
     with pytest.raises(UserError, match="no file at"):
         transcripts.read_words(tmp_path / "missing.srt")
-
-
-@pytest.mark.parametrize(
-    "name", ["long.TextGrid", "short.TextGrid", "gentle.json", "whisperx.json", "a.srt", "a.vtt", "a.tsv"]
-)
-def test_fuzz(tmp_path_factory, name):
-    """Bytes at random, and genuine files with bytes changed, cut or doubled: words as promised, or a UserError."""
-    path = tmp_path_factory.mktemp("fuzz") / name
-    genuine = FILES[name]
-    outcomes = {"words": 0, "refused": 0}
-
-    @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-    @given(
-        st.one_of(
-            st.binary(max_size=300),
-            st.tuples(st.integers(0, len(genuine)), st.integers(0, 9), st.binary(max_size=6)).map(
-                lambda change: genuine[: change[0]] + change[2] + genuine[change[0] + change[1] :]
-            ),
-            st.integers(1, len(genuine)).map(lambda size: genuine[:size]),
-        )
-    )
-    def read(data):
-        path.write_bytes(data)
-        try:
-            words = transcripts.read_words(path)
-        except UserError as error:
-            assert str(path) in str(error) and "\n" not in str(error)
-            outcomes["refused"] += 1
-        else:
-            check(words)
-            outcomes["words"] += 1
-
-    read()
-    assert min(outcomes.values()) > 0, outcomes
 
 
 @pytest.mark.parametrize("text", [",,,\n,,,\n", ",,\n"])
@@ -372,10 +160,6 @@ def test_the_transcript_of_a_recording_is_found_by_rules(tmp_path, names, found)
     (tmp_path / "a.dir.tsv").mkdir()
     expected = found and tmp_path / found
     assert transcripts.find(tmp_path / "a.b.bvh") == expected
-
-
-def test_no_transcript_in_a_folder_that_is_missing(tmp_path):
-    assert transcripts.find(tmp_path / "missing" / "a.wav") is None
 
 
 def test_the_transcripts_of_genuine_recordings_are_found(private_data):
