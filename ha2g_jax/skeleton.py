@@ -170,7 +170,6 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
     """Compute forward kinematics with the mean bone lengths and the root at the origin.
 
     Args:
-        skeleton: skeleton of the directions.
         directions: (..., bones, 3) direction vectors of any positive length; they are normalised (decision D1).
 
     Returns:
@@ -185,7 +184,6 @@ def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
     """Compute direction vectors from joint positions.
 
     Args:
-        skeleton: skeleton of the positions.
         positions: (..., joints, 3) positions.
 
     Returns:
@@ -199,7 +197,6 @@ def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
     """Compute the angles between the pairs of bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
 
     Args:
-        skeleton: skeleton of the directions.
         directions: (..., bones, 3) direction vectors (not residuals from the mean) of any positive length.
 
     Returns:
@@ -226,7 +223,6 @@ def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
     """Mirror poses: exchange left and right bones and negate x.
 
     Args:
-        skeleton: skeleton of the directions.
         directions: (..., bones, 3) direction vectors.
 
     Returns:

@@ -62,8 +62,6 @@ class Checkpoints:
         This waits for the previous checkpoint to be written, and returns as soon as `state` may be donated.
 
         Args:
-            step: number of steps taken.
-            state: training state.
             record: plain values to store with it.
 
         Raises:

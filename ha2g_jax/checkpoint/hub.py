@@ -87,11 +87,8 @@ def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool = Fa
     """Publish a model folder as one commit; the repository is made if there is none.
 
     Args:
-        folder: model folder.
         card: text of the model card, README.md.
         name: OWNER/NAME or OWNER/NAME@BRANCH.
-        is_private: whether a new repository is private.
-        message: message of the commit.
 
     Returns:
         The name of the published model with its commit, hf://OWNER/NAME@COMMIT.

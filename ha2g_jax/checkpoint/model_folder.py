@@ -50,8 +50,6 @@ def save(
     Args:
         folder: folder to write, which does not exist or is empty.
         config: settings of the model; losses and settings of training are left out.
-        assets: assets of the model.
-        variables: {"params", "batch_stats"} of the generator.
         is_exact: whether weights are float32 whatever their size.
 
     Raises:

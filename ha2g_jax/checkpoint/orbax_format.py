@@ -30,7 +30,6 @@ def read_state(path: pathlib.Path, like: TrainState) -> TrainState:
     """Read the training state.
 
     Args:
-        path: folder of the checkpoint.
         like: tree of arrays, or of shapes with types and shardings, that the state is to have.
 
     Raises:
@@ -48,7 +47,6 @@ def read_variables(path: pathlib.Path, shapes: Any) -> dict[str, Any]:
     """Read the variables of the generator without the rest of the state.
 
     Args:
-        path: folder of the checkpoint.
         shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
 
     Returns:

@@ -52,11 +52,9 @@ def publish(
     """Publish a model as one commit on the Hub.
 
     Args:
-        source: model, see `loading.load`.
         name: OWNER/NAME.
         licence: licence of the model, as the Hub names it, such as apache-2.0.
         scores: Markdown file of `ha2g evaluate --markdown`, which the card has; None for a card without scores.
-        is_private: whether a new repository is private.
 
     Returns:
         The name to load it by, hf://OWNER/NAME@COMMIT.
@@ -80,9 +78,7 @@ def write_card(model: LoadedModel, repository: str, licence: str, hashes: dict[s
     """Return the text of a model card: what the Hub reads, how to use the model, what it is, its scores and hashes.
 
     Args:
-        model: model.
         repository: OWNER/NAME.
-        licence: licence of the model.
         hashes: name of each file -> SHA-256 in hexadecimal digits.
         scores: Markdown with scores, "" for none.
     """

@@ -24,7 +24,6 @@ class TrainState(flax.struct.PyTreeNode):
 
     Attributes:
         step: () int32 number of steps taken.
-        generator: network that generates poses.
         discriminator: network of the adversarial loss; None for a method without one.
         average: running mean over the steps of {"params", "batch_stats"} of the generator; None for an objective
             without an average.

@@ -29,8 +29,6 @@ def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = Fal
     Float32 arrays are written from where they are, without a copy in memory.
 
     Args:
-        path: path of the file.
-        variables: {"params", "batch_stats"} of the generator.
         is_exact: whether to store float32 whatever the size.
 
     Raises:
@@ -131,8 +129,6 @@ def in_vocabulary(table: np.ndarray, before: Vocabulary, after: Vocabulary) -> n
 
     Args:
         table: (len(before) + n, D) vectors of the words of `before`, and of n marks at the end.
-        before: vocabulary of the table.
-        after: vocabulary of the result.
 
     Returns:
         (len(after) + n, D) vectors; a word that `before` lacks has the vector of unknown words.

@@ -77,9 +77,6 @@ class WhisperWeights(NamedTuple):
 def load(folder: str | pathlib.Path) -> WhisperWeights:
     """Read the encoder of a Whisper model, with weights in float16, bfloat16 or float32.
 
-    Args:
-        folder: folder with config.json and the weights.
-
     Raises:
         UserError: a file or a tensor is missing or damaged, or is not that of a Whisper model.
     """
@@ -109,9 +106,6 @@ def load(folder: str | pathlib.Path) -> WhisperWeights:
 
 def read_sizes(folder: str | pathlib.Path) -> WhisperSizes:
     """Read the sizes of the encoder, without the weights.
-
-    Args:
-        folder: folder with config.json.
 
     Raises:
         UserError: there is no config.json, or it is not that of a Whisper model.

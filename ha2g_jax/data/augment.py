@@ -74,13 +74,8 @@ def augment(
 
     Args:
         example: example without a batch axis, see `Windows`; it is not changed.
-        augmentation: sizes and probabilities of the changes.
-        skeleton: skeleton of the directions.
         num_speakers: number of speakers of the training split.
-        rng: generator of the random draws.
         clip_power: mean power of the sound of the clip, see `sound_power`.
-        start_frame: first frame of the window in its clip, from 0.
-        fps: frames per second.
     """
     if augmentation.mirror and rng.random() < augmentation.mirror:
         example = mirror_example(example, skeleton, num_speakers)
@@ -185,9 +180,7 @@ def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) 
 
     Args:
         example: example with "mel" and, if the model reads words in training, "words".
-        start_frame: first frame of the window in its clip, from 0.
         heard: number of frames whose speech is not hidden.
-        fps: frames per second.
     """
     hidden = {"mel": hide_unheard(example["mel"], start_frame, heard, fps)}
     if "words" in example:

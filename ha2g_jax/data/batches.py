@@ -49,13 +49,9 @@ def batches(
     Close the iterator after use (`close()`), which ends its workers.
 
     Args:
-        windows: windows of the training split.
         batch_size: number B of windows in a batch, of all hosts together.
-        seed: seed of the order and of the random changes of the windows.
-        augmentation: random changes of the windows.
         first: number of the first batch, from 0.
         host: index of this host, which gets rows [host x B / num_hosts, (host + 1) x B / num_hosts) of each batch.
-        num_hosts: number of hosts among which batches are divided.
         workers: number of processes that read and decode, 0 for threads of this process; `windows.cache_bytes` is
             divided among them.
 
@@ -98,12 +94,6 @@ def batches(
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:
     """Return the name of the window in each row of a batch, for reports; jitter may start a window later.
-
-    Args:
-        windows: windows of the training split.
-        batch_size: number of windows in a batch.
-        seed: seed of the order.
-        number: number of the batch, from 0.
 
     Returns:
         `Windows.name` of each row.

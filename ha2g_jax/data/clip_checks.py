@@ -31,7 +31,6 @@ def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator
 
     Args:
         fields: fields that `records.unpack` returns, without a `problem`.
-        seconds: length of the motion in seconds.
         fps: frames per second of the motion, whose length is that of the audio up to half a frame.
     """
     yield from _check_words(fields, seconds, max(_WORD_SLACK, 0.5 / fps))

@@ -33,11 +33,6 @@ class Clips(Sequence[Clip]):
 
     Args:
         shards: files of the split, in order.
-        skeleton: skeleton of the corpus.
-        fps: frames per second of the corpus.
-
-    Attributes:
-        fps: frames per second of the corpus.
 
     Raises:
         UserError: a shard cannot be read.
@@ -120,12 +115,7 @@ def _unreadable(what: str, error: Exception) -> UserError:
 
 @dataclasses.dataclass(frozen=True)
 class Corpus:
-    """A corpus that `CorpusWriter` wrote.
-
-    Attributes:
-        path: folder of the corpus.
-        metadata: contents of `dataset.json`.
-    """
+    """A corpus that `CorpusWriter` wrote."""
 
     path: pathlib.Path
     metadata: dict[str, Any]

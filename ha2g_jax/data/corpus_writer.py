@@ -31,7 +31,6 @@ class MotionStatistics:
     units of pi (HA2G, Eq. 8).
 
     Args:
-        skeleton: skeleton of the positions.
         fps: frames per second; changes of angles are scaled to those between frames at 15 fps.
     """
 
@@ -88,7 +87,6 @@ class CorpusWriter:
         path: folder to make; must not exist.
         splits: names of the splits; statistics and vocabulary are those of "train". Some may stay empty, not all.
         skeleton: name of the skeleton of the clips.
-        fps: frames per second of the positions.
         metadata: name, source, licence and any other description of the corpus; stored as given.
 
     Attributes:

@@ -168,7 +168,6 @@ def choose_windows(
             transcript switch it off.
         skeleton: gives the joints and, for the distance from it, the mean pose.
         start_time: time of the first frame in the clock of the words, in seconds.
-        fps: frames per second of `positions`.
         filters: the filters, and the length and stride of windows at 15 fps; at other rates they take as much time.
 
     Returns:
@@ -241,7 +240,6 @@ class Recording(NamedTuple):
 
     Attributes:
         name: name of the recording, unique in its corpus; the shots of a video have the same name.
-        speaker: name of the speaker.
         audio: (S,) float32, mono, 16 kHz.
         words: words in order of time, in seconds from the start of the audio.
         positions: (T, joints, 3) in metres, in the axes of the skeleton, at the corpus' frame rate.
@@ -287,8 +285,6 @@ def to_clips(
     Args:
         recording: recording, used up to the end of the shorter of its motion and its audio.
         skeleton, fps: those of the positions.
-        filters: conditions that a window must fulfil.
-        max_seconds: maximum length of a clip.
         first: number of the first clip, for a recording of several shots; clips are named NAME-NUMBER.
 
     Returns:

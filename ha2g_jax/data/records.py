@@ -82,7 +82,6 @@ class Clip:
 
     Attributes:
         id: name of the clip, unique within the corpus.
-        speaker: name of the speaker.
         audio: (samples,) float32 in [-1, 1], mono, 16 kHz.
         words: words in order of time, in seconds from the start of the clip.
         positions: (T, joints, 3) in metres, y down; float32, or float64 where rounding would change short bones.
@@ -171,8 +170,6 @@ def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndar
     """Decode the audio of a clip that `unpack` has unpacked to (samples,) float32 at 16 kHz.
 
     Args:
-        fields: fields of the clip.
-        name: name of the record in an error message.
         fps: frames per second of the motion, which limits the length; the lowest rate by default.
 
     Raises:

@@ -47,7 +47,6 @@ def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_sp
     Args:
         paths: folders of at least two corpora.
         dst: folder to make; nothing is left of it if the work is interrupted.
-        same_speakers: whether speakers of the same name are one person.
 
     Raises:
         UserError: `dst` exists, there are fewer than two corpora or one is given twice, a corpus cannot be read, or
@@ -222,7 +221,6 @@ def divide(
         dst: folder to make; nothing is left of it if the work is interrupted.
         by: unit that is never divided, "recording" or "speaker".
         fractions: fraction of the whole duration by name of the split, in any unit; a split with 0 is left out.
-        seed: seed of the order in which units are assigned.
 
     Raises:
         UserError: `dst` exists, `src` cannot be read, there are fewer recordings or speakers than splits, or the
@@ -294,7 +292,6 @@ def assign(seconds: Mapping[str, float], fractions: Mapping[str, float], seed: i
     Args:
         seconds: duration of each recording or speaker; at least as many as splits.
         fractions: fraction of the whole duration of each split; their sum is 1.
-        seed: seed of the order.
     """
     whole = sum(seconds.values())
     missing = {split: fraction * whole for split, fraction in fractions.items()}

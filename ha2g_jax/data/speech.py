@@ -20,7 +20,6 @@ class Speech(NamedTuple):
     Attributes:
         tracks: features of the whole clip by name of the input: "mel" (128, columns) float16 dB, "asr_mel"
             (80, columns) float16, "audio" (samples,) float32; half precision is finer than 0.07 dB.
-        words: words in order of time.
         starts: (n,) start of each word in seconds, in ascending order.
         ends: (n,) latest end of the words up to each one in seconds, in ascending order.
     """
@@ -52,7 +51,6 @@ def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -
 
     Args:
         audio: (samples,) float32 at 16 kHz.
-        words: words of the clip in order of time.
         inputs: names of the inputs of the model, among `INPUTS`.
     """
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
@@ -68,12 +66,8 @@ def window(
     """Cut the inputs of one window, without a batch axis.
 
     Args:
-        speech: features of the clip.
         inputs: names of the inputs, among those that `speech` was prepared for.
-        vocabulary: vocabulary of the model.
-        start: first frame of the window.
         num_frames: length N of the window in frames.
-        fps: frames per second.
 
     Returns:
         A dict of the inputs by name: "mel" (128, columns) float32 dB, "asr_mel" (80, columns) float32, "audio"

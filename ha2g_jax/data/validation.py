@@ -39,7 +39,6 @@ class Tally:
     """Counts, ids, recordings, statistics and bone lengths over the whole corpus.
 
     Attributes:
-        skeleton: skeleton of the corpus.
         unread: splits with records that could not be read, whose counts are therefore not compared.
     """
 
@@ -155,12 +154,7 @@ def _shared_stretch(stretches: list[_Stretch]) -> tuple[_Stretch, _Stretch] | No
 
 
 class Verdict(NamedTuple):
-    """Result of a validation, one line for each finding or note.
-
-    Attributes:
-        findings: errors; empty for a valid corpus.
-        notes: properties that are worth knowing.
-    """
+    """Result of a validation, one line for each finding or note."""
 
     findings: list[str]
     notes: list[str]

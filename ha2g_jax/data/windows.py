@@ -26,7 +26,6 @@ class Track(NamedTuple):
     """The features of a whole clip.
 
     Attributes:
-        speech: speech features.
         directions: (T, bones, 3) float32 direction vectors.
         images: (M, S, S, 3) uint8 images of the speaker, None if identities come from a table.
         power: mean power of the sound, see `features.audio.sound_power`; 0 without the input "mel".
@@ -165,9 +164,6 @@ class Windows:
     index without decoded clips.
 
     Args:
-        corpus: corpus of the clips.
-        split: name of the split.
-        vocabulary: vocabulary of the training split.
         num_frames: length N of a window in frames.
         inputs: names of the speech inputs, among `data.speech.INPUTS`.
         num_reference_images: number M of images of a speaker.
@@ -176,8 +172,6 @@ class Windows:
         cache_bytes: maximum memory for decoded clips.
 
     Attributes:
-        skeleton: skeleton of the corpus.
-        fps: frames per second of the corpus.
         num_training_speakers: number of speakers of the training split.
 
     Raises:

@@ -21,7 +21,6 @@ class Discriminator(nn.Module):
     Attributes:
         hidden_dim: number of values of the state of the GRU in one direction.
         layers: number of layers of the GRU; Table 8 states none, the configs and the authors' release have 4.
-        dropout: dropout rate between the layers of the GRU.
         slope: slope of the activations for negative values; the release of HA2G has 0.01, that of Trimodal 1.
     """
 
@@ -68,7 +67,6 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
     Args:
         fake_logits: (B, ...) outputs of the discriminator for generated poses, before the sigmoid, which the least
             squares (Mao et al. 2017) do not use.
-        kind: of the loss, one of the three.
 
     Returns:
         () loss.
@@ -91,7 +89,6 @@ def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array, *, kind: s
     Args:
         real_logits, fake_logits: (B, ...) outputs of the discriminator for true and generated poses, before the
             sigmoid.
-        kind: of the loss, one of the three.
 
     Returns:
         () loss, the mean over the batch.

@@ -42,7 +42,6 @@ class PoseEncoder(nn.Module):
     """Poses (B, N, pose_dim) to a latent (B, latent_dim).
 
     Attributes:
-        latent_dim: values of the latent.
         slope: slope of the activations between the linear maps for negative values.
         has_mean: whether a further linear map follows, that of the mean of a Gaussian.
     """
@@ -68,7 +67,6 @@ class PoseDecoder(nn.Module):
     """Latent (B, latent_dim) to poses (B, N, pose_dim).
 
     Attributes:
-        pose_dim, num_frames: see `PoseAutoencoder`.
         slope: slope of the activation between the linear maps for negative values.
     """
 
@@ -91,10 +89,8 @@ class PoseAutoencoder(nn.Module):
     """Windows of poses to a latent and back. `encode` and `decode` can be the `method=` of `apply`.
 
     Attributes:
-        pose_dim: values of a flat pose.
         latent_dim: values of the latent, see LATENT_DIMS.
         num_frames: frames of a window, N, which the linear maps of both parts are built for.
-        slope, has_mean: see `PoseEncoder`.
     """
 
     pose_dim: int

@@ -20,9 +20,7 @@ def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers
     """Build the networks of a config; `config.loss` and `config.train` are not read.
 
     Args:
-        config: a ConfigDict with the fields of `ha2g_jax.config.settings.paper`.
         skeleton: skeleton with the statistics of the training split.
-        vocabulary_size: number of words of the training split.
         num_speakers: number of speakers of the training split. Where windows are mirrored, a table of speakers has
             as many rows again for their mirror images, in the same order.
 
@@ -58,7 +56,6 @@ def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> ja
 
     Args:
         spec: static; of a method with identities.
-        variables: {"params", "batch_stats"} of the generator.
         identity: images (num_images, S, S, 3), or the index () of a speaker, see `Spec.identity`.
     """
     return generating_method_of(spec).encode_identity(spec, variables, identity[None])[0]

@@ -33,12 +33,7 @@ _SEED_DIM = 32
 
 
 class ContextEncoder(nn.Module):
-    """Speech features of a window to the distribution of its latent.
-
-    Attributes:
-        latent_dim: values of the latent.
-        hidden_dim, layers: of the GRU, which runs forward in time.
-    """
+    """Speech features of a window to the distribution of its latent."""
 
     latent_dim: int
     hidden_dim: int
@@ -84,13 +79,7 @@ class JointEmbedding(nn.Module):
     use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training.
 
     Attributes:
-        audio: encoder of the samples.
-        text: encoder of the words on frames.
-        pose_dim: values of a flat pose.
-        num_frames: N.
-        latent_dim: values of the latent.
         context_dim, context_layers: of the GRU that reads the speech features.
-        hidden_dim, layers, dropout: of the decoder's GRU.
     """
 
     audio: WaveformEncoder

@@ -19,7 +19,7 @@ from ha2g_jax.features.text import MAX_PLAIN_WORDS
 from ha2g_jax.skeleton import Skeleton, normalize
 
 Batch = Mapping[str, Any]
-Variables = dict[str, Any]
+Variables = dict[str, Any]  # {"params", "batch_stats"} of a network
 Outputs = TypeVar("Outputs")
 Contrast = TypeVar("Contrast")
 
@@ -32,12 +32,10 @@ class Spec(NamedTuple):
 
     Attributes:
         method: name in `ha2g_jax.methods.METHODS`.
-        generator: network that generates poses.
         discriminator: network of the adversarial loss, None for a method without one.
         skeleton: skeleton with the statistics of the training split.
         num_frames: frames of a window, N.
         num_seed_frames: frames of the seed pose, M.
-        fps: frames per second.
         inputs: names of the speech inputs of `encode_speech`, as in `ha2g_jax.data.speech`.
         training_inputs: names of the speech inputs of a training example.
         identity: batch key that identities are read from, "images" or "speaker"; "" for a method without identities.
@@ -85,7 +83,6 @@ class Run(NamedTuple, Generic[Outputs, Contrast]):
         outputs: a NamedTuple by which the objective is differentiated; each array of its field `poses`, the last one
             (B, N, pose_dim), is mean-subtracted.
         contrast: a NamedTuple of what else the terms need, without a gradient; None where they need nothing.
-        batch_stats: statistics of the BatchNorm layers after the run.
     """
 
     outputs: Outputs
@@ -128,7 +125,6 @@ class Method(Protocol):
         Args:
             config: settings, see `ha2g_jax.config.settings.paper`; `config.loss` and `config.train` are not read.
             skeleton: skeleton with the statistics of the training split.
-            vocabulary_size: number of words of the training split.
             num_speakers: number of speakers of the training split.
 
         Raises:
@@ -153,8 +149,6 @@ class Method(Protocol):
         """Run the generator on a training batch.
 
         Args:
-            spec: static.
-            variables: {"params", "batch_stats"} of the generator.
             batch: arrays as in `ha2g_jax.train.step.train_step`.
             keys: a key for each name in `keys`.
             train: whether to run in training mode; False is evaluation mode.
@@ -170,9 +164,6 @@ class Method(Protocol):
         """Return the unweighted `Terms` of the objective.
 
         Args:
-            spec: static.
-            settings: value of `loss_settings`.
-            outputs, contrast: those of `run`.
             targets: (B, N, pose_dim) true poses, mean-subtracted.
             gan: () value of the adversarial term; None for a method without a discriminator.
         """
@@ -190,8 +181,6 @@ class GeneratingMethod(Method, Protocol):
         """Encode the speech of B windows.
 
         Args:
-            spec: static.
-            variables: {"params", "batch_stats"} of the generator.
             speech: arrays with a leading batch axis, by the names in `spec.inputs`.
 
         Returns:
@@ -212,9 +201,6 @@ class GeneratingMethod(Method, Protocol):
         """Generate the poses of B windows.
 
         Args:
-            spec: static.
-            variables: {"params", "batch_stats"} of the generator.
-            features: result of `encode_speech`.
             style: (B, style_dim) styles.
             seed_pose: (B, M, pose_dim) poses of the first M frames, mean-subtracted.
             key: key of all noise; a method without noise ignores it.
@@ -237,10 +223,7 @@ def make_spec(
     """Return the spec of networks that a method has built, with the sizes that `config.data` states.
 
     Args:
-        config: settings.
         skeleton: skeleton with the statistics of the training split.
-        generator, discriminator: networks.
-        inputs: names of the speech inputs of `encode_speech`.
         training_inputs: names of the speech inputs of a training example, `inputs` by default.
     """
     identity = config.model.identity

@@ -103,10 +103,7 @@ def apply(
     """Run a module, or one of its methods.
 
     Args:
-        module: network of a spec.
-        variables: {"params", "batch_stats"} of the module.
         key: key of the random stream "dropout".
-        args: arguments of the method.
         train: whether to run in training mode, in which statistics move.
         compute: precision of the activations, and whether oneDNN computes them.
         method: function that takes the bound module first; `__call__` by default.

@@ -35,13 +35,7 @@ class Sentence(NamedTuple):
 
 
 class SentenceEncoder(nn.Module):
-    """A bidirectional GRU over the words of a sentence.
-
-    Attributes:
-        num_words: rows of the word table.
-        embedding_dim: width of the word vectors.
-        hidden_dim, layers, dropout: of the GRU.
-    """
+    """A bidirectional GRU over the words of a sentence."""
 
     num_words: int
     embedding_dim: int
@@ -73,12 +67,7 @@ class SentenceEncoder(nn.Module):
 
 
 class PoseDecoder(nn.Module):
-    """One step of the decoder: attention to the words, then a GRU that goes from one pose to the next.
-
-    Attributes:
-        pose_dim: values of a pose.
-        hidden_dim, layers, dropout: of the GRU.
-    """
+    """One step of the decoder: attention to the words, then a GRU that goes from one pose to the next."""
 
     pose_dim: int
     hidden_dim: int
@@ -127,13 +116,6 @@ class Seq2Seq(nn.Module):
 
     There is neither audio nor identity. Poses are flat, mean-subtracted direction vectors (D1). Only `infer` uses
     "batch_stats"; both methods draw from the stream "dropout" in training.
-
-    Attributes:
-        num_words: rows of the word table.
-        pose_dim: values of a pose.
-        num_frames: N.
-        embedding_dim: width of the word vectors.
-        hidden_dim, layers, dropout: of both GRUs.
     """
 
     num_words: int
@@ -167,7 +149,6 @@ class Seq2Seq(nn.Module):
         pose decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames.
 
         Args:
-            sentence: of `encode_speech`.
             seed: (B, M, pose_dim) true poses of the first M frames.
 
         Returns:

@@ -30,9 +30,6 @@ class Block(nn.Module):
     """Convolution, BatchNorm, LeakyReLU 0.2; with a stride of 2 it is a "down".
 
     Attributes:
-        channels: output channels.
-        kernel: size along each axis of space.
-        stride: along every axis.
         padding: "SAME" or "VALID".
     """
 
@@ -61,7 +58,6 @@ def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> ja
 
     Args:
         x: (B, frequencies, times, channels).
-        num_frames: N.
         swapped: whether to resize to (N, 1), as the authors of HA2G did: frequency lies on the frames, and all hear
             the same moment, the one in the middle.
 
@@ -79,8 +75,6 @@ class SpectrogramEncoder(nn.Module):
 
     Attributes:
         channels: of the stages, each of which halves both axes.
-        num_frames: N.
-        swapped_axes: see `lay_on_frames`.
     """
 
     channels: tuple[int, ...]
@@ -105,7 +99,6 @@ class UNet(nn.Module):
     """The one-dimensional part: frames are halved a few times and doubled again, with sums across.
 
     Attributes:
-        channels: of every block.
         downs: how often frames are halved.
     """
 
@@ -133,8 +126,6 @@ class Speech2Gesture(nn.Module):
     Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats".
 
     Attributes:
-        pose_dim: values of a pose.
-        num_frames: N.
         audio_channels: of the stages on the spectrogram.
         channels: of every block on frames.
         downs: how often the U-Net halves the frames.

@@ -27,11 +27,7 @@ class Trimodal(nn.Module):
     `encode_speech` uses "batch_stats"; it and `infer` draw from the stream "dropout" in training.
 
     Attributes:
-        audio: encoder of the samples.
         text: encoder of the words on frames; None for a model of sound alone.
-        identity: the table of speakers.
-        pose_dim: values of a flat pose.
-        hidden_dim, layers, dropout: of the GRU.
         slope: of the activation of the decoder, see `FrameDecoder`.
     """
 

@@ -55,8 +55,6 @@ def shown_flexions(
 
     Args:
         flexions: (T, hands, 5) flexion of the fingers, 0 straight and 1 closed, of the hands that should gesture.
-        time: time in seconds at which the gesture of the word should be seen.
-        fps: frames per second of `flexions`.
         window: seconds before and after `time`; the nearest frame counts where none lies in it.
 
     Returns:
@@ -103,7 +101,6 @@ def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
 
     Args:
         wrists: (T, 2, 3) positions of the left and the right wrist in metres.
-        fps: frames per second.
 
     Returns:
         Mean speed of the faster wrist in m/s, and (right - left) / (right + left) of the mean speeds, 0 at rest. (Of

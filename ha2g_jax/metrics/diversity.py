@@ -35,9 +35,6 @@ def diversity(
     Args:
         latents: (n, d) latent of each window.
         recordings: (n,) label of the recording that each window is cut from.
-        num_pairs: number of pairs of a draw.
-        num_draws: number of draws.
-        seed: seed of the draws.
 
     Returns:
         L1 and L2 distances, (num_draws,) each, in units of the latents.

@@ -90,8 +90,6 @@ def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: 
     Args:
         latents: (n, d) latents of real motion.
         recordings: (n,) label of each latent's recording.
-        num_draws: number of random splits.
-        seed: seed of the splits.
     """
     labels, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     if len(labels) < 2:
@@ -122,7 +120,6 @@ def extrapolate(
         real: (m, d) latents; where m = n, both sets lose the same rows, as they may be two motions to one speech.
         num_sizes: number of sizes, at least 2.
         num_draws: number of lines, each through its own random subsets, of which the mean intercept is returned.
-        seed: seed of the subsets.
 
     Returns:
         The intercept in squared units of the latents; NaN with fewer than 4 latents in a set.

@@ -29,7 +29,6 @@ def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> 
 
     Args:
         positions: (T, joints, 3).
-        fps: frames per second.
         first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
@@ -48,7 +47,6 @@ def l1_diversity(values: np.ndarray, *, first_frame: int = 4) -> float:
 
     Args:
         values: (T, ...) positions or directions.
-        first_frame: first frame that is scored.
 
     Returns:
         A number in units of the values, 0 for motion that stands still; NaN without a scored frame.
@@ -108,10 +106,7 @@ def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_
     """Count the speeds of each joint in one clip; the counts of clips add up.
 
     Args:
-        positions: (T, joints, 3) positions.
         edges: (bins,) or (joints, bins) ascending upper edges, each within its bin, in units of the positions a second.
-        fps: frames per second.
-        first_frame: first frame that is scored.
 
     Returns:
         (joints, 1 + bins + 1) counts of standing still, of each bin, and of what lies beyond the last.
@@ -225,8 +220,6 @@ def violation_counts(angles: np.ndarray, limits: Limits, *, first_frame: int = S
 
     Args:
         angles: (T, pairs) radians, from `skeleton.joint_angles` of float64 directions.
-        limits: limits from `training_limits`.
-        first_frame: first frame that is scored.
 
     Returns:
         (2 + pairs,) numbers of frames, of frames with any angle outside, and of frames with each angle outside.

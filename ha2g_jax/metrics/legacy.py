@@ -81,7 +81,6 @@ def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int | np.random
 
     Args:
         latents: (n, d) latents in the order of the loader.
-        batch_size: number of rows of a batch.
         seed: seed, or a generator whose `permutation(num_batches)` is the second order.
 
     Returns:
@@ -200,7 +199,6 @@ def legacy_motion_beats(rate: np.ndarray, threshold: float = THRESHOLD) -> np.nd
 
     Args:
         rate: (33,) rates of the changes from frame t - 1 to frame t = 1 to 33.
-        threshold: least rise of the rate.
     """
     return (1 + low_samples(rate, threshold)) / FPS
 

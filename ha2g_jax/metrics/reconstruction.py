@@ -116,7 +116,6 @@ def canonical_pairs(
             and the other half is projected. Without, all frames are fitted and projected, which is the global score of
             GENEA and rises with the number of dimensions.
         shrinkage: weight of the identity mixed into the correlations of either side; 0 is the plain analysis.
-        seed: seed of the halves.
         first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:

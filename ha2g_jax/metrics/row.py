@@ -38,8 +38,6 @@ class Reference(_Remembers):
     """What all rows of a table have in common; the first axis is the clips.
 
     Attributes:
-        skeleton: skeleton of all motion.
-        fps: frames per second of all motion.
         directions: true motion (T, bones, 3) of each clip, unit vectors.
         onsets: seconds of the onsets of the sound of each clip, None without sound.
         borders: first frames of the windows that the true motion was joined from, mostly none.
@@ -49,7 +47,6 @@ class Reference(_Remembers):
         training: clips (T, bones, 3) that reference statistics, such as the usual change of an angle, are taken from.
         encode: function of windows (n, window, bones, 3) to latents (n, d), None without a pose auto-encoder.
         window: number of frames of such a window.
-        seed: seed of everything random.
     """
 
     skeleton: Skeleton
@@ -81,7 +78,6 @@ class Row(_Remembers):
     """The motions of one row; the first axis is the motions, of which a clip may have several.
 
     Attributes:
-        reference: what the row is compared with.
         directions: (T, bones, 3) of each motion, as long as its clip.
         numbers: (n,) index of the clip that each motion is of.
         onsets: seconds of the onsets that each motion is scored with, None without sound.
@@ -121,7 +117,6 @@ def mean_over_clips(row: Row, values: Sequence[float] | np.ndarray, weights: np.
     """Return the mean of one value of each motion of a row, for any draw of recordings.
 
     Args:
-        row: row of n motions.
         values: (n,) values; NaN where a motion has none, which is left out.
         weights: (n,) weights of the motions, such as `row.num_scored`; all alike by default.
     """
@@ -175,7 +170,6 @@ class Cut(NamedTuple):
     Attributes:
         name: `FGD_CUT` where the seed pose is not in the windows, else `FGD_SEEDED_CUT`.
         first_frame: first frame of the first window of a clip; another window follows each one without overlap.
-        window: number of frames of a window.
     """
 
     name: str
@@ -191,7 +185,6 @@ class Latents(NamedTuple):
     """Latents of the windows of a row.
 
     Attributes:
-        latents: (n, d) latents.
         members: (n,) index of the recording of each window.
         inputs: (n,) index of the speech of each window, a place in a clip.
         cut: places where the windows begin.

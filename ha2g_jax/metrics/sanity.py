@@ -32,7 +32,6 @@ def rows(
     Args:
         clips: real direction vectors (T, bones, 3) of each clip.
         mean_directions: (bones, 3) mean of the training motion; need not be of unit length.
-        seed: seed of the jitter.
         first_frame: first frame that is not given to a model.
 
     Returns:
@@ -72,10 +71,8 @@ def white_jitter(
     """Return the mean pose plus N(0, s^2) per channel and frame, normalised again, as long as `directions`.
 
     Args:
-        directions: (T, bones, 3) motion.
         mean_directions: (bones, 3) mean pose.
         spread: (bones, 3) standard deviations s from `difference_spread`.
-        rng: generator, advanced by the draw.
     """
     pose = mean_pose(directions, mean_directions)
     return normalize(pose + rng.standard_normal(pose.shape) * spread)
@@ -101,7 +98,6 @@ def derangement(
 
     Args:
         recordings: (n,) recording of each clip; clips of one recording are never paired.
-        rng: generator, advanced by the draws.
         lengths: (n,) lengths of the clips; all equal by default.
 
     Returns:

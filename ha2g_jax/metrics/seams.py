@@ -21,7 +21,6 @@ class SeamScore(NamedTuple):
     Attributes:
         velocity, acceleration: mean jump at borders / mean jump inside; 1 where no border shows.
         velocity_p, acceleration_p: probability of jumps at borders at least as great if borders were like any frame.
-        borders: number of borders that were compared.
     """
 
     velocity: float
@@ -52,11 +51,8 @@ def seam_score(
     Args:
         directions: unit direction vectors (T, bones, 3) of each clip.
         borders: first frames of the windows of each clip but the first; frames outside of the clip are no borders.
-        fps: frames per second.
         width: number of frames that a border touches.
         first_frame: first frame that is scored; those before it were given to the model.
-        draws: number of draws of the test.
-        seed: seed of the draws.
 
     Returns:
         Ratios of the jumps, in units a second and a second squared, and their p-values.
@@ -86,8 +82,6 @@ def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_
 
     Args:
         directions: (T, bones, 3) unit direction vectors.
-        fps: frames per second.
-        width: number of frames of a stretch.
         first_frame: stretches that look at a frame before it are undefined.
 
     Returns:
@@ -111,7 +105,6 @@ def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) ->
     Args:
         jumps: (T, 2) jumps from `stretch_jumps`.
         borders: (k,) first frames of windows.
-        width: number of frames of a stretch.
 
     Returns:
         An array (1 + insides, 2) for each border that is defined and has insides on both sides.

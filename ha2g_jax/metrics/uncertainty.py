@@ -33,9 +33,7 @@ def bootstrap(
         statistic: function of counts (G,), how often each cluster is drawn in the order of `np.unique(clusters)`, to a
             number.
         clusters: (n,) label of each sample's cluster (the recording that it comes from).
-        draws: number of resamples.
         seed: seed of the draws; the same seed and clusters draw the same resamples for every statistic.
-        level: ratio of the draws that lie inside the interval.
 
     Returns:
         The interval; all NaN without samples, NaN bounds with one cluster or where no draw has a score.

@@ -25,7 +25,6 @@ def export(
     """Write a model as an ONNX file, completely or not at all.
 
     Args:
-        source: model, see `loading.load`.
         out: file to write, whose suffix is .onnx.
         weights: form of large weights in the file, one of `networks.WEIGHTS`; the computation is float32.
         license: licence of the model, which is stored in the file; that of the demo is known.
@@ -58,9 +57,7 @@ def build(loaded: LoadedModel, *, weights: str = "float32", license: str = "") -
     vectors; its output is "poses" (B, N, bones, 3), unit vectors, those of `synthesis.scan.generate_window`.
 
     Args:
-        loaded: model.
         weights: form of large weights, one of `networks.WEIGHTS`.
-        license: licence of the model, "" if it is not known.
 
     Raises:
         UserError: the model is of another method, or has another audio encoder.

@@ -49,11 +49,9 @@ class Graph:
         """Add a node.
 
         Args:
-            op: operator of ONNX.
             inputs: names of values; "" for an optional input that is left out.
             name: name of the node and of its output, made unique; by default that of the operator.
             outputs: number of outputs; only the first is returned.
-            attributes: attributes of the operator.
 
         Returns:
             The name of the first output.
@@ -77,8 +75,6 @@ class Graph:
         """Add a weight in the form of this graph and return the name of its float32 value.
 
         Args:
-            array: weight of a layer.
-            name: name of the layer.
             axis: axis of the output channels, each of which has its own scale in int8.
         """
         array = np.ascontiguousarray(array, np.float32)
@@ -105,7 +101,6 @@ class Graph:
             inputs: shape of each input; a text is a size that is not fixed.
             outputs: shape of each output, which is the value of the same name.
             inner: shape of values between the two at which a reader may divide the graph.
-            metadata: texts by name.
         """
         sides = [
             [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in them.items()]
@@ -132,9 +127,6 @@ def add_encoder(graph: Graph, encoder: AudioEncoder, params: Tree, stats: Tree, 
     """Add the encoder to a graph.
 
     Args:
-        graph: graph that takes the nodes.
-        encoder: sizes of the encoder.
-        params, stats: its parameters and statistics.
         mel: name of the value (B, 128, columns) in dB.
 
     Returns:
@@ -251,10 +243,7 @@ def add_inferer(
     """Add the coordinator and all stages to a graph.
 
     Args:
-        graph: graph that takes the nodes.
-        model: sizes of the networks.
         skeleton: skeleton, with the mean that is subtracted from poses and added to them (D1).
-        params: parameters of the generator.
         features: names of f_low, f_mid and f_high, each (B, N, features).
         style: name of the value (B, style_dim).
         seed_pose: name of the value (B, M, bones, 3), unit vectors.

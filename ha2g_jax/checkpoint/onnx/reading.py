@@ -46,15 +46,12 @@ class Description(NamedTuple):
     """A model without its networks.
 
     Attributes:
-        name: name of the config.
         method: method of the model, "ha2g".
         num_frames: frames of a window, N.
         num_seed_frames: frames of the seed pose, M.
-        fps: frames per second.
         style_dim: values of a style.
         has_hidden_ends: whether the model was trained with hidden ends, `config.data.lookahead` > 0.
         weights: form of the weights in the file, see `graph.WEIGHTS`.
-        license: licence of the model, "" if it is not known.
         assets: skeleton, speakers and seed poses; without a vocabulary.
     """
 

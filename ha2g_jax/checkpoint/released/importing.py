@@ -47,9 +47,6 @@ class Released(NamedTuple):
     """What a released file holds, as a model.
 
     Attributes:
-        config: settings of the networks.
-        spec: the networks.
-        variables: {"params", "batch_stats"} of the generator.
         discriminator: those of the discriminator, {} where the file has none.
         assets: skeleton, vocabulary, styles of the speakers and the start pose.
         rows: rows of the table that its tensors were found by.

@@ -89,8 +89,6 @@ def make_talk(
     Args:
         out: folder to make; nothing is left of it if the work is interrupted.
         speakers: number of speakers, at least 2.
-        minutes: approximate duration of all speech, in minutes.
-        seed: seed of all random draws.
         workers: number of processes; one per core by default.
         fps: frames per second of the motion; the speech does not depend on it.
         synthesiser: one of `SYNTHESISERS`, whose voices speak.

@@ -46,11 +46,7 @@ class FliteVoice(NamedTuple):
 
 
 def sample_flite_voice(rng: np.random.Generator) -> FliteVoice:
-    """Draw a random voice of Flite.
-
-    Args:
-        rng: generator of the random draws.
-    """
+    """Draw a random voice of Flite."""
     formants = rng.uniform(0.86, 1.16)
     return FliteVoice(
         name=str(rng.choice(FLITE_VOICES)),
@@ -97,7 +93,6 @@ def say(markup: str, voice: FliteVoice) -> Utterance:
     Args:
         markup: words in the SSML of `grammar`: `<prosody volume= pitch= rate=>` with changes in percent, and
             `<break time="200ms"/>`.
-        voice: voice of the speaker.
 
     Raises:
         UserError: Flite or the voice is not installed.

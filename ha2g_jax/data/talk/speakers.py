@@ -131,8 +131,6 @@ def draw_speakers(seen: int, unseen: int, seed: int, synthesiser: str) -> list[S
     Args:
         seen: number of speakers of training.
         unseen: number of unseen speakers, whose styles lie between two styles of training.
-        seed: seed of the corpus.
-        synthesiser: one of `SYNTHESISERS`.
     """
     speakers: list[Speaker] = []
     for number in range(seen + unseen):

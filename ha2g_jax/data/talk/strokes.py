@@ -127,7 +127,6 @@ class WordGesture(NamedTuple):
     """A gesture of a word; times in seconds.
 
     Attributes:
-        word_class: class of the word.
         start: start of the preparation.
         ready: end of the preparation.
         peak: start of the hold.
@@ -216,7 +215,6 @@ def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequenc
     """Return the keys, for `track`, of the weight of the gestures (0 or 1) and of their value.
 
     Args:
-        gestures: gestures in order of time.
         ready: value of each gesture at the end of its preparation.
         peak: value of each gesture while it is held.
     """

@@ -55,9 +55,7 @@ def perform(
     Args:
         audio: (samples,) float32 at 16 kHz.
         words: words of the speech in order of time, in seconds from the start of the audio.
-        style: style of the speaker.
         rng: generator of the random part of the movement: idle sway and a few milliseconds of latency.
-        fps: frames per second of the result.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)

@@ -18,10 +18,6 @@ class PoseStage(nn.Module):
 
     Decision D7: the bidirectional GRU reads [p^(h-1) ; f_a^h ; seed bit], as it cannot feed back its own output. In the
     frames of the seed pose, p^(h-1) is replaced by the seed, see `HA2G.infer`.
-
-    Attributes:
-        pose_dim: d^h, values of the stage's pose.
-        hidden_dim, layers, dropout: of the GRU.
     """
 
     pose_dim: int
@@ -42,7 +38,6 @@ class StyleCoordinator(nn.Module):
     """How much each audio level counts in each level of the motion, from the identity (HA2G, section 3.2).
 
     Attributes:
-        num_levels: H.
         audio_levels: of low, mid and high, those that may count; the others have weight 0 (Table 3).
         is_tied: whether all levels of the motion share one column (Table 4, "same audio").
     """
@@ -72,12 +67,9 @@ class HA2G(nn.Module):
     Attributes:
         audio: E_a, which maps one input, named by its `inputs`, to `Features`.
         text: E_t; its features serve the contrastive loss only, never the poses.
-        identity: E_ID.
         level_channels: channels of the flat pose that each level h = 1..H holds (`Skeleton.level_channels`, or some
             of them, the last included, where an ablation leaves levels out).
         audio_levels, is_tied: of the style coordinator.
-        num_seed_frames: M.
-        hidden_dim, layers, dropout: of each stage's GRU.
     """
 
     audio: Any

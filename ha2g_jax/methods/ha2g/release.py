@@ -54,14 +54,7 @@ class SpeechFeatures(NamedTuple):
 
 
 class ReleaseStage(nn.Module):
-    """The network of one level of the motion.
-
-    Attributes:
-        text: encoder of the words, of this level alone.
-        identity: table of speakers of this level.
-        pose_dim: d^h, values of the level's pose.
-        hidden_dim, layers, dropout: of the GRU.
-    """
+    """The network of one level of the motion."""
 
     text: TextEncoder
     identity: SpeakerIdentity
@@ -87,13 +80,7 @@ class ReleaseStage(nn.Module):
 
 
 class ReleaseCoordinator(nn.Module):
-    """How much each audio level counts in each level of the motion, from a table of speakers of its own.
-
-    Attributes:
-        num_speakers: number of rows of the table.
-        feature_dim: number of values of a row.
-        num_levels: H.
-    """
+    """How much each audio level counts in each level of the motion, from a table of speakers of its own."""
 
     num_speakers: int
     feature_dim: int
@@ -126,14 +113,11 @@ class ReleaseHA2G(nn.Module):
     from, which are not drawn, then the style of each level.
 
     Attributes:
-        audio: E_a.
         text: encoder of the words for the contrastive loss only; each level has one like it.
         identity: table of speakers, one like which each level has.
         level_channels: channels of the flat pose that each level h = 1..H holds.
-        num_seed_frames: M.
         has_shifted_head: whether the bones of the head enter the levels after the first one channel late, as in the
             networks of TED-Expressive that were released.
-        hidden_dim, layers, dropout: of each level's GRU.
     """
 
     audio: AudioEncoder
@@ -202,7 +186,6 @@ class ReleaseHA2G(nn.Module):
         """Pose inferer, coarse to fine.
 
         Args:
-            features: result of `encode_speech`.
             f_id: (B, 16 (1 + H)) identity, sampled or the mean.
             seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
 

@@ -78,7 +78,6 @@ def align(clips: Sequence[Clip], *, sigma: float = SIGMA) -> Alignment:
     A clip with onsets and no motion beats scores 0. A clip without onsets is silent and not scored.
 
     Args:
-        clips: n clips.
         sigma: width in seconds of the kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
     """
     seconds = durations(clips)
@@ -133,12 +132,6 @@ def partners(
     A clip is drawn once at most. Where fewer than `num` last as long, the longest of the shorter ones make up for them.
     The draw does not depend on the motion, so methods that are compared on the same clips get the same partners.
 
-    Args:
-        clips: n clips.
-        recordings: (n,) recording that each clip was cut from.
-        num: number of other clips for each clip.
-        seed: seed of the draw.
-
     Returns:
         (n, num) indices of clips, -1 where there are fewer of another recording.
     """
@@ -178,11 +171,7 @@ def mismatched(
     there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean.
 
     Args:
-        clips: n clips.
-        recordings: (n,) recording that each clip was cut from.
-        num: number of other clips for each clip.
         seed: seed of the draw, which also depends on the times and onsets of the clips, not on the motion.
-        sigma: width of the kernel in seconds.
 
     Returns:
         (n,) values, NaN where there is no sound of another recording.

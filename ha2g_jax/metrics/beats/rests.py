@@ -101,8 +101,6 @@ def beat_align(
         positions: (T, joints, 3) of the joints to score, such as those of `upper_body`.
         onsets: (n,) times in seconds; those from the first scored frame to the end of the motion count.
         speeds: (joints,) from `mean_speeds` of the data set; a joint that never moves there is left out.
-        fps: frames per second.
-        sigma: width of the kernel in seconds.
         threshold: speed relative to the mean above which a minimum is a rest.
         first_frame: frames before it were given to the model and are not scored.
 
@@ -133,7 +131,6 @@ class Beat2Row:
         speeds: (13,) mean speeds of the joints of `UPPER_BODY` over the reference, in metres per second.
         upper: indices of these joints among the 55.
         members: (n,) index of the recording of each sequence.
-        num_recordings: number of recordings.
     """
 
     joints: list[np.ndarray]

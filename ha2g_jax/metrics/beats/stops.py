@@ -37,7 +37,6 @@ def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.nda
         sum_s sum_t |theta_j,s(t + 1) - theta_j,s(t)| / sum_s (T_s - 1)
 
     Args:
-        skeleton: skeleton with the angle pairs.
         clips: direction vectors (T, bones, 3) of each clip, of any positive length; clips may differ in T.
 
     Returns:
@@ -58,7 +57,6 @@ def angle_change_rate(
     Rigid pairs (MAAC below 1e-5) are left out of the mean.
 
     Args:
-        skeleton: skeleton with the angle pairs.
         directions: (..., T, bones, 3) direction vectors, of any positive length.
         change: (pairs,) MAAC over pi, per frame at the fps of the motion. The default is that of the skeleton, which is
             at 15 fps, times 15 / fps: angles that change as fast per second change that much less per frame.
@@ -157,8 +155,6 @@ def stop_beats(
 
     Args:
         rate: (T - 1,) angle change rate of the whole motion.
-        fps: frames per second.
-        first_frame: first frame that is looked at.
         threshold: least rise; the rate has no unit and is about 1 on average.
     """
     times, _, rise = find_stops([rate], fps, first_frame)
@@ -225,9 +221,7 @@ def consistency(
         rates: (T - 1,) angle change rate of each clip, from `angle_change_rates`.
         onsets: (k,) onsets of each clip in seconds from frame 0.
         fps: frames per second, of all clips or (n,).
-        first_frame: first frame that is looked at.
         threshold: least rise of the rate to the next frame, on either side of a motion beat.
-        sigma: width of the kernel in seconds.
     """
     clips = []
     for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):

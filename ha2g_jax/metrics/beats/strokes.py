@@ -63,7 +63,6 @@ def stroke_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.nd
 
     Args:
         positions: (T, 2, 3) positions of the wrists in metres, y down.
-        fps: frames per second of the motion.
         rise: least rise of the speed in m/s.
     """
     if len(positions) < 4:
@@ -144,8 +143,6 @@ def kernels(
 
     Args:
         onset_times, beats: (n,) and (m,) times in seconds; the nearest may lie outside of start and end.
-        start, end: bounds in seconds.
-        sigma: width of the kernel in seconds.
     """
     onset_times, beats = np.sort(onset_times), np.sort(beats)
     counts, sums = [], []
@@ -190,8 +187,6 @@ def recording_row(audio: np.ndarray, wrists: np.ndarray, fps: float, first_frame
     Args:
         audio: (samples,) sound at 16 kHz.
         wrists: (T, 2, 3) positions of the wrists in metres, y down.
-        fps: frames per second.
-        first_frame: first frame that is scored.
     """
     start, end = first_frame / fps, min(len(audio) / ONSET_RATE, len(wrists) / fps)
     onsets, moves = (x[(x >= start) & (x < end)] for x in (audio_onsets(audio, end), stroke_beats(wrists, fps)))

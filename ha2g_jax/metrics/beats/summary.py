@@ -33,7 +33,6 @@ class RowAlignment(NamedTuple):
         paper: the same by the motion beats of the paper, for BC.
         floor: (n,) F with mismatched speech, NaN for a silent clip.
         members: (n,) index of each motion's recording.
-        num_recordings: number of recordings of the table.
     """
 
     own: Alignment
@@ -248,7 +247,6 @@ def sweep(
         rates, onsets, fps, first_frame: arguments of `make_clips`.
         recordings, num, seed: arguments of `mismatched`; the other clips are the same for all thresholds.
         thresholds: (k,) least rises of the angle change rate on both sides of a motion beat.
-        sigma: width of the kernel in seconds.
     """
     others, paper, own, floor, summaries = None, [], [], [], []
     for threshold in thresholds:
