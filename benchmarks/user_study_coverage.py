@@ -20,7 +20,7 @@ from scipy import optimize, special, stats
 
 from ha2g_jax.apps.user_study import bradley_terry
 from ha2g_jax.apps.user_study.answers import Choices
-from ha2g_jax.apps.user_study.estimates import Estimate, share, system_differences
+from ha2g_jax.apps.user_study.estimates import CrossedEstimate, share, system_differences
 from ha2g_jax.cli.parser import positive
 
 
@@ -132,7 +132,7 @@ def _mean_share(logit: float, spread: float) -> float:
     return float(_WEIGHTS @ special.expit(logit + spread * _NODES) / _WEIGHTS.sum())
 
 
-def _bounds(found: Estimate, at: int) -> tuple[float, float]:
+def _bounds(found: CrossedEstimate, at: int) -> tuple[float, float]:
     return float(found.low[at]), float(found.high[at])
 
 

@@ -12,7 +12,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import FILE, Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.reading import file_sha256, reading, shown
 from ha2g_jax.files.writing import check_file
 from ha2g_jax.launch import load_config
 from tables import paper_tables
@@ -22,7 +22,6 @@ from tables.workdirs import (
     Record,
     Run,
     digest,
-    file_digest,
     is_finished,
     read_stored,
     record_of,
@@ -139,7 +138,7 @@ def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]
     if kept.data is not None and not request.has_training and not (path / FILE).is_file():
         plan = Plan(Corpus(path, dict(kept.data["metadata"])), kept.data["sha256"], kept, {})
     else:
-        plan = Plan(Corpus.open(path), file_digest(path / FILE), kept, {})
+        plan = Plan(Corpus.open(path), file_sha256(path / FILE), kept, {})
         if kept.data is not None and kept.data["sha256"] != plan.digest:
             plan = plan._replace(kept=Kept())
     for name, (method, changes) in rows.items():

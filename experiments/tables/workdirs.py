@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
+from ha2g_jax.files.reading import file_sha256
 from ha2g_jax.train.workdir import METRICS, read_metrics
 
 VALIDATION = "validation/"
@@ -120,7 +121,7 @@ def weights_digest(run: Run) -> str | None:
     """Return a hash of the weights to score, of a workdir or a model folder, or None without weights."""
     folder = checkpoint_folder(run)
     file = run.workdir / "model.safetensors" if folder is None else folder / _HASHES
-    return file_digest(file) if file.is_file() else None
+    return file_sha256(file) if file.is_file() else None
 
 
 def scores_file(run: Run, kind: str, causes: Sequence[Any]) -> pathlib.Path | None:
@@ -144,11 +145,6 @@ def read_stored(path: pathlib.Path | None) -> dict[str, Any] | None:
         return json.loads(path.read_text())
     except (OSError, ValueError):
         return None
-
-
-def file_digest(path: pathlib.Path) -> str:
-    """Return the SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def digest(values: Any) -> str:

@@ -5,7 +5,6 @@ SHA256SUMS has the sums of all files in subfolders, not of Orbax's notes in the 
 
 import contextlib
 import functools
-import hashlib
 import logging
 import os
 import pathlib
@@ -20,7 +19,7 @@ import orbax.checkpoint as ocp
 
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_json, shown
+from ha2g_jax.files.reading import file_sha256, read_json, shown
 from ha2g_jax.limits import MAX_RECORD_BYTES
 
 CHECKSUMS = "SHA256SUMS"
@@ -117,7 +116,7 @@ def _check_arrays(path: pathlib.Path, there: dict[str, str], here: dict[str, str
 
 def write_checksums(folder: pathlib.Path) -> None:
     """Write SHA256SUMS into the folder of a checkpoint."""
-    (folder / CHECKSUMS).write_text(_listing({name: _digest(path) for name, path in _files(folder).items()}))
+    (folder / CHECKSUMS).write_text(_listing({name: file_sha256(path) for name, path in _files(folder).items()}))
 
 
 def damage(folder: pathlib.Path) -> str:
@@ -135,7 +134,7 @@ def damage(folder: pathlib.Path) -> str:
                 return f"{shown(name)} is missing"
             if name not in expected:
                 return f"{shown(name)} does not belong"
-            if _digest(files[name]) != expected[name]:
+            if file_sha256(files[name]) != expected[name]:
                 return f"{shown(name)} is not what was saved"
     except OSError as error:
         return reason(error)
@@ -149,11 +148,6 @@ def _files(folder: pathlib.Path) -> dict[str, pathlib.Path]:
         for path in folder.rglob("*")
         if path.is_file() and path.parent != folder
     }
-
-
-def _digest(path: pathlib.Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _listing(digests: dict[str, str]) -> str:

@@ -4,7 +4,6 @@ Averages of models that were trained from the same weights: Wortsman et al., Mod
 """
 
 import dataclasses
-import hashlib
 import pathlib
 import re
 import tempfile
@@ -17,7 +16,7 @@ from ha2g_jax.checkpoint import hub, loading, model_folder, weights
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.checkpoint.weights import in_vocabulary, is_word_table
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import read_bytes, shown
+from ha2g_jax.files.reading import file_sha256, read_bytes, shown
 from ha2g_jax.limits import MAX_CARD_BYTES
 
 _MAX_DIFFERENCE = 0.1  # of the mean direction of a bone, which the poses of averaged models are relative to
@@ -69,7 +68,7 @@ def publish(
     model = loading.load(source)
     with tempfile.TemporaryDirectory() as temporary:
         folder = model_folder.save(pathlib.Path(temporary) / "model", model.config, model.assets, model.variables)
-        hashes = {file: hashlib.sha256((folder / file).read_bytes()).hexdigest() for file in hub.FILES}
+        hashes = {file: file_sha256(folder / file) for file in hub.FILES}
         card = write_card(model, repository, licence, hashes, table)
         return hub.publish(folder, card, name, is_private=is_private, message=f"Model {model.assets.hash}")
 

@@ -12,7 +12,7 @@ from flax import traverse_util
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import PADDING, UNKNOWN, Vocabulary
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import file_sha256, shown
 from ha2g_jax.files.tensors import open_tensors, read_tensor, shapes_of
 from ha2g_jax.limits import MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
 
@@ -79,8 +79,7 @@ def hash_of_file(path: pathlib.Path) -> str:
     """
     if path.stat().st_size > MAX_WEIGHTS_BYTES:
         raise UserError(f"{shown(path)} has more than {MAX_WEIGHTS_BYTES} bytes, which is too large for a model")
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    return file_sha256(path)[:16]
 
 
 def read_shapes(path: pathlib.Path) -> Shapes:

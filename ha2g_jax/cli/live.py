@@ -78,12 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
     """
     with stage("starting"):
         from ha2g_jax import synthesis
-        from ha2g_jax.apps.live.clock import Stop
+        from ha2g_jax.apps.live.clock import StopFlag
         from ha2g_jax.apps.live.run import run as run_live
         from ha2g_jax.apps.live.sinks import open_sinks
         from ha2g_jax.apps.live.sources import open_source
 
-    stop = Stop()
+    stop = StopFlag()
     source = open_source(arguments.source, arguments.rate, arguments.fast)
     with contextlib.ExitStack() as stack:
         sinks = open_sinks(arguments.sink, stack, arguments.rig)

@@ -2,7 +2,6 @@
 
 import collections
 import contextlib
-import hashlib
 import json
 import os
 import pathlib
@@ -16,7 +15,7 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.corpus import FILE, TRAIN
 from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_utf8, reason, shown
+from ha2g_jax.files.reading import check_utf8, file_sha256, reason, shown
 from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
@@ -208,9 +207,9 @@ class CorpusWriter:
             (self._folder / FILE).write_text(text, newline="\n")
 
     def _describe(self, name: str) -> dict[str, Any]:
-        with self._writing(), (self._folder / name).open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return {"name": name, "bytes": os.fstat(file.fileno()).st_size, "sha256": digest}
+        path = self._folder / name
+        with self._writing():
+            return {"name": name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
 
     def _check(self, text: str) -> None:
         """Check that the corpus could be opened."""

@@ -5,7 +5,6 @@ but common: the splits of TED, for example, have clips of the same videos.
 """
 
 import collections
-import hashlib
 import os
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -17,7 +16,7 @@ from ha2g_jax.data import clip_checks, schema
 from ha2g_jax.data.corpus import FILE, TRAIN, Clips, Corpus
 from ha2g_jax.data.corpus_writer import MotionStatistics
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import reading, shown
+from ha2g_jax.files.reading import file_sha256, reading, shown
 
 _CONSTANT = 0.05  # maximum standard deviation of a bone's length over its median, within a clip
 _OVERLAP = 0.5  # seconds of one recording that two splits may have in common, because cuts are rounded to frames
@@ -203,8 +202,8 @@ def _damaged_shards(corpus: Corpus) -> Iterator[str]:
     shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
     for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
         path = corpus.path / shard["name"]
-        with reading(path, "a shard of a corpus"), path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        with reading(path, "a shard of a corpus"):
+            digest = file_sha256(path)
         if digest != shard["sha256"]:
             yield f"{shown(path)} has SHA-256 {digest[:12]}..., dataset.json says {shard['sha256'][:12]}..."
 

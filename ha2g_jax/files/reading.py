@@ -4,6 +4,7 @@ Files that this package has written itself are read plainly.
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -131,6 +132,12 @@ def read_bytes(path: str | os.PathLike, expected: str, max_bytes: int) -> bytes:
     if len(content) > max_bytes:
         raise UserError(f"{shown(path)} has more than {max_bytes} bytes, which is too large for {expected}")
     return content
+
+
+def file_sha256(path: str | os.PathLike) -> str:
+    """Return the SHA-256 of a file in hexadecimal digits, without reading it into memory at once."""
+    with pathlib.Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_json(path: str | os.PathLike, expected: str, max_bytes: int) -> Any:

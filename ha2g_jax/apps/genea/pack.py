@@ -34,7 +34,7 @@ from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
 from ha2g_jax.files.npz import read_npz
-from ha2g_jax.files.reading import check_regular, parse_json, reading, shown
+from ha2g_jax.files.reading import check_regular, file_sha256, parse_json, reading, shown
 from ha2g_jax.files.writing import temporary_folder, whole_file, whole_folder
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
 from ha2g_jax.motion.readers import joint_maps, smplx, smplx_arrays
@@ -137,18 +137,12 @@ def _add_samples(
                 file = pathlib.Path(f"sample_{number}", f"{name}.npz")
                 (folder / file).parent.mkdir(exist_ok=True)
                 sample.write(folder / file)
-                made.append({"file": file.as_posix(), "sha256": hash_of(folder / file), **facts})
-            speech = {"name": audio.name, "sha256": hash_of(path), "seconds": audio.duration}
+                made.append({"file": file.as_posix(), "sha256": file_sha256(folder / file), **facts})
+            speech = {"name": audio.name, "sha256": file_sha256(path), "seconds": audio.duration}
             clips[name] = {"speech": speech, "frames": clip.frames, "samples": made}
             bar.update()
     content = {"format": FORMAT, "version": __version__, "fps": FPS, **source.facts, "clips": clips}
     (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def hash_of(path: pathlib.Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _by_name(paths: list[pathlib.Path]) -> dict[str, pathlib.Path]:
@@ -262,7 +256,7 @@ def _check_file(name: str, path_of: Callable[[str], pathlib.Path], findings: lis
     path = None
     try:
         path = path_of(name)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = file_sha256(path)
         arrays = read_npz(path, max_bytes=MAX_MOTION_BYTES)
     except UserError as error:
         # A file of a .zip is read from a temporary place, which means nothing to the user.

@@ -18,7 +18,7 @@ class Clock:
         time.sleep(seconds)
 
 
-class Stop:
+class StopFlag:
     """Request to end a run; a flag that a signal handler may set at any moment.
 
     Attributes:
@@ -36,7 +36,7 @@ class Stop:
         return self._is_asked
 
 
-def wait_until(moment: float, clock: Clock, stop: Stop) -> bool:
+def wait_until(moment: float, clock: Clock, stop: StopFlag) -> bool:
     """Wait until a time of the clock; return False if the run is to stop before."""
     while not stop.is_asked():
         if (left := moment - clock.now()) <= 0:

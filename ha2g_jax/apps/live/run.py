@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.apps.live.clock import Clock, Stop, Timeline
+from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.frames import Frame, Interpolation, Rigs
 from ha2g_jax.apps.live.sender import Meter, Sender
 from ha2g_jax.apps.live.sinks import Sinks
@@ -43,7 +43,7 @@ def run(
     controls: control.Controls = control.NEUTRAL,
     delay: float | None = None,
     fps: int | None = None,
-    stop: Stop | None = None,
+    stop: StopFlag | None = None,
 ) -> Meter:
     """Generate motion for sound while it is heard, until its end or until Ctrl-C or SIGTERM.
 
@@ -67,7 +67,7 @@ def run(
         UserError: an argument cannot be used, or there was no sound.
         KeyboardInterrupt: Ctrl-C before there was sound.
     """
-    stop = stop or Stop()
+    stop = stop or StopFlag()
     with stage("compiling the model"):
         stream = model.stream(look_ahead=look_ahead, hop=hop, style=style, seed=seed, controls=controls)
     interpolation = Interpolation(stream.fps, stream.fps if fps is None else fps)
@@ -101,7 +101,7 @@ def run(
 
 
 def _follow(
-    stream: Stream, source: Source, sinks: Sinks, interpolation: Interpolation, delay: float, stop: Stop
+    stream: Stream, source: Source, sinks: Sinks, interpolation: Interpolation, delay: float, stop: StopFlag
 ) -> Meter:
     """Send and record the frames of all sound of a source; recordings have the frames of the model."""
     latency, fps = stream.latency + interpolation.delay, interpolation.target

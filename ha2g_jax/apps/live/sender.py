@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.apps.live.clock import Clock, Stop, wait_until
+from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.frames import Frame
 from ha2g_jax.apps.live.sinks import Sink
 from ha2g_jax.files.reading import reason
@@ -103,14 +103,14 @@ class Sender:
         self, sinks: Sequence[Sink], fps: float, delay: float | None, allowed: float, clock: Clock, meter: Meter
     ) -> None:
         self._sinks, self._delay, self._allowed = tuple(sinks), delay, allowed
-        self._clock, self._meter, self._stop = clock, meter, Stop()
+        self._clock, self._meter, self._stop = clock, meter, StopFlag()
         self._frames: queue.Queue[Frame | None] = queue.Queue(max(1, round(HELD_SECONDS * fps)))
         self._reported: set[tuple[Sink, str]] = set()
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def put(self, frame: Frame | None, stop: Stop) -> None:
+    def put(self, frame: Frame | None, stop: StopFlag) -> None:
         """Append a frame, or None for the end, and wait while too many frames wait; drop it if the run is to stop."""
         while not stop.is_asked() and self._error is None:
             with contextlib.suppress(queue.Full):
@@ -119,7 +119,7 @@ class Sender:
         if self._error is not None:
             raise self._error
 
-    def finish(self, stop: Stop) -> None:
+    def finish(self, stop: StopFlag) -> None:
         """Wait until all frames are sent, or leave out those that wait if the run is to stop."""
         self.put(None, stop)
         while self._thread.is_alive() and not stop.is_asked():

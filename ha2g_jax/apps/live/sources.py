@@ -18,7 +18,7 @@ import numpy as np
 import soxr
 from tqdm import tqdm
 
-from ha2g_jax.apps.live.clock import Clock, Stop, wait_until
+from ha2g_jax.apps.live.clock import Clock, StopFlag, wait_until
 from ha2g_jax.apps.live.network import Address, read_address, serving
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
@@ -57,7 +57,7 @@ class Source(Protocol):
         """Seconds of sound that came while the computation was too far behind to take it."""
         ...
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         """Yield the sound as it is heard, until its end or until the run is to stop."""
         ...
 
@@ -75,7 +75,7 @@ class FileSource:
         self.name = shown(path.name)
         self._samples, self.is_timed = read_audio(path), not is_fast
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         size, start = round(CHUNK_SECONDS * SAMPLE_RATE), clock.now()
         for first in range(0, len(self._samples), size):
             samples = self._samples[first : first + size]
@@ -133,7 +133,7 @@ class Inbox:
         """Let the thread that puts samples end."""
         self._is_closed = True
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         """Yield the sound as it is heard, and silence where there is none."""
         resampler, end = Resampler(self._rate), clock.now()  # `end`: when the sound so far has been heard
         silence = np.zeros(round(CHUNK_SECONDS * self._rate), np.float32)
@@ -173,7 +173,7 @@ class PipeSource:
         # Unbuffered: a thread that waits for input in a buffered file would hold its lock when the program ends.
         self._rate, self._file = rate, file or open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         with contextlib.closing(Inbox(self._rate)) as inbox:
             # It may wait for input for ever, and does not keep the program from ending.
             threading.Thread(target=self._read, args=(inbox,), daemon=True).start()
@@ -196,7 +196,7 @@ class WebSocketSource:
         self.name, self._address, self._rate = str(address), address, rate
         self._sender = threading.Lock()
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         inbox = Inbox(self._rate)
         with serving(self._address, lambda connection: self._receive(connection, inbox)), contextlib.closing(inbox):
             yield from inbox.chunks(clock, stop)
@@ -251,7 +251,7 @@ class MicrophoneSource:
     def lost_seconds(self) -> float:
         return self._num_lost / self._rate
 
-    def chunks(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def chunks(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         def take(data: np.ndarray, frames: int, time: Any, status: Any) -> None:
             del time, status
             try:
@@ -269,7 +269,7 @@ class MicrophoneSource:
                 stream.start()
             yield from self._captured(clock, stop)
 
-    def _captured(self, clock: Clock, stop: Stop) -> Generator[Chunk, None, None]:
+    def _captured(self, clock: Clock, stop: StopFlag) -> Generator[Chunk, None, None]:
         resampler, last = Resampler(self._rate), clock.now()
         while not stop.is_asked():
             try:

@@ -10,15 +10,9 @@ from typing import Any
 import numpy as np
 
 from ha2g_jax.apps.user_study import bradley_terry
-from ha2g_jax.apps.user_study.answers import (
-    Choices,
-    Ratings,
-    choices_of,
-    ratings_of,
-    read_answers,
-)
+from ha2g_jax.apps.user_study.answers import Choices, Ratings, choices_of, ratings_of, read_answers
 from ha2g_jax.apps.user_study.design import KINDS, MISMATCH, PREFERENCE, Key, read_key
-from ha2g_jax.apps.user_study.estimates import LEVEL, Estimate, Share, agreement, mean, share, system_differences
+from ha2g_jax.apps.user_study.estimates import LEVEL, CrossedEstimate, Share, agreement, mean, share, system_differences
 from ha2g_jax.errors import require
 from ha2g_jax.evaluation.evaluate import number
 from ha2g_jax.metrics.uncertainty import holm
@@ -94,7 +88,7 @@ def _preference(choices: Choices, key: Key) -> dict[str, Any]:
     result = bradley_terry.estimate(decided, len(key.systems))
     names = [key.systems[index] for index in result.systems]
     for at, name in enumerate(names):
-        one = Estimate(*(np.asarray(column)[at] for column in result.strengths))
+        one = CrossedEstimate(*(np.asarray(column)[at] for column in result.strengths))
         elo = bradley_terry.ELO_CENTRE + bradley_terry.ELO_PER_LOGIT * one.value
         found["strengths"][name] = {
             **_json(one, "error"),
@@ -139,15 +133,15 @@ def _share(found: Share) -> dict[str, Any]:
     return {"choices": counts, **numbers}
 
 
-def _rows(estimates: Estimate, names: Sequence[str], *fields: str) -> list[dict[str, Any]]:
+def _rows(estimates: CrossedEstimate, names: Sequence[str], *fields: str) -> list[dict[str, Any]]:
     """Return a row for each pair of systems, "first" less "second"."""
     return [
-        {"first": first, "second": second, **_json(Estimate(*(column[number] for column in estimates)), *fields)}
+        {"first": first, "second": second, **_json(CrossedEstimate(*(column[number] for column in estimates)), *fields)}
         for number, (first, second) in enumerate(itertools.combinations(names, 2))
     ]
 
 
-def _json(estimate: Estimate, *fields: str) -> dict[str, Any]:
+def _json(estimate: CrossedEstimate, *fields: str) -> dict[str, Any]:
     return {name: _number(getattr(estimate, name)) for name in ("value", "low", "high", *fields)}
 
 

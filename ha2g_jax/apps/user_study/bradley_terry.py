@@ -10,9 +10,10 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csgraph
 
 from ha2g_jax.apps.user_study.answers import Choices
-from ha2g_jax.apps.user_study.estimates import Estimate, crossed, jackknife
+from ha2g_jax.apps.user_study.estimates import CrossedEstimate, crossed, jackknife
 
 ELO_CENTRE = 1500
 ELO_PER_LOGIT = 400 / np.log(10)
@@ -31,8 +32,8 @@ class Strengths(NamedTuple):
     """
 
     systems: np.ndarray
-    strengths: Estimate
-    differences: Estimate
+    strengths: CrossedEstimate
+    differences: CrossedEstimate
     finite: np.ndarray
     is_connected: bool
 
@@ -93,7 +94,10 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     first, second = np.array(list(itertools.combinations(range(len(used)), 2))).T
     contrasts = np.eye(len(used))[first] - np.eye(len(used))[second]
     if not is_connected:
-        nothing = [Estimate(*np.full((len(Estimate._fields), len(rows)), np.nan)) for rows in (to_mean, contrasts)]
+        nothing = [
+            CrossedEstimate(*np.full((len(CrossedEstimate._fields), len(rows)), np.nan))
+            for rows in (to_mean, contrasts)
+        ]
         return Strengths(used, *nothing, finite=finite, is_connected=False)
     strengths = fit(wins + added)
     spreads = []
@@ -131,11 +135,8 @@ def _information(wins: np.ndarray, strengths: np.ndarray) -> np.ndarray:
 
 def _closure(edges: np.ndarray) -> np.ndarray:
     """Return which system is reached from which one by a chain of edges (S, S); each reaches itself."""
-    reached = edges | np.eye(len(edges), dtype=bool)
-    for middle in range(len(edges)):
-        reached |= reached[:, [middle]] & reached[[middle], :]
-    return reached
+    return np.isfinite(csgraph.shortest_path(edges, unweighted=True))
 
 
-def _open(found: Estimate, above: np.ndarray, below: np.ndarray) -> Estimate:
+def _open(found: CrossedEstimate, above: np.ndarray, below: np.ndarray) -> CrossedEstimate:
     return found._replace(low=np.where(below, -np.inf, found.low), high=np.where(above, np.inf, found.high))

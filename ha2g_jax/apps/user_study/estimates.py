@@ -22,7 +22,7 @@ _CHUNK = 256  # participants left out at a time
 _RIDGE, _TOLERANCE = 1e-10, 1e-5  # of the equations of the differences
 
 
-class Estimate(NamedTuple):
+class CrossedEstimate(NamedTuple):
     """A statistic, or an array of them.
 
     Attributes:
@@ -68,7 +68,7 @@ def jackknife(parts: np.ndarray, is_used: np.ndarray | None = None) -> Spread:
 
 def crossed(
     value: np.ndarray, participants: Spread, clips: Spread, *, least: np.ndarray | float = 0.0, level: float = LEVEL
-) -> Estimate:
+) -> CrossedEstimate:
     """Return the t interval of a statistic over participants and clips.
 
     The variance is v_p + v_c, with (v_p + v_c)^2 / (v_p^2 / (P - 1) + v_c^2 / (C - 1)) degrees of freedom, as of min F'
@@ -92,7 +92,7 @@ def crossed(
         ratio = np.abs(value) / error
         p = np.where(value == 0, 1.0, 2 * stats.t.sf(ratio, freedom))
     p = np.where(np.isnan(error), np.nan, p)
-    return Estimate(np.asarray(value), value - half, value + half, error, freedom, p)
+    return CrossedEstimate(np.asarray(value), value - half, value + half, error, freedom, p)
 
 
 def degrees_of_freedom(participants: Spread, clips: Spread) -> np.ndarray:
@@ -117,7 +117,7 @@ def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:
     return jackknife(np.where(is_used, parts, 0.0), is_used)
 
 
-def mean(values: np.ndarray, participants: np.ndarray, clips: np.ndarray) -> Estimate:
+def mean(values: np.ndarray, participants: np.ndarray, clips: np.ndarray) -> CrossedEstimate:
     """Return the mean of values (n,), at least one, with its interval over the participants and clips of each."""
     spreads = (ratio(np.bincount(group, values), np.bincount(group)) for group in (participants, clips))
     return crossed(np.asarray(values.mean()), *spreads)
@@ -212,7 +212,7 @@ def interval(
 
 def system_differences(
     scores: np.ndarray, participants: np.ndarray, clips: np.ndarray, systems: np.ndarray, num_systems: int
-) -> Estimate:
+) -> CrossedEstimate:
     """Return the paired differences of mean scores of all pairs of systems, in the order of `itertools.combinations`.
 
     Least squares with an effect of each system, each participant and each clip: score = system + participant + clip +
@@ -285,33 +285,30 @@ def _solve(matrices: np.ndarray, rights: np.ndarray, num_systems: int) -> np.nda
     return np.where(is_determined, (weights @ rights[..., None])[..., 0], np.nan)
 
 
-def fleiss_kappa(table: np.ndarray) -> np.ndarray:
+def fleiss_kappa(table: np.ndarray) -> float:
     """Return Fleiss' kappa, (P - P_e) / (1 - P_e).
 
     P is the mean over items of the share of pairs of answers that agree, sum_j n_ij (n_ij - 1) / (n_i (n_i - 1)), and
     P_e = sum_j p_j^2 with p_j the mean over items of n_ij / n_i. Fleiss 1971 has the same number of answers n_i for all
-    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not
-    count.
+    items; with other numbers these are the means of Gwet 2014, and items with fewer than two answers do not count.
 
     Args:
-        table: (..., items, categories) number of answers.
+        table: (items, categories) number of answers.
 
     Returns:
-        Kappa (...): 1 for perfect agreement, 0 for that of chance; NaN if no item has two answers, or if all answers of
-        the table are of one category, where chance agrees perfectly as well.
+        Kappa: 1 for perfect agreement, 0 for that of chance; NaN if no item has two answers, or if all answers of the
+        table are of one category, where chance agrees perfectly as well.
     """
-    totals = table.sum(-1)
-    is_used = totals > 1
-    num_items = np.maximum(is_used.sum(-1), 1)
-    agree = (table * (table - 1)).sum(-1) / np.maximum(totals * (totals - 1), 1)
-    agreement = np.where(is_used, agree, 0.0).sum(-1) / num_items
-    shares = np.where(is_used[..., None], table / np.maximum(totals, 1)[..., None], 0.0).sum(-2) / num_items[..., None]
-    chance = np.square(shares).sum(-1)
-    is_defined = is_used.any(-1) & (chance < 1 - 1e-12)
-    return np.where(is_defined, (agreement - chance) / np.where(is_defined, 1 - chance, 1.0), np.nan)
+    table = table[table.sum(1) > 1]
+    if not len(table):
+        return np.nan
+    totals = table.sum(1)
+    agreement = np.mean((table * (table - 1)).sum(1) / (totals * (totals - 1)))
+    chance = np.square(np.mean(table / totals[:, None], axis=0)).sum()
+    return float((agreement - chance) / (1 - chance)) if chance < 1 - 1e-12 else np.nan
 
 
-def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> Estimate:
+def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, answers: np.ndarray) -> CrossedEstimate:
     """Return Fleiss' kappa of answers, which agree if they are equal, with an interval over participants and clips.
 
     Args:
@@ -326,7 +323,7 @@ def agreement(participants: np.ndarray, clips: np.ndarray, items: np.ndarray, an
         cells = np.ravel_multi_index((item[is_kept], category[is_kept]), shape)
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape)
 
-    value = fleiss_kappa(table(np.ones(len(item), bool)))
+    value = np.asarray(fleiss_kappa(table(np.ones(len(item), bool))))
     spreads = [
         jackknife(np.array([fleiss_kappa(table(groups != group)) for group in np.unique(groups)]))
         for groups in (participants, clips)

@@ -33,7 +33,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import find_motions, find_sounds, sound_key
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.features.espeak import Voice, say
-from ha2g_jax.files.reading import shown
+from ha2g_jax.files.reading import file_sha256, shown
 from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.formats.video import VIDEO_FPS, check_size, fit_view, write_video
@@ -144,11 +144,9 @@ def _make_key(
 
 
 def _stimulus(planned: Planned, video: pathlib.Path) -> Stimulus:
-    with video.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
     is_check = planned.scene.part == ATTENTION
     sound = None if is_check else planned.scene.clip
-    return Stimulus(planned.system, planned.clip, planned.clip == sound, sound, digest)
+    return Stimulus(planned.system, planned.clip, planned.clip == sound, sound, file_sha256(video))
 
 
 class Sources(NamedTuple):

@@ -18,7 +18,7 @@ from ha2g_jax.data.corpus import TRAIN
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.recording import Report, SplitReport, report_as_json
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, reading, shown
+from ha2g_jax.files.reading import check_regular, file_sha256, reading, shown
 from ha2g_jax.files.writing import check_kept, check_new, whole_file
 from ha2g_jax.importers.video import extraction, pose, runners
 from ha2g_jax.importers.video.extraction import Extraction, VideoRecording
@@ -287,5 +287,5 @@ def _load(folder: pathlib.Path, key: str) -> Extraction:
 
 
 def _digest(path: pathlib.Path) -> str:
-    with reading(path, "a video with its transcript"), path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    with reading(path, "a video with its transcript"):
+        return file_sha256(path)

@@ -7,7 +7,6 @@ import pytest
 
 from ha2g_jax.apps.genea import sample
 from ha2g_jax.errors import UserError
-from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 
@@ -69,24 +68,3 @@ def test_with_a_body_model_the_soles_are_on_the_floor(files):
     feet = body.shaped(made.betas)[[JOINTS.index("left_foot"), JOINTS.index("right_foot")]] + made.trans[0]
     np.testing.assert_allclose(feet[:, 1], 0.02, atol=1e-6)
     assert made.betas[0] == 0.5 and not made.betas[1:].any()
-
-
-def test_the_file_holds_the_arrays_of_beat2_and_nothing_else(files, tmp_path):
-    sample.from_motion(Motion.load(files["own"]), 60).write(tmp_path / "x.npz")
-    sample.from_motion(Motion.load(files["own"]), 60).write(tmp_path / "y.npz")
-    assert (tmp_path / "x.npz").read_bytes() == (tmp_path / "y.npz").read_bytes()
-    with np.load(tmp_path / "x.npz") as found:
-        assert {name: (found[name].shape, found[name].dtype.kind) for name in found} == {
-            "betas": ((300,), "f"),
-            "poses": ((60, 165), "f"),
-            "expressions": ((60, 100), "f"),
-            "trans": ((60, 3), "f"),
-            "model": ((), "U"),
-            "gender": ((), "U"),
-            "mocap_frame_rate": ((), "i"),
-        }
-        assert (str(found["model"]), str(found["gender"]), int(found["mocap_frame_rate"])) == (
-            "smplx2020",
-            "neutral",
-            30,
-        )

@@ -111,8 +111,6 @@ def test_without_sound_nothing_is_recorded(live, tmp_path, monkeypatch, capsys):
         (["--sink", "a.npz"], "--source"),
         (["--source", "a.wav"], "--sink"),
         (["--source", "missing.wav", "--sink", "a.npz"], "no file at missing.wav"),
-        (["--source", "stdin", "--sink", "a.npz", "--fast"], "--fast is for files"),
-        (["--source", "{speech}", "--sink", "tcp://127.0.0.1:1"], "no sink"),
         (["--source", "{speech}", "--sink", "a.npz", "--delay", "0.1"], "the delay is 0.1 s; give 0.267 s"),
         (["--source", "{speech}", "--sink", "a.npz", "--delay", "nan"], "the delay is nan"),
         (["--source", "{speech}", "--sink", "a.npz", "--speaker", "nobody"], "nobody"),

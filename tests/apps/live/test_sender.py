@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from apps.live.standins import FPS
 
-from ha2g_jax.apps.live.clock import Stop
+from ha2g_jax.apps.live.clock import StopFlag
 from ha2g_jax.apps.live.frames import Frame
 from ha2g_jax.apps.live.sender import HELD_SECONDS, TOO_LATE, Meter, Sender
 from ha2g_jax.skeleton import load_skeleton
@@ -33,8 +33,8 @@ def send(clock, frames, *sinks, delay: float | None = 0.2, stop=None):
     meter = Meter(0.2)
     sender = Sender(sinks, FPS, delay, 1 / FPS, clock, meter)
     for number, heard in frames:
-        sender.put(Frame(number, number / FPS, heard, SKELETON, SKELETON.mean_directions, {}), stop or Stop())
-    sender.finish(stop or Stop())
+        sender.put(Frame(number, number / FPS, heard, SKELETON, SKELETON.mean_directions, {}), stop or StopFlag())
+    sender.finish(stop or StopFlag())
     return meter
 
 
@@ -77,7 +77,7 @@ def test_a_sink_that_takes_too_long_does_not_make_frames_wait_for_ever(clock):
 def test_the_computation_waits_while_too_many_frames_wait(clock):
     """The clock stands still, so that no frame is sent."""
     clock.sleep = lambda seconds: None
-    sender, count, stop = Sender([Receiver(clock)], FPS, 0.2, 0.1, clock, Meter(0.2)), 0, Stop()
+    sender, count, stop = Sender([Receiver(clock)], FPS, 0.2, 0.1, clock, Meter(0.2)), 0, StopFlag()
 
     def put():
         nonlocal count
@@ -108,7 +108,7 @@ def test_a_fault_of_a_sink_ends_the_run(clock):
 
 
 def test_frames_that_wait_are_left_out_when_the_run_is_to_stop(clock):
-    stop = Stop()
+    stop = StopFlag()
     clock.sleep = lambda seconds: stop.ask()
     sink = Receiver(clock)
     send(clock, [(0, 500)], sink, stop=stop)

@@ -12,7 +12,7 @@ import soundfile
 import soxr
 
 from ha2g_jax.apps.live import sources
-from ha2g_jax.apps.live.clock import Clock, Stop, Timeline
+from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.network import read_address
 from ha2g_jax.apps.live.sources import FileSource, Resampler
 from ha2g_jax.errors import UserError
@@ -31,7 +31,7 @@ def pcm(samples):
 
 def take(source, clock, seconds):
     """Return the chunks of the first seconds of a source."""
-    stop, chunks = Stop(), []
+    stop, chunks = StopFlag(), []
     for chunk in source.chunks(clock, stop):
         chunks.append(chunk)
         if sum(len(chunk.samples) for chunk in chunks) >= 16000 * seconds:
@@ -62,7 +62,7 @@ def test_a_file_is_heard_in_real_time_unless_it_is_fast(tmp_path, clock, is_fast
     soundfile.write(tmp_path / "a.wav", tone(22050), 22050)
     start, position = clock.now(), 0
     source = FileSource(tmp_path / "a.wav", is_fast)
-    for chunk in source.chunks(clock, Stop()):
+    for chunk in source.chunks(clock, StopFlag()):
         assert chunk.heard == pytest.approx(start + position / 16000)
         position += len(chunk.samples)
         assert clock.now() == pytest.approx(start if is_fast else start + position / 16000)
@@ -80,7 +80,7 @@ def test_stdin_is_read_to_its_end_with_samples_that_two_reads_share(clock):
             return super().read(min(size or 0, 333))
 
     source = sources.PipeSource(16000, Pipe(pcm(tone(16000)) + b"x"))
-    sound = joined(list(source.chunks(Clock(), Stop())))
+    sound = joined(list(source.chunks(Clock(), StopFlag())))
     np.testing.assert_allclose(sound[:16000], tone(16000), atol=1e-4)
 
 
@@ -111,7 +111,7 @@ def test_where_nothing_is_sent_silence_is_heard_and_the_clock_goes_on(clock):
 
 def test_sound_after_a_pause_is_heard_when_it_arrives(clock):
     source = sources.Inbox(16000)
-    heard = source.chunks(clock, Stop())
+    heard = source.chunks(clock, StopFlag())
     for _ in range(10):
         next(heard)
     source.put(tone(16000, 0.1))
@@ -175,7 +175,7 @@ def test_a_microphone_does_not_wait_and_counts_what_is_lost(clock, monkeypatch, 
     device = Device(clock, sources._QUEUE + 25)
     monkeypatch.setitem(sys.modules, "sounddevice", device)
     source = sources.MicrophoneSource(None)
-    chunks = list(source.chunks(clock, Stop()))  # ends, as there is no more sound
+    chunks = list(source.chunks(clock, StopFlag()))  # ends, as there is no more sound
     assert source.lost_seconds == pytest.approx(0.5)
     assert len(chunks) == sources._QUEUE
     assert chunks[-1].heard == pytest.approx(100 + 0.02 * (sources._QUEUE - 1))
@@ -196,7 +196,7 @@ def test_a_microphone_that_is_missing_is_said_in_one_line(clock, monkeypatch):
 @pytest.fixture
 def listening(free_port):
     """The address of a WebSocket source, and the chunks that a thread takes from it."""
-    address, stop, chunks = read_address(f"ws://127.0.0.1:{free_port()}"), Stop(), []
+    address, stop, chunks = read_address(f"ws://127.0.0.1:{free_port()}"), StopFlag(), []
     source = sources.WebSocketSource(address, 16000)
     thread = threading.Thread(target=lambda: chunks.extend(source.chunks(Clock(), stop)), daemon=True)
     thread.start()
