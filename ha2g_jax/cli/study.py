@@ -174,9 +174,9 @@ def _power(arguments: argparse.Namespace) -> None:
     given = [arguments.sd_participants, arguments.sd_clips, arguments.sd_rest if is_mos else 0.0]
     equal = arguments.equal
     if arguments.pilot is not None:
-        pilot = power.read_pilot(arguments.measure, arguments.pilot, read_key(arguments.study))
-        given = [pilot.spreads[at] if value is None else value for at, value in enumerate(given)]
-        equal = pilot.equal if equal is None else equal
+        found, share_of_equal = power.read_pilot(arguments.measure, arguments.pilot, read_key(arguments.study))
+        given = [found[at] if value is None else value for at, value in enumerate(given)]
+        equal = share_of_equal if equal is None else equal
     if None in given:
         names = "--sd-participants, --sd-clips and --sd-rest" if is_mos else "--sd-participants and --sd-clips"
         raise UserError(f"give {names}, or the answers of a pilot study: --pilot ANSWERS --study DIR")

@@ -1,6 +1,5 @@
 """One page that holds all it needs, whatever it is given."""
 
-import html.parser
 import json
 import pathlib
 import re
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 from fixtures.motions import swaying
+from fixtures.pages import Page
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
@@ -18,24 +18,8 @@ from ha2g_jax.viewer import view, write_page
 from ha2g_jax.viewer.page import three_library
 
 
-class Elements(html.parser.HTMLParser):
-    """The elements of a page: (tag, attributes), and the text of those that have an id."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.elements, self.texts, self._id = [], {}, None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        self._id = dict(attrs).get("id")
-
-    def handle_data(self, data):
-        self.texts[self._id] = self.texts.get(self._id, "") + data
-
-
 def content_of(text):
-    return json.loads(Elements(text).texts["content"])
+    return json.loads(Page(text).of("content"))
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +28,11 @@ def speech():
 
 
 def test_the_page_names_nothing_outside_itself(speech):
-    elements = Elements(view(swaying(), speech, words=[Word("hello", 0.1, 0.4)]).text).elements
+    elements = Page(view(swaying(), speech, words=[Word("hello", 0.1, 0.4)]).text).elements
     assert len(elements) > 30
-    links = [attributes.get(name) for _, attributes in elements for name in ("src", "href", "data")]
+    links = [attributes.get(name) for _, attributes, _ in elements for name in ("src", "href", "data")]
     assert set(filter(None, links)) == {"data:,"}  # the icon, which browsers else ask for
-    (policy,) = [a["content"] for _, a in elements if a.get("http-equiv") == "Content-Security-Policy"]
+    (policy,) = [a["content"] for _, a, _ in elements if a.get("http-equiv") == "Content-Security-Policy"]
     assert "default-src 'none'" in policy
     assert "http" not in policy
     assert "connect-src" not in policy  # so that default-src holds for it
@@ -63,7 +47,7 @@ def test_the_same_input_gives_the_same_page(speech, tmp_path):
 def test_names_and_words_cannot_end_the_script():
     wicked = "</script><img src=x onerror=alert(1)>$title"
     page = view({wicked: swaying()}, words=[Word(wicked, 0, 1)])
-    assert not any(tag == "img" for tag, _ in Elements(page.text).elements)
+    assert "img" not in Page(page.text).tags
     assert content_of(page.text)["motions"][0]["name"] == wicked
     assert content_of(page.text)["words"] == [[wicked, 0, 1]]
 
@@ -79,8 +63,8 @@ def test_the_page_lasts_as_long_as_what_it_shows(speech):
 
 def test_a_notebook_shows_the_page_in_a_frame():
     page = view(swaying(), height=400)
-    ((tag, attributes),) = Elements(page._repr_html_()).elements
-    assert tag == "iframe"
+    (tag, attributes, _), *rest = Page(page._repr_html_()).elements
+    assert (tag, rest) == ("iframe", [("/iframe", {}, "")])
     assert attributes["srcdoc"] == page.text
     assert "height: 400px" in attributes["style"]
     assert len(repr(page)) < 100  # which is stored with the output, too

@@ -302,11 +302,8 @@ def ratings_of(participants: Sequence[Participant], key: Key) -> Ratings:
 def choices_of(participants: Sequence[Participant], key: Key, kind: str) -> Choices:
     """Collect the choices of a kind of pairs.
 
-    Args:
-        participants: participants who are kept.
-        key: key of the study.
-        kind: `PREFERENCE`, where the first of a pair is the system that the key names first, or `MISMATCH`, where it is
-            the motion with its own speech.
+    The first of a pair is the system that the key names first (`PREFERENCE`), or the motion with its own speech
+    (`MISMATCH`).
     """
     rows = []
     for number, item, answer in _answers_of(participants, key, kind):

@@ -193,18 +193,10 @@ def read_sources(
     source_fps: float | None = None,
     seed: int = 0,
 ) -> Sources:
-    """Read the motion of all systems and its sound.
+    """Read the motion of all systems and its sound; the options are those of `make_study`.
 
-    The sound of a clip is the file of the same name in `speech`, or else beside a motion. Every figure gets the
-    lengths of bones of the skeleton, so that participants cannot tell systems by the build of a person.
-
-    Args:
-        systems: folder of each system.
-        speech: folder of the sounds; by default they lie beside the motion of any system.
-        clips: number of clips, drawn with the seed; by default all.
-        clip_seconds: length in seconds to which longer clips are cut.
-        joint_map, source_fps: see `motion.readers.read_motion`.
-        seed: seed of the choice of clips.
+    The sound of a clip is the file of the same name in `speech`, or else beside the motion of any system. Every figure
+    gets the lengths of bones of the skeleton, so that participants cannot tell systems by the build of a person.
 
     Raises:
         UserError: a folder lacks a clip, a clip lacks sound, motion is much shorter than its sound, a clip is shorter

@@ -54,13 +54,7 @@ def read_wording(
     closing: pathlib.Path | None = None,
     post: str | None = None,
 ) -> Wording:
-    """Read the texts of a study and check its address.
-
-    Args:
-        title: title of the study.
-        consent: UTF-8 text in paragraphs with blank lines between them; None for a short text.
-        closing: the same for the end.
-        post: address that answers are sent to.
+    """Read the texts of a study, in paragraphs with blank lines between them, and check its address.
 
     Raises:
         UserError: a text cannot be read or is empty, the title is too long, or the address cannot be used.
@@ -76,12 +70,7 @@ def read_wording(
 
 
 def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], wording: Wording) -> None:
-    """Write all of a site but its videos to a folder, which exists.
-
-    Args:
-        key: key of the study.
-        lists: ids of the items of each list.
-        wording: texts of the owner.
+    """Write all of a site but its videos to a folder, which exists; `lists` has the ids of the items of each list.
 
     Raises:
         OSError: a file cannot be written.

@@ -92,12 +92,7 @@ def of_difference(difference: float, spreads: Spreads, plan: Plan) -> Simulation
 
 
 def of_share(share: float, spreads: Spreads, plan: Plan) -> Simulation:
-    """Return the simulation of a share that differs from a half, of preferences or of matched motion.
-
-    Args:
-        share: expected share among the choices that prefer one.
-        spreads: standard deviations of the share.
-        plan: the study.
+    """Return the simulation of a share among the choices that prefer one, of preferences or of matched motion.
 
     Raises:
         UserError: a number is out of range.
@@ -228,13 +223,6 @@ def _nodes() -> tuple[np.ndarray, np.ndarray]:
     return nodes, weights / weights.sum()
 
 
-class Pilot(NamedTuple):
-    """What a pilot study says: standard deviations, and the share of choices for neither."""
-
-    spreads: Spreads
-    equal: float = 0.0
-
-
 def required_participants(
     measure: str,
     effect: float,
@@ -302,8 +290,10 @@ def as_text(result: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> Pilot:
-    """Estimate standard deviations from the answers of a pilot study, on average over scales and pairs of systems.
+def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> tuple[Spreads, float]:
+    """Estimate standard deviations and the share of equal choices from the answers of a pilot study.
+
+    Standard deviations are averages over scales and pairs of systems.
 
     The delete-one variances over participants and clips are set equal to what the standard deviations give, and
     negative results are 0.
@@ -311,12 +301,13 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> Pilot:
     Raises:
         UserError: the answers cannot be read, or have too little to estimate standard deviations.
     """
-    participants = read_answers(paths, key).participants
+    participants, equal = read_answers(paths, key).participants, 0.0
     if measure == MOS:
-        found = _of_ratings(ratings_of(participants, key))
+        variances = _of_ratings(ratings_of(participants, key))
     else:
-        found = _of_choices(choices_of(participants, key, measure))
-    variances, equal = found
+        choices = choices_of(participants, key, measure)
+        variances = _of_choices(choices)
+        equal = float((choices.outcome == 0).mean()) if len(choices.outcome) else 0.0
     if not variances:
         raise UserError(
             f"the pilot study has too few answers for {measure}: it needs two participants and two clips with answers "
@@ -325,10 +316,10 @@ def read_pilot(measure: str, paths: Sequence[pathlib.Path], key: Key) -> Pilot:
     means = np.mean(variances, axis=0)
     if not np.any(means):
         raise UserError(f"all answers of the pilot study to {measure} agree; give the standard deviations")
-    return Pilot(Spreads(*(math.sqrt(value) for value in means)), equal)
+    return Spreads(*(math.sqrt(value) for value in means)), equal
 
 
-def _of_ratings(ratings: Ratings) -> tuple[list[tuple[float, float, float]], float]:
+def _of_ratings(ratings: Ratings) -> list[tuple[float, float, float]]:
     """Return the variances of differences between systems on the same clip, for each pair and scale."""
     found = []
     shape = (ratings.participant.max(initial=0) + 1, ratings.clip.max(initial=0) + 1)
@@ -344,10 +335,10 @@ def _of_ratings(ratings: Ratings) -> tuple[list[tuple[float, float, float]], flo
             rest = _rest(values, participants, clips)
             if rest is not None:
                 found.append((*_components(values, participants, clips, rest), rest / 2))
-    return found, 0.0
+    return found
 
 
-def _of_choices(choices: Choices) -> tuple[list[tuple[float, float, float]], float]:
+def _of_choices(choices: Choices) -> list[tuple[float, float, float]]:
     """Return the variances of shares, for each pair of systems or each system."""
     found = []
     for pair in np.unique([choices.first, choices.second], axis=1).T if len(choices.outcome) else []:
@@ -356,7 +347,7 @@ def _of_choices(choices: Choices) -> tuple[list[tuple[float, float, float]], flo
             values = (mine.outcome == 1).astype(float)
             rest = float(values.mean() * (1 - values.mean()))
             found.append((*_components(values, mine.participant, mine.clip, rest), 0.0))
-    return found, float((choices.outcome == 0).mean()) if len(choices.outcome) else 0.0
+    return found
 
 
 def _components(values: np.ndarray, participants: np.ndarray, clips: np.ndarray, rest: float) -> tuple[float, float]:

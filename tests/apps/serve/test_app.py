@@ -8,8 +8,6 @@ import pytest
 from fixtures.service import running, wav
 
 from ha2g_jax.apps.serve.messages import FORMATS, MotionQuery
-from ha2g_jax.errors import UserError
-from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style
@@ -23,10 +21,6 @@ def test_files_are_those_of_generate(client, debug_model, suffix, tmp_path):
     formats.export(motion, tmp_path / f"out.{suffix}")
     answer = client.post(f"format={suffix}&style=ada:1,ben:3&seed=4&energy=0.5", wav(1))
     assert answer.status == 200 and answer.body == (tmp_path / f"out.{suffix}").read_bytes()
-
-
-def test_formats_of_the_query_are_those_of_the_package():
-    assert set(MotionQuery.model_json_schema()["properties"]["format"]["enum"]) == set(FORMATS)
 
 
 BAD_REQUESTS = {
@@ -112,13 +106,6 @@ def test_a_client_that_leaves_is_no_fault_of_the_service(client, caplog):
     while client.service.motions.taken:
         time.sleep(0.01)
     assert client.ask("GET", "/health").status == 200 and not caplog.records
-
-
-def test_a_sound_is_read_up_to_its_limit_only(tmp_path):
-    (tmp_path / "a.wav").write_bytes(wav(1))
-    assert len(read_audio(tmp_path / "a.wav", max_seconds=1)) == SAMPLE_RATE
-    with pytest.raises(UserError, match=r"more than 0\.015 minutes"):
-        read_audio(tmp_path / "a.wav", max_seconds=0.9)
 
 
 def test_the_description_of_the_routes(client):

@@ -56,16 +56,10 @@ def test_parts_of_the_manifest_name_each_other():
     assert f"USER {POD['securityContext']['runAsUser']}" in DOCKERFILE
 
 
-def test_what_the_image_copies_is_not_ignored():
+def test_the_image_copies_what_the_package_is_built_from_and_what_is_not_ignored():
     kept = re.findall(r"^!(.*)$", (DEPLOY / "Dockerfile.dockerignore").read_text(), re.MULTILINE)
-    copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
-    assert {name for line in copied for name in line.split()} == set(kept)
-    assert all((ROOT / name).exists() for name in kept)
-
-
-def test_the_image_has_what_the_package_is_built_from():
+    copied = {name for line in re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE) for name in line.split()}
+    assert copied == set(kept) and all((ROOT / name).exists() for name in kept)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    copied = re.findall(r"^COPY (?!--)(.*) \S+$", DOCKERFILE, re.MULTILINE)
-    folders = {name for line in copied for name in line.split()}
-    assert included and all(folders & {path, *map(str, pathlib.PurePosixPath(path).parents)} for path in included)
+    assert included and all(copied & {path, *map(str, pathlib.PurePosixPath(path).parents)} for path in included)

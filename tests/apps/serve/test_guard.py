@@ -34,7 +34,9 @@ def test_pages_of_other_hosts_are_refused(debug_model):
             with client.stream(origin=origin) as websocket:
                 assert begin(websocket)["fps"] == 15
         assert client.post("", wav(0.3), Origin="null").status == 403
-        assert client.ask("GET", "/metrics", None, {"Host": "evil.example"}).status == 403
+        for path in ("/", "/metrics"):
+            assert client.ask("GET", path, None, {"Host": "evil.example"}).status == 403
+            assert client.ask("GET", path, None, {"Origin": "https://evil.example"}).status == 403
 
 
 def test_each_address_has_its_rate():

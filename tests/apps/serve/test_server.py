@@ -9,13 +9,14 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from fixtures.service import begin, closing, command, finish, running, speech, wav
+from fixtures.service import TOKEN, begin, closing, command, finish, running, speech, wav
 from websockets.exceptions import InvalidStatus
 
 from ha2g_jax import cli
 from ha2g_jax.apps.serve import server
-from ha2g_jax.apps.serve.settings import Settings
+from ha2g_jax.apps.serve.settings import Settings, check
 from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.errors import UserError
 
 
 def test_a_missing_extra_is_one_line(monkeypatch, capsys):
@@ -30,6 +31,25 @@ def test_a_port_that_is_taken_is_one_line(capsys):
     assert "give another --port" in capsys.readouterr().err
 
 
+BAD_SETTINGS = {
+    "host": ({"host": "0.0.0.0"}, "other machines reach 0.0.0.0: give --token"),
+    "empty host": ({"host": ""}, "give --token"),
+    "short token": ({"token": "secret"}, "16 or more random characters"),
+    "port": ({"port": 70000}, "the port is 70000"),
+    "rate": ({"rate": float("nan")}, "--rate is nan"),
+    "grace": ({"grace": -1}, "--grace is -1"),
+    "seconds": ({"max_seconds": 0}, "--max-seconds is 0"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SETTINGS)
+def test_bad_settings_are_refused(name):
+    settings, message = BAD_SETTINGS[name]
+    with pytest.raises(UserError, match=message):
+        check(Settings(**settings))
+    check(Settings(host="0.0.0.0", token=TOKEN))
+
+
 def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
     with running(debug_model, sessions=1, requests=0) as client, client.stream() as websocket:
         begin(websocket)
@@ -38,15 +58,18 @@ def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
         assert refused.value.response.status_code == 503 and int(refused.value.response.headers["Retry-After"]) > 0
         full = client.post("", wav(0.3))
         assert full.status == 503 and int(full.headers["Retry-After"]) > 0 and "requests are running" in full.error
+        plain = client.ask("GET", "/v1/stream")  # as a page asks, which is not told why its stream was refused
+        assert plain.status == 503 and plain.error == "1 streams are running; try again later"
         websocket.send(speech(0.5).tobytes())
         frames, _ = finish(websocket)
         assert len(frames) == 8
         while not client.service.is_idle:
             time.sleep(0.01)
+        assert client.ask("GET", "/v1/stream").headers["Upgrade"] == "websocket"
         with client.stream() as another:
             assert begin(another)["fps"] == 15
         metrics = client.ask("GET", "/metrics").body.decode()
-    assert 'ha2g_requests_total{route="/v1/stream",status="503"} 1.0' in metrics
+    assert 'ha2g_requests_total{route="/v1/stream",status="503"} 2.0' in metrics
     assert 'ha2g_requests_total{route="/v1/stream",status="101"} 2.0' in metrics and "ha2g_frames_total 8.0" in metrics
 
 

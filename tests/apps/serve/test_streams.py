@@ -1,5 +1,7 @@
 """Streams over real sockets: their frames, and the messages that end them."""
 
+import json
+
 import numpy as np
 import pytest
 from fixtures.service import begin, closing, finish, running, speech
@@ -93,3 +95,23 @@ def test_a_stream_that_takes_too_long_is_ended(debug_model, limit, text):
         websocket.send("{}")
         received, code = closing(websocket)
     assert code == 1008 and text in received[-1]["error"]
+
+
+def test_clear_begins_the_motion_again_with_the_style_and_controls_of_the_stream(debug_model):
+    """The frames after "cleared" are those of a new stream of the sound after it, counted from 0."""
+    old, new = speech(1.5)[:20000], speech(2)[8000:]
+    with running(debug_model) as client, client.stream() as websocket:
+        begin(websocket, seed=3)
+        websocket.send(old.tobytes())
+        websocket.send('{"style": {"speaker": "ben"}, "controls": {"energy": 0.5}, "clear": true}')
+        while "cleared" not in (message := json.loads(websocket.recv(timeout=20))):
+            assert "frames" in message
+        assert message == {"cleared": True}
+        websocket.send(new.tobytes())
+        frames, last = finish(websocket)
+    with running(debug_model) as client, client.stream() as websocket:
+        begin(websocket, seed=3, style={"speaker": "ben"}, controls={"energy": 0.5})
+        websocket.send(new.tobytes())
+        expected, _ = finish(websocket)
+    assert last["count"] == len(frames) == len(expected) == 22
+    np.testing.assert_array_equal(frames, expected)

@@ -90,8 +90,3 @@ def test_connections_go_to_free_workers_with_the_fewest():
         assert min(few, many, full, key=lambda child: child.rank) is many
         assert list(few.unreceived) == [theirs, theirs] and not loading.give(theirs)
     assert not any(child.give(theirs) for child in children)
-
-
-def test_a_report_is_what_was_sent():
-    report = Report(True, 7, 3, True, 'a line\nwith "quotes"')
-    assert report.line().count(b"\n") == 1 and Report.parse(report.line()) == report

@@ -40,6 +40,10 @@ def first_of(kind, /, **changes):
     return lambda content: at(kind, content).update(changes)
 
 
+def rated(value):
+    return first_of(RATING, ratings={"naturalness": value, "smoothness": 1, "synchrony": 1})
+
+
 HOSTILE = {
     "format": (changed(format="ha2g-study-key"), "format"),
     "version": (changed(version=2), "version"),
@@ -76,22 +80,10 @@ HOSTILE = {
     "other stimuli": (first_of(PREFERENCE, left="s999"), "other stimuli"),
     "choice": (first_of(PREFERENCE, choice="both"), "the choice is not one of"),
     "choice that is a list": (first_of(PREFERENCE, choice=["left"]), "the choice is not one of"),
-    "rating out of range": (
-        first_of(RATING, ratings={"naturalness": 6, "smoothness": 1, "synchrony": 1}),
-        "not a whole number from 1 to 5",
-    ),
-    "huge rating": (
-        first_of(RATING, ratings={"naturalness": 10**400, "smoothness": 1, "synchrony": 1}),
-        "not a whole number from 1 to 5",
-    ),
-    "rating that is true": (
-        first_of(RATING, ratings={"naturalness": True, "smoothness": 1, "synchrony": 1}),
-        "not a whole number from 1 to 5",
-    ),
-    "NaN as a rating": (
-        first_of(RATING, ratings={"naturalness": float("nan"), "smoothness": 1, "synchrony": 1}),
-        "not a whole number from 1 to 5",
-    ),
+    "rating out of range": (rated(6), "not a whole number from 1 to 5"),
+    "huge rating": (rated(10**400), "not a whole number from 1 to 5"),
+    "rating that is true": (rated(True), "not a whole number from 1 to 5"),
+    "NaN as a rating": (rated(float("nan")), "not a whole number from 1 to 5"),
     "scale that is missing": (first_of(RATING, ratings={"naturalness": 1}), "ratings are not those of"),
     "NaN seconds": (first_of(RATING, seconds=float("nan")), "seconds are not a number"),
     "infinite seconds": (first_of(RATING, seconds=float("inf")), "seconds are not a number"),
@@ -118,13 +110,13 @@ FILES = {
     "not JSON": (b"<script>alert(1)</script>", "is not an answer file"),
     "empty": (b"", "is not an answer file"),
     "not UTF-8": (b"\xff\xfe{}", "is not an answer file"),
-    "nested": (b"[" * 100_000, "nested too deep"),
     "deep": (b"[" * 100 + b"]" * 100, "nested too deep"),
     "long number": (b"1" * 100_000, "is not an answer file"),
     "list": (b"[]", "not a JSON object"),
     "null": (b"null", "not a JSON object"),
     "text of a half character": (b'{"format": "\\ud800"}', "format"),
     "python": (b"__import__('os').system('touch executed')", "is not an answer file"),
+    "huge": (bytes(MAX_ANSWER_BYTES + 1), f"has more than {MAX_ANSWER_BYTES} bytes"),
 }
 
 
@@ -136,25 +128,6 @@ def test_a_file_that_is_no_answer_is_excluded(case, key, tmp_path, monkeypatch):
     found = read(tmp_path, key)
     assert not found.participants and reason in found.excluded[0].reason
     assert [path.name for path in tmp_path.iterdir()] == ["bad.json"]
-
-
-def test_a_huge_file_is_not_read(key, tmp_path, monkeypatch):
-    """A file of 100 MB, sparse on the disk: at most the limit and one byte are read."""
-    with (tmp_path / "big.json").open("wb") as file:
-        file.truncate(100_000_000)
-    sizes = []
-    opened = type(tmp_path).open
-
-    def counting(path, *arguments, **settings):
-        file = opened(path, *arguments, **settings)
-        read_all = file.read
-        file.read = lambda size=-1: sizes.append(size) or read_all(size)
-        return file
-
-    monkeypatch.setattr("ha2g_jax.files.reading.pathlib.Path.open", counting)
-    found = read(tmp_path, key)
-    assert found.excluded[0].reason.startswith(f"has more than {MAX_ANSWER_BYTES} bytes")
-    assert sizes == [MAX_ANSWER_BYTES + 1]
 
 
 def test_pipes_and_folders_are_not_read(key, tmp_path):
@@ -172,10 +145,8 @@ def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path)
     (tmp_path / "c_copy.json").write_text(json.dumps(content))
     found = read(tmp_path, key)
     assert [one.file[-12:] for one in found.participants] == ["b_first.json"]
-    assert [exclusion.reason.split(" of ")[0] for exclusion in found.excluded] == [
-        "further answers, finished later,",
-        ["a copy", "the answers"][0],
-    ]
+    further, copied = found.excluded
+    assert further.reason.startswith("further answers, finished later") and copied.reason.startswith("a copy of")
 
 
 def test_times_at_the_ends_of_the_calendar_can_be_compared(key, content, tmp_path):
@@ -209,9 +180,8 @@ def test_choices_are_about_systems_and_not_about_sides(key, content, tmp_path):
     found = read(tmp_path, key).participants
     preferences, mismatches = (choices_of(found, key, kind) for kind in (PREFERENCE, MISMATCH))
     assert (preferences.outcome == 1).all() and (preferences.first < preferences.second).all()
-    assert (
-        (mismatches.outcome == 1).all() and set(mismatches.first) == {0, 1, 2} and set(mismatches.clip) == {0, 1, 2, 3}
-    )
+    assert (mismatches.outcome == 1).all()
+    assert set(mismatches.first) == {0, 1, 2} and set(mismatches.clip) == {0, 1, 2, 3}
 
 
 def test_ratings_are_those_of_the_file(key, content, tmp_path):

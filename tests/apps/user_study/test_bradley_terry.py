@@ -43,13 +43,6 @@ def test_published_example():
     assert standard_errors(wins, strengths, to_last) == pytest.approx(ERRORS, abs=6e-4)
 
 
-def test_wins_are_counted_by_group():
-    found = choices([(0, 0, 0, 1, 1), (0, 1, 0, 1, -1), (1, 0, 0, 2, 1), (1, 1, 1, 2, 0)])
-    assert wins_of(found, 3).tolist() == [[0, 1, 1], [1, 0, 0], [0, 0, 0]]
-    by_participant = wins_of(found, 3, found.participant)
-    assert by_participant.sum(0).tolist() == wins_of(found, 3).tolist() and by_participant[1, 0, 2] == 1
-
-
 def test_two_systems_are_the_logit_of_the_share():
     """With the correction, half a choice is added to both; maximum likelihood alone is the logit of the share."""
     found = estimate(choices([(p, c, 0, 1, 1 if c < 3 else -1) for p in range(5) for c in range(4)]), 2)

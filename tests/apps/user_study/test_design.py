@@ -1,62 +1,30 @@
 """The design of a study: every item occurs equally often over the lists, and all choices follow from the seed."""
 
 import collections
+import dataclasses
 import json
 import math
 
 import pytest
+from fixtures.simulated_study import EXPECTED, make_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ha2g_jax.apps.user_study.design import (
-    PARTS,
-    Item,
-    Key,
-    Stimulus,
-    make_design,
-    mismatched_clips,
-    read_key,
-    write_key,
-)
+from ha2g_jax.apps.user_study.design import PARTS, make_design, mismatched_clips, read_key, write_key
 from ha2g_jax.errors import UserError
 
 SYSTEMS = ("a", "b", "c")
 DURATIONS = {f"clip {number}": 10.0 for number in range(7)}
-HASH = "0" * 64
-KEY = Key(
-    study="ab12",
-    title="Gestures",
-    seed=2**63 - 1,
-    created="2026-01-01T00:00:00+00:00",
-    systems=("a", "\udcff b"),
-    clips=("c", "d"),
-    stimuli={
-        "s1": Stimulus("a", "c", True, "c", HASH),
-        "s2": Stimulus("a", "d", False, "c", HASH),
-        "s3": Stimulus("\udcff b", "c", True, "c", HASH),
-        "s4": Stimulus("a", "d", False, None, HASH),
-    },
-    items=(
-        Item("i001", "rating", ("s1",)),
-        Item("i002", "preference", ("s1", "s3")),
-        Item("i003", "mismatch", ("s2", "s1")),
-        Item("i004", "attention", ("s4",), 4),
-    ),
-    per_participant={"rating": 1, "preference": 1, "mismatch": 1, "attention": 1},
-)
 
 
 def rows_of(design):
     """Item -> its kind, its systems and the clip that is heard."""
     stimuli = {stimulus.id: stimulus for stimulus in design.stimuli}
-    return {
-        item.id: (
-            item.kind,
-            frozenset(stimuli[name].system for name in item.stimuli),
-            stimuli[item.stimuli[0]].scene.clip,
-        )
-        for item in design.items
-    }
+    rows = {}
+    for item in design.items:
+        shown = [stimuli[name] for name in item.stimuli]
+        rows[item.id] = (item.kind, frozenset(stimulus.system for stimulus in shown), shown[0].scene.clip)
+    return rows
 
 
 @settings(deadline=None, max_examples=30)
@@ -144,24 +112,16 @@ def test_what_cannot_be_asked_is_refused(systems, clips, options, message):
         make_design(systems, {f"c{number}": 5.0 for number in range(clips)}, **options)
 
 
-@pytest.fixture
-def path(tmp_path):
-    write_key(tmp_path / "key.json", KEY)
-    return tmp_path / "key.json"
-
-
-def test_a_key_is_read_as_it_was_written_and_is_private(path):
-    assert read_key(path) == KEY
+def test_a_key_is_read_as_it_was_written_and_is_private(tmp_path):
+    path = tmp_path / "key.json"
+    key = dataclasses.replace(make_key(), seed=2**63 - 1, title="\udcff")
+    write_key(path, key)
+    assert read_key(path) == read_key(tmp_path) == key
     assert path.stat().st_mode & 0o777 == 0o600
     content = json.loads(path.read_text())
     assert (content["format"], content["version"]) == ("ha2g-study-key", 1)
-    assert content["items"][2] == {"id": "i003", "kind": "mismatch", "pair": ["s2", "s1"]}
-    assert content["items"][3] == {"id": "i004", "kind": "attention", "stimulus": "s4", "expected": 4}
-
-
-@pytest.mark.parametrize("content", ["[]", '{"format": "other"}', "{"])
-def test_a_file_that_is_no_key_is_refused(path, content):
-    path.write_text(content)
-    with pytest.raises(UserError, match=r"key\.json") as caught:
+    rating, *_, attention = content["items"]
+    assert rating.keys() == {"id", "kind", "stimulus"} and attention["expected"] == EXPECTED
+    path.write_text(json.dumps(content | {"format": "ha2g-study-items"}))
+    with pytest.raises(UserError, match=r"key\.json is not"):
         read_key(path)
-    assert "\n" not in str(caught.value)

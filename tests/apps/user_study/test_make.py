@@ -4,6 +4,7 @@ import collections
 import hashlib
 import importlib.resources
 import json
+import pathlib
 import re
 
 import av
@@ -118,9 +119,8 @@ def test_names_are_taken_as_they_are(tmp_path, write_motions, monkeypatch):
     clips = ("</script><b>", "a 'b' \"c\"", "x\ny", "a..%2f", "-o", "\udcff")  # the last is no UTF-8
     systems = ("<img src=x>", "=", "$post")
     folders = write_motions(tmp_path, systems=systems, clips=clips)
-    out = make_study(
-        folders, tmp_path / "study", speech=tmp_path / "speech", protocol=("mismatch",), title="$title <b>"
-    )
+    options = {"protocol": ("mismatch",), "title": "$title <b>"}
+    out = make_study(folders, tmp_path / "study", speech=tmp_path / "speech", **options)
     key = read_key(out / "key.json")
     assert set(key.clips) == set(clips)
     assert set(key.systems) == set(systems)
@@ -132,11 +132,7 @@ def test_a_list_of_names_and_folders_is_read(tmp_path):
     (tmp_path / "a=b").mkdir()
     found = name_systems(["x", f"HA2G={tmp_path}/x", f"{tmp_path}/a=b"])
     assert list(found) == ["x", "HA2G", "a=b"]
-    for wrong, message in (
-        (["x", "y/x"], "two systems have the name x"),
-        (["=x"], "names no system"),
-        (["x="], "names no"),
-    ):
+    for wrong, message in ((["x", "y/x"], "two systems have the name x"), (["=x"], "no system"), (["x="], "no system")):
         with pytest.raises(UserError, match=message):
             name_systems(wrong)
 
@@ -146,47 +142,35 @@ def make_with(root, *arguments):
     return cli.main(["study", "make", *folders, "--speech", str(root / "speech"), "-o", str(root / "out"), *arguments])
 
 
-def spoil(root, case):
-    """Spoil a folder of motion, sounds and output in one way."""
-    if case == "missing clip":
-        (root / SYSTEMS[1] / "clip-two.npz").unlink()
-    elif case == "broken motion":
-        (root / SYSTEMS[0] / "clip-one.npz").write_bytes(b"PK no motion")
-    elif case == "no sound":
-        (root / "speech" / "clip-two.wav").unlink()
-    elif case == "existing":
-        (root / "out" / "before").mkdir(parents=True)
-    elif case == "short motion":
-        with np.load(root / SYSTEMS[0] / "clip-one.npz") as arrays:
-            changed = {name: value[:5] if value.ndim == 3 else value for name, value in arrays.items()}
-        np.savez(root / SYSTEMS[0] / "clip-one.npz", **changed)
-    elif case == "empty consent":
-        (root / "consent.txt").write_text(" \n\n")
+def shorten(path):
+    with np.load(path) as arrays:
+        np.savez(path, **{name: value[:5] if value.ndim == 3 else value for name, value in arrays.items()})
 
 
-@pytest.mark.parametrize(
-    ("case", "arguments", "message"),
-    [
-        ("missing clip", (), "Secret Beta has no motion of clip-two, which another system has"),
-        ("broken motion", (), "clip-one.npz"),
-        ("no sound", (), "no sound of clip-two"),
-        ("existing", (), "out exists already; choose another folder or remove it"),
-        ("short motion", (), "0.3 s of motion for 1.2 s of sound"),
-        ("empty consent", ("--consent", "{root}/consent.txt"), "consent.txt is empty"),
-        ("", ("--post", "http://example.org/x"), "answers cannot be sent to http://example.org/x"),
-        ("", ("--clips", "3"), "3 clips of 2"),
-        ("", ("--clip-seconds", "0.1"), "expected 1 to 120 s"),
-        ("", ("--size", "63"), "even sides"),
-        ("", ("--title", "\n"), "the title has 1 characters"),
-        ("", ("--speech", "{root}/nowhere"), "no folder at"),
-        ("", ("--attention", "9"), "9 attention checks"),
-    ],
-)
-def test_bad_input_ends_with_one_line_and_writes_nothing(case, arguments, message, tmp_path, write_motions, capsys):
+SPOILT = {
+    "Secret Beta has no motion of clip-two, which": lambda root: (root / SYSTEMS[1] / "clip-two.npz").unlink(),
+    "clip-one.npz": lambda root: (root / SYSTEMS[0] / "clip-one.npz").write_bytes(b"PK no motion"),
+    "no sound of clip-two": lambda root: (root / "speech" / "clip-two.wav").unlink(),
+    "out exists already; choose another folder": lambda root: (root / "out" / "before").mkdir(parents=True),
+    "0.3 s of motion for 1.2 s of sound": lambda root: shorten(root / SYSTEMS[0] / "clip-one.npz"),
+    "consent.txt is empty": lambda root: (root / "consent.txt").write_text(" \n\n"),
+}
+WRONG_OPTIONS = {
+    "3 clips of 2": ("--clips", "3"),
+    "expected 1 to 120 s": ("--clip-seconds", "0.1"),
+    "even sides": ("--size", "63"),
+    "the title has 1 characters": ("--title", "\n"),
+    "no folder at": ("--speech", "{root}/nowhere"),
+    "consent.txt is empty": ("--consent", "{root}/consent.txt"),
+}
+
+
+@pytest.mark.parametrize("message", SPOILT | WRONG_OPTIONS)
+def test_bad_input_ends_with_one_line_and_writes_nothing(message, tmp_path, write_motions, capsys):
     write_motions(tmp_path)
-    spoil(tmp_path, case)
+    SPOILT.get(message, pathlib.Path)(tmp_path)
     before = sorted(tmp_path.iterdir())
-    assert make_with(tmp_path, *(text.format(root=tmp_path) for text in arguments)) == 2
+    assert make_with(tmp_path, *(text.format(root=tmp_path) for text in WRONG_OPTIONS.get(message, ()))) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("ha2g: ") and message in line
     assert sorted(tmp_path.iterdir()) == before

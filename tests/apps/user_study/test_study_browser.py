@@ -10,7 +10,6 @@ import pathlib
 import re
 import shutil
 import socket
-import subprocess
 
 import pytest
 from fixtures.browser import drive
@@ -23,9 +22,6 @@ from ha2g_jax.apps.user_study.pages import read_wording, write_site
 @pytest.fixture(scope="module")
 def seen(study, tmp_path_factory):
     """What the script saw; `folder` is where its pictures are."""
-    node = shutil.which("node")
-    if not node or subprocess.run([node, "-e", "require('axe-core')"], capture_output=True, check=False).returncode:
-        pytest.skip("needs node and axe-core (set NODE_PATH)")
     folder, key = tmp_path_factory.mktemp("visit"), read_key(study / "key.json")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -34,51 +30,32 @@ def seen(study, tmp_path_factory):
     for name, post in (("saved", None), ("sent", f"http://127.0.0.1:{port}/answers")):
         shutil.copytree(study / "site", folder / name)
         write_site(folder / name, key, lists, read_wording(title=key.title, post=post))
-    found = drive(pathlib.Path(__file__).with_name("drive_study.cjs"), folder, str(port))
+    found = drive(pathlib.Path(__file__).with_name("drive_study.cjs"), folder, str(port), needs=["axe-core"])
     return {**found, "folder": folder, "key": key}
 
 
-def check_answers(text, key, participant):
-    """Check a file of answers against the key, field by field, and return it."""
+def check_answers(text, seen, participant):
+    """Check a file of answers as the analysis does, and what it does not look at; return the content."""
     found = json.loads(text)
+    path = seen["folder"] / f"{participant}.json"
+    path.write_text(text)
+    read = read_answers([path], seen["key"])
+    assert len(read.participants) + len(read.excluded) == 1 and found["participant"] == participant
+    assert all(each.reason.startswith("failed ") for each in read.excluded)  # an attention check
+    assert datetime.datetime.fromisoformat(found["started"]) < datetime.datetime.fromisoformat(found["finished"])
     assert found.keys() == {
         *("format", "version", "study", "participant", "started", "finished", "consent", "order", "answers"),
         *("comments", "client"),
     }
-    assert (found["format"], found["version"], found["study"]) == ("ha2g-study-answers", 1, key.study)
-    assert (found["participant"], found["consent"]) == (participant, True)
-    started, finished = (datetime.datetime.fromisoformat(found[name]) for name in ("started", "finished"))
-    assert started < finished
     assert found["client"].keys() == {"user_agent", "language"}
-    items = {item.id: item for item in key.items}
-    counts = {kind: sum(items[name].kind == kind for name in found["order"]) for kind in key.per_participant}
-    assert counts == dict(key.per_participant)
     assert [answer["item"] for answer in found["answers"]] == found["order"]
-    for answer in found["answers"]:
-        item = items[answer["item"]]
-        said = {"rating": {"stimulus", "ratings"}, "attention": {"stimulus", "answer"}}
-        assert answer.keys() == {
-            *("item", "kind", "seconds", "plays"),
-            *said.get(item.kind, {"left", "right", "choice"}),
-        }
-        assert answer["kind"] == item.kind
-        assert answer["plays"] >= 1 and answer["seconds"] >= 1
-        if item.kind == "rating":
-            assert (answer["stimulus"],) == item.stimuli
-            assert answer["ratings"].keys() == set(key.scales)
-            assert set(answer["ratings"].values()) <= {1, 2, 3, 4, 5}
-        elif item.kind == "attention":
-            assert (answer["stimulus"],) == item.stimuli
-            assert answer["answer"] in range(1, 6)
-        else:
-            assert {answer["left"], answer["right"]} == set(item.stimuli)
-            assert answer["choice"] in ("left", "right", "equal")
+    assert all(answer["plays"] >= 1 and answer["seconds"] >= 1 for answer in found["answers"])
     return found
 
 
 def test_answers_with_the_mouse_are_sent_whole_after_a_reload(seen):
     assert seen["posted"][0]["type"] == "application/json"
-    found = check_answers(seen["posted"][0]["text"], seen["key"], "p1")
+    found = check_answers(seen["posted"][0]["text"], seen, "p1")
     assert found["comments"] == "Très bien </script> \U0001f44b"
     assert found["order"] == seen["sessions"]["p1"]["order"]
     assert seen["reloaded"][0] == seen["reloaded"][1]
@@ -95,7 +72,7 @@ def test_the_keyboard_is_enough(seen):
     assert {"consent", "instructions", "rating", "attention", "pair-preference", "pair-mismatch", "comments"} <= set(
         seen["sessions"]["p2"]["pages"]
     )
-    found = check_answers(seen["keyboard"]["text"], seen["key"], "p2")
+    found = check_answers(seen["keyboard"]["text"], seen, "p2")
     assert seen["keyboard"]["name"] == f"{seen['key'].study}-p2.json"
     assert found["comments"] == "By keyboard"
     for answer in found["answers"]:
@@ -105,15 +82,6 @@ def test_the_keyboard_is_enough(seen):
         else:
             assert answer.get("answer", answer.get("choice")) in (4, "right")
     assert "in a file" in seen["keyboardStatus"]
-
-
-def test_the_analysis_reads_what_the_page_writes(seen, tmp_path):
-    """Nothing but a failed attention check keeps a session out."""
-    for name, text in (("mouse", seen["posted"][0]["text"]), ("keyboard", seen["keyboard"]["text"])):
-        (tmp_path / f"{name}.json").write_text(text)
-    found = read_answers([tmp_path], seen["key"])
-    assert len(found.participants) + len(found.excluded) == 2
-    assert all(each.reason.startswith("failed ") for each in found.excluded)
 
 
 def test_nothing_is_answered_before_the_clip_was_seen(seen):
@@ -157,7 +125,7 @@ def test_a_participant_without_a_name_keeps_one(seen):
 def test_answers_that_cannot_be_sent_are_saved_and_sent_later(seen):
     assert "could not be sent (status 503)" in seen["failedStatus"]
     assert "kept in this browser" in seen["failedStatus"]
-    found = check_answers(seen["failedFile"]["text"], seen["key"], "p3")
+    found = check_answers(seen["failedFile"]["text"], seen, "p3")
     assert seen["retriedStatus"] == "Your answers are sent."
     assert json.loads(seen["posted"][1]["text"]) == found
     assert len(seen["posted"]) == 2
