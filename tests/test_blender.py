@@ -65,7 +65,7 @@ def positions_of(read) -> np.ndarray:
     return places
 
 
-FORMATS = [*((rig, suffix) for rig in ("ha2g", "mixamo", "unreal") for suffix in (".glb", ".bvh", ".json"))]
+FORMATS = [(rig, suffix) for rig in ("ha2g", "mixamo", "unreal") for suffix in (".glb", ".bvh", ".json")]
 
 
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
@@ -94,14 +94,8 @@ def test_the_body_of_a_glb_is_read_whole(addon, tmp_path):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("m.glb", b"glTF"),
         ("m.glb", b"no file of that kind, but long enough for its head"),
         ("m.bvh", b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\n"),
-        (
-            "m.bvh",
-            b"HIERARCHY\nROOT a\n{\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\nFrames: 2\nFrame Time: 1\n1 2",
-        ),
-        ("m.json", b'{"rig": "ha2g", "fps": 15, "joints": [], "frames": []}'),
         ("m.json", b"[1, 2"),
         ("m.fbx", b""),
         ("m.npz", b""),

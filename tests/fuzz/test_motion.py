@@ -208,10 +208,8 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "other lengths": ({"positions": GOOD["positions"][:3]}, "positions are float32 of shape (3, 10, 3)"),
     "no axes": ({"directions": np.array(1.0)}, "of shape ()"),
     "too slow": ({"fps": np.array(1e-4)}, "expected 0.1 to 1000"),
-    "almost still": ({"fps": np.array(1e-300)}, "expected 0.1 to 1000"),
     "too fast": ({"fps": np.array(1e12)}, "expected 0.1 to 1000"),
     "no rate": ({"fps": np.array(np.nan)}, "expected 0.1 to 1000"),
-    "endless rate": ({"fps": np.array(np.inf)}, "expected 0.1 to 1000"),
     "two rates": ({"fps": np.array([15.0, 15.0])}, "not a motion"),
     "hours": (
         {name: np.repeat(GOOD[name][:1], 10_000, axis=0) for name in ("directions", "positions")}

@@ -14,9 +14,7 @@ def at_rest(armature: Armature) -> dict[str, np.ndarray]:
     return dict(zip(armature.joints, positions[0], strict=True))
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_all_joints_are_there_each_after_its_parent_with_the_lengths_of_the_skeleton(name):
-    skeleton = load_skeleton(name)
+def test_all_joints_are_there_each_after_its_parent_with_the_lengths_of_the_skeleton(skeleton):
     armature = ha2g_armature(skeleton)
     assert len(set(armature.joints)) == len(armature.joints)
     assert set(skeleton.joints) < set(armature.joints)
@@ -29,9 +27,7 @@ def test_all_joints_are_there_each_after_its_parent_with_the_lengths_of_the_skel
         assert np.linalg.norm(bone) == pytest.approx(length, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_each_bone_has_a_joint_of_its_own_that_turns_it(name):
-    skeleton = load_skeleton(name)
+def test_each_bone_has_a_joint_of_its_own_that_turns_it(skeleton):
     armature = ha2g_armature(skeleton)
     turning = carriers(skeleton)
     assert len(set(turning)) == skeleton.num_bones
@@ -49,9 +45,8 @@ def test_carriers_have_the_names_that_are_documented():
     assert gesture - set(load_skeleton("ted_gesture").joints) == {"left_clavicle", "right_clavicle", "nose_0"}
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_the_rest_pose_is_a_t_pose_that_faces_ahead(name):
-    places = at_rest(ha2g_armature(load_skeleton(name)))
+def test_the_rest_pose_is_a_t_pose_that_faces_ahead(skeleton):
+    places = at_rest(ha2g_armature(skeleton))
     for side, sign in (("left", 1), ("right", -1)):
         arm = places[f"{side}_wrist"] - places[f"{side}_shoulder"]
         np.testing.assert_allclose(rotations.unit(arm), [sign, 0, 0], atol=1e-12)
@@ -76,9 +71,7 @@ def test_the_palms_are_down_and_the_thumbs_in_front():
         np.testing.assert_allclose(rotations.unit(finger), [sign, 0, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_both_skeletons_are_exported_upright_with_the_left_at_plus_x_facing_plus_z(name):
-    skeleton = load_skeleton(name)
+def test_both_skeletons_are_exported_upright_with_the_left_at_plus_x_facing_plus_z(skeleton):
     mean = skeleton.mean_pose * export_axes(skeleton)
     assert np.prod(export_axes(skeleton)) == 1  # a rotation, not a mirror
     assert mean[skeleton.joint("left_shoulder"), 0] > 0.1

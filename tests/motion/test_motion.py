@@ -10,7 +10,7 @@ import pytest
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import solver
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.skeleton import SKELETONS, load_skeleton
+from ha2g_jax.skeleton import load_skeleton
 
 
 def make(name: str = "ted_expressive", frames: int = 5) -> Motion:
@@ -19,10 +19,8 @@ def make(name: str = "ted_expressive", frames: int = 5) -> Motion:
     return Motion.from_directions(skeleton, directions, 15, {"seed": 3, "speech": "gr\u00fc\u00dfe.wav"})
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_positions_follow_from_directions_and_bone_lengths(name):
-    motion = make(name)
-    skeleton = load_skeleton(name)
+def test_positions_follow_from_directions_and_bone_lengths(skeleton):
+    motion = make(skeleton.name)
     assert motion.directions.dtype == motion.positions.dtype == np.float32
     np.testing.assert_allclose(motion.skeleton.lengths, skeleton.lengths, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(motion.directions, axis=-1), 1, atol=1e-6)
@@ -73,9 +71,7 @@ def with_value(array: np.ndarray, frame: int, place: int, value: float) -> np.nd
     return array
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_the_mean_pose_is_accepted_and_comes_back(name):
-    skeleton = load_skeleton(name)
+def test_the_mean_pose_is_accepted_and_comes_back(skeleton):
     good = Motion.from_directions(skeleton, skeleton.mean_directions[None], 15)
     good.check()
     found = solver.directions_of(solver.animate(good), skeleton)

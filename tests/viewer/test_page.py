@@ -1,7 +1,6 @@
 """One page that holds all it needs, whatever it is given."""
 
 import json
-import pathlib
 import re
 
 import numpy as np
@@ -92,54 +91,20 @@ def test_three_js_comes_whole():
     assert "OrbitControls" in text
 
 
-@pytest.fixture
-def folder(tmp_path):
-    for name in ("a/talk.npz", "b/talk.npz", "other.npz"):
+def test_one_page_of_several_files(tmp_path, capsys):
+    """For mistakes see tests/test_cli_motion."""
+    names = ("other", "a/talk", "b/talk")
+    for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        swaying(frames=20).save(tmp_path / name)
+        swaying(frames=20).save(tmp_path / f"{name}.npz")
     soundfile.write(tmp_path / "talk.wav", np.random.default_rng(0).normal(0, 0.1, 24000), 16000)
     (tmp_path / "words.srt").write_text("1\n00:00:00,200 --> 00:00:00,900\nhello there\n")
-    return tmp_path
-
-
-def view_command(*arguments):
-    return cli.main(["view", *map(str, arguments)])
-
-
-def test_one_page_of_several_files(folder, capsys):
-    out = folder / "new" / "view.html"
-    motions = [folder / "other.npz", folder / "a" / "talk.npz", folder / "b" / "talk.npz"]
-    assert view_command(*motions, "--audio", folder / "talk.wav", "--words", folder / "words.srt", "-o", out) == 0
+    out = tmp_path / "new" / "view.html"
+    options = ["--audio", tmp_path / "talk.wav", "--words", tmp_path / "words.srt", "-o", out]
+    assert cli.main([str(word) for word in ("view", *(tmp_path / f"{name}.npz" for name in names), *options)]) == 0
     assert capsys.readouterr().out.strip() == str(out)
     content = content_of(out.read_text())
-    assert [motion["name"] for motion in content["motions"]] == ["other", "a/talk", "b/talk"]
+    assert [motion["name"] for motion in content["motions"]] == list(names)
     assert content["duration"] == 1.5
     assert [word[0] for word in content["words"]] == ["hello", "there"]
     assert content["sound"]
-
-
-def test_motion_capture_stands_beside_it(private_data, folder):
-    recording = sorted(pathlib.Path(private_data).glob("zeroeggs*/*.bvh"))[0]
-    assert view_command(recording, folder / "other.npz", "-o", folder / "v.html") == 0
-    captured, _ = content_of((folder / "v.html").read_text())["motions"]
-    assert captured["name"] == recording.stem
-    assert captured["fps"] == 30
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["missing.npz"],
-        ["talk.wav"],
-        ["other.npz", "other.npz"],
-        ["other.npz", "--audio", "missing.wav"],
-        ["other.npz", "--words", "talk.wav"],
-        ["other.npz", "-o", "other.npz"],
-    ],
-)
-def test_a_mistake_is_one_line_and_leaves_nothing(folder, arguments, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert view_command(*arguments) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

@@ -7,15 +7,10 @@ import pytest
 
 from ha2g_jax.motion.control.parts import FINGER, FOREARM, HAND, HEAD, TRUNK, UPPER_ARM, apply_rotations, parts
 from ha2g_jax.motion.rotations import from_vector
-from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, normalize
+from ha2g_jax.skeleton import Skeleton, normalize
 
 FPS = 15
 _RADIANS = {TRUNK: 0.04, HEAD: 0.12, UPPER_ARM: 0.2, FOREARM: 0.35, HAND: 0.3, FINGER: 0.2}
-
-
-@pytest.fixture(params=SKELETONS)
-def skeleton(request: pytest.FixtureRequest) -> Skeleton:
-    return load_skeleton(request.param)
 
 
 @pytest.fixture

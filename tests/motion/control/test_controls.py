@@ -81,23 +81,16 @@ def test_a_pin_is_read_with_the_pose_of_a_moment(wave):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("read", "text", "message"),
     [
-        ("2:3", "START:END:POSE"),
-        ("2::rest", "START:END:POSE"),
-        ("a:3:rest", "'a' in 'a:3:rest' is not a time"),
-        ("2:3:missing.npz", "no motion at missing.npz"),
-        ("2:3:{wave}@99", "has no pose at 99 s"),
-        ("2:3:{wave}@-1", "has no pose at -1 s"),
-        ("2:3:{wave}@nan", "has no pose at nan s"),
+        (control.read_pin, "2:3", "START:END:POSE"),
+        (control.read_pin, "2::rest", "START:END:POSE"),
+        (control.read_pin, "a:3:rest", "'a' in 'a:3:rest' is not a time"),
+        (control.read_pin, "2:3:missing.npz", "no motion at missing.npz"),
+        *((control.read_pin, f"2:3:{{wave}}@{time}", f"has no pose at {time} s") for time in ("99", "-1", "nan")),
+        *((control.read_mute, text, text) for text in ("2", "2:", "2:x")),
     ],
 )
-def test_a_pin_that_is_none_is_one_line(wave, text, message):
+def test_a_pin_or_mute_that_is_none_is_one_line(wave, read, text, message):
     with pytest.raises(UserError, match=re.escape(message)):
-        control.read_pin(text.format(wave=wave))
-
-
-@pytest.mark.parametrize("text", ["2", "2:", "2:x"])
-def test_a_mute_that_is_none_is_one_line(text):
-    with pytest.raises(UserError):
-        control.read_mute(text)
+        read(text.format(wave=wave))

@@ -50,7 +50,7 @@ def assert_same_away_from(span: slice, changed: np.ndarray, motion: np.ndarray):
     np.testing.assert_array_equal(changed[span.stop + eased :], motion[span.stop + eased :])
 
 
-@pytest.mark.parametrize(("amount", "low", "high"), [(0.5, 0.45, 0.55), (1.5, 1.35, 1.55), (2, 1.6, 2.1)])
+@pytest.mark.parametrize(("amount", "low", "high"), [(0, 0, 0.2), (0.5, 0.45, 0.55), (1.5, 1.35, 1.55), (2, 1.6, 2.1)])
 def test_energy_scales_the_speed(skeleton, gestures, amount, low, high):
     motion = gestures(skeleton)
     livelier = control.energy(skeleton, motion, FPS, amount)
@@ -70,12 +70,6 @@ def test_energy_leaves_posture_and_timing_alone(skeleton, gestures, amount):
     before, after = (wrists(skeleton, poses).reshape(len(poses), -1) for poses in (motion, livelier))
     for column in range(before.shape[1]):
         assert np.corrcoef(before[:, column], after[:, column])[0, 1] > 0.9
-
-
-def test_no_energy_leaves_the_slow_mean_pose(skeleton, gestures):
-    motion = gestures(skeleton)
-    still = control.energy(skeleton, motion, FPS, 0)
-    assert speed(wrists(skeleton, still)) < 0.2 * speed(wrists(skeleton, motion))
 
 
 def test_more_energy_leaves_the_shape_of_hands_alone(gestures):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.motion.formats.body_mesh import COLOURS, body_mesh
-from ha2g_jax.motion.rigs import RIGS
+from ha2g_jax.motion.rigs import RIGS, places, rest_positions
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -45,8 +45,6 @@ def test_legs_are_drawn_where_the_rig_has_them(animate):
 
 def test_every_finger_has_a_skin_and_ted_gesture_a_hand(animate):
     """A finger's tip is near the skin; without fingers the hand still reaches past the wrist."""
-    from ha2g_jax.motion.rigs import places, rest_positions
-
     armature = animate().armature
     skin = body_mesh(armature)["skin"].points
     _, positions = rest_positions(armature)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import gltf
 from ha2g_jax.motion.formats.gltf import write_figure
-from ha2g_jax.motion.rigs import RIGS
+from ha2g_jax.motion.rigs import RIGS, places
 from ha2g_jax.skeleton import load_skeleton
 
 MILLIMETRE = 1e-3
@@ -88,17 +88,22 @@ def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
     np.testing.assert_allclose(times[:, 0], np.arange(12) / 15, atol=1e-6)
 
 
+@pytest.mark.parametrize("frames", [1, 12])
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("skeleton", ["ted_expressive", "ted_gesture"])
-def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skeleton, rig):
-    gltf.write_glb(tmp_path / "m.glb", animate(skeleton, rig=rig), duration=0.8, audio_name="a.wav")
-    issues = validator(tmp_path / "m.glb")["issues"]
-    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
+def test_the_khronos_validator_finds_nothing(animate, tmp_path, validator, skeleton, rig, frames):
+    animation = animate(skeleton, frames, rig)
+    gltf.write_glb(tmp_path / "m.glb", animation, duration=0.8, audio_name="a.wav")
+    if rig == "vrm":
+        gltf.write_vrma(tmp_path / "m.vrma", animation)
+    for path in tmp_path.iterdir():
+        issues = validator(path)["issues"]
+        assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
 
 
-@pytest.mark.parametrize(("skeleton", "rig"), [("ted_expressive", "ha2g"), ("ted_expressive", "unreal")])
-def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, skeleton, rig):
-    animation = animate(skeleton, rig=rig)
+@pytest.mark.parametrize("rig", ["ha2g", "unreal"])
+def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, rig):
+    animation = animate(rig=rig)
     gltf.write_glb(tmp_path / "m.glb", animation)
     frames = list(range(10))
     found = blender(tmp_path / "m.glb", frames)
@@ -130,8 +135,6 @@ def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
         name = reader.tree["materials"][part["material"]]["name"]
         np.testing.assert_allclose(still[name], reader.array(part["attributes"]["POSITION"]), atol=1e-5)
     _, positions = world(animation)
-    from ha2g_jax.motion.rigs import places
-
     where = places(animation.armature)
     moved = reader.skinned(7)
     for side in ("left", "right"):
@@ -149,9 +152,6 @@ def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
     assert skin["iris"][:, 2].min() > skin["hair"][:, 2].mean() + 0.05
     assert skin["lips"][:, 1].min() > skin["shirt"][:, 1].max()
     assert abs(skin["lips"][:, 0].mean()) < 1e-3
-    names = Reader(tmp_path / "m.glb").tree["nodes"]
-    place = next(node for node in names if node.get("name") == "left_shoulder")["translation"]
-    assert place[0] > 0.1
 
 
 def test_extras_say_how_long_the_speech_is(animate, tmp_path):
@@ -162,12 +162,7 @@ def test_extras_say_how_long_the_speech_is(animate, tmp_path):
     assert (extras["fps"], extras["frames"], extras["meta"]["seed"]) == (15.0, 12, 3)
 
 
-def test_one_frame_is_a_whole_file(animate, tmp_path, validator):
-    gltf.write_glb(tmp_path / "m.glb", animate(frames=1))
-    assert validator(tmp_path / "m.glb")["issues"]["numErrors"] == 0
-
-
-def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
+def test_a_vrma_has_bones_that_rest_unturned_and_no_mesh(animate, tmp_path):
     gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
     tree = Reader(tmp_path / "m.vrma").tree
     extension = tree["extensions"]["VRMC_vrm_animation"]
@@ -177,21 +172,10 @@ def test_bones_are_nodes_of_the_same_name(animate, tmp_path):
     assert {"hips", "upperChest", "leftThumbMetacarpal", "rightLittleDistal"} <= set(bones)
     assert not {"leftEye", "rightEye"} & set(bones)  # the format forbids them
     assert all(tree["nodes"][bone["node"]]["name"] == name for name, bone in bones.items())
-
-
-def test_at_rest_no_node_is_turned_and_only_hips_may_travel(animate, tmp_path):
-    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
-    tree = Reader(tmp_path / "m.vrma").tree
     for node in tree["nodes"]:
         np.testing.assert_allclose(node.get("rotation", [0, 0, 0, 1]), [0, 0, 0, 1], atol=1e-9)
     assert {channel["target"]["path"] for channel in tree["animations"][0]["channels"]} == {"rotation"}
     assert "meshes" not in tree
-
-
-def test_the_validator_has_no_complaint(animate, tmp_path, validator):
-    gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"))
-    issues = validator(tmp_path / "m.vrma")["issues"]
-    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
 
 
 def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):

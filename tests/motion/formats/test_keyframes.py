@@ -135,15 +135,9 @@ def test_mistakes_are_named_and_leave_nothing(tmp_path):
     motion = gesturing()
     broken = motion.directions.copy()
     broken[3, 5] = np.nan
-    for name, what, count, size in (
-        ("s.jpg", "png or .svg", 8, 64),
-        ("s", "png or .svg", 8, 64),
-        ("s.png", "0 key frames", 0, 64),
-        ("s.png", "101 key frames", 101, 64),
-        ("s.png", "9 pixels", 8, 9),
-    ):
+    for name, what, size in (("s.jpg", "png or .svg", 64), ("s.png", "9 pixels", 9)):
         with pytest.raises(UserError, match=what):
-            keyframes.write(tmp_path / name, motion, count=count, size=size)
+            keyframes.write(tmp_path / name, motion, size=size)
     with pytest.raises(UserError):
         keyframes.write(tmp_path / "s.png", dataclasses.replace(motion, directions=broken))
     assert list(tmp_path.iterdir()) == []

@@ -45,6 +45,10 @@ def test_picture_and_sound_last_as_long_as_the_speech(tmp_path, motion, seconds)
         assert sum(1 for _ in container.decode(video)) == round(seconds * 30)
         container.seek(0)
         heard = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(sound)])
+        codec = video.codec_context  # without its colours, players take BT.601 or BT.709 by the size of the picture
+        assert (codec.colorspace, codec.color_primaries, codec.color_trc, codec.color_range) == (1, 1, 1, 1)
+    content = (tmp_path / "v.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")  # so that it plays while it loads
     assert len(heard) / 16000 == pytest.approx(seconds, abs=0.1)
     assert np.abs(heard).max() == pytest.approx(0.3, abs=0.05)
 
@@ -90,14 +94,6 @@ def test_the_video_looks_like_the_drawing(tmp_path, motion):
     assert np.quantile(difference, 0.97) < 14
 
 
-def test_the_file_says_what_its_colours_mean(tmp_path, motion):
-    """Without it, players take BT.601 or BT.709 by the size of the picture."""
-    write_video(tmp_path / "v.mp4", motion, None, size=64, has_progress=False)
-    with av.open(str(tmp_path / "v.mp4")) as container:
-        codec = container.streams.video[0].codec_context
-        assert (codec.colorspace, codec.color_primaries, codec.color_trc, codec.color_range) == (1, 1, 1, 1)
-
-
 def test_without_sound_the_video_is_silent_and_as_long_as_the_longest_motion(tmp_path, motion):
     long = slowly(motion, seconds=3)
     write_video(tmp_path / "v.mp4", {"a": motion, "b": long}, None, size=(128, 64), has_progress=False)
@@ -119,12 +115,6 @@ def test_a_motion_that_is_none_is_refused(tmp_path, motion):
     with pytest.raises(UserError):
         write_video(tmp_path / "v.mp4", dataclasses.replace(motion, directions=broken), None, has_progress=False)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_index_comes_first_so_that_it_plays_while_it_loads(tmp_path, motion):
-    write_video(tmp_path / "v.mp4", motion, tone(0.5), size=64, has_progress=False)
-    content = (tmp_path / "v.mp4").read_bytes()
-    assert content.index(b"moov") < content.index(b"mdat")
 
 
 def test_an_interrupted_video_leaves_nothing(tmp_path, motion, monkeypatch):
@@ -153,24 +143,19 @@ def test_motions_by_name_are_drawn_side_by_side_with_their_names(tmp_path, motio
     assert np.abs(both[0, :16, :128] - left[0, :16]).max() > 50
 
 
-def test_figures_side_by_side_are_of_one_size_and_hands_stay_in_the_picture(tmp_path, motion):
+def test_figures_side_by_side_are_of_one_size(tmp_path, motion):
     """One camera for all, far enough away for the widest pose of any."""
     wide = motion.directions.copy()
     for side, x in (("left", 1), ("right", -1)):
-        for joint in ("elbow", "wrist", *(f"{finger}_1" for finger in ("thumb", "index", "middle", "ring", "pinky"))):
-            wide[:, motion.skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
-    wide[:5] = motion.directions[:5]
+        for joint in ("elbow", "wrist"):
+            wide[5:, motion.skeleton.bone(f"{side}_{joint}")] = (x, 0, 0)
     motions = {"calm": motion, "wide": Motion.from_directions(motion.skeleton, wide, 15)}
     write_video(tmp_path / "v.mp4", motions, None, size=128, has_progress=False)
     write_video(tmp_path / "calm.mp4", motion, None, size=128, has_progress=False)
-    both = pictures(tmp_path / "v.mp4").astype(int)
-    calm, wide_ = both[:, 16:, :128], both[:, 16:, 128:]
-    shirts = [np.abs(seen - DEFAULT_LOOK.shirt).sum(axis=-1) < 60 for seen in (calm, wide_)]
-    assert (shirts[0][:6] == shirts[1][:6]).mean() > 0.99  # the same poses at the same place, before the arms move
-    alone = np.abs(pictures(tmp_path / "calm.mp4").astype(int) - DEFAULT_LOOK.shirt).sum(axis=-1) < 60
-    assert shirts[0].sum() < 0.5 * alone.sum()
-    columns = np.flatnonzero(shirts[1][-1].any(axis=0))
+    both, alone = (pictures(tmp_path / name).astype(int) for name in ("v.mp4", "calm.mp4"))
+    shirts = [np.abs(seen - DEFAULT_LOOK.shirt).sum(axis=-1) < 60 for seen in (both[:, 16:], alone)]
+    calm, wide_ = np.split(shirts[0], 2, axis=2)
+    assert (calm[:6] == wide_[:6]).mean() > 0.99  # the same poses at the same place, before the arms move
+    assert calm.sum() < 0.5 * shirts[1].sum()
+    columns = np.flatnonzero(wide_[-1].any(axis=0))
     assert 8 < columns.min() < 30 and 98 < columns.max() < 120
-    skin = wide_[-1, :, :, 0] - wide_[-1, :, :, 2] > 40
-    columns = np.flatnonzero(skin.any(axis=0))
-    assert 1 <= columns.min() < 12 and 116 < columns.max() <= 126

@@ -12,7 +12,6 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.body import FACE, add_face, find_up, to_skeleton_axes
 from ha2g_jax.motion.readers.smplx_body import JOINTS
-from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 TO_UP = {
     "y": (0, 0, 0),
@@ -22,11 +21,6 @@ TO_UP = {
     "x": (0, 0, -90),
     "-x": (0, 0, 90),
 }  # degrees about x, y, z
-
-
-@pytest.fixture(params=SKELETONS)
-def skeleton(request):
-    return load_skeleton(request.param)
 
 
 def mocap(skeleton, yaw=0.0, sway=0.0) -> np.ndarray:

@@ -199,15 +199,12 @@ MANY = "ROOT a {\nOFFSET 0 0 0\n" + "".join(f"JOINT j{i} {{\nOFFSET 0 1 0\nCHANN
 WIDE = "".join(f"JOINT w{i} {{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n}}\n" for i in range(100))
 HOSTILE = {
     "empty": ("", "is an empty file"),
-    "text": ("hello", "does not begin with HIERARCHY"),
     "an image": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40, "does not begin with HIERARCHY"),
     "zeros": (bytes(1 << 20), "line of 65536 characters"),
-    "header alone": (CHAIN[:60], "the file ends here"),
     "no motion": (CHAIN[: CHAIN.index("MOTION")], "the file ends here"),
     "a ring of joints": (CHAIN.replace("JOINT hand", "JOINT base"), "line 11: a second joint 'base'"),
     "thousands of joints": ("HIERARCHY\n" + MANY, "more than 1000 joints"),
     "absurd channels": (CHAIN.replace("CHANNELS 3", "CHANNELS 999999", 1), "CHANNELS '999999', expected 0 to 6"),
-    "negative channels": (CHAIN.replace("CHANNELS 3", "CHANNELS -1", 1), "CHANNELS '-1'"),
     "unknown channel": (CHAIN.replace("Zrotation", "Wrotation", 1), "Wrotation"),
     "a channel twice": (CHAIN.replace("Zrotation", "Xrotation", 1), "expected different ones"),
     "offset of words": (CHAIN.replace("OFFSET 0 1 0", "OFFSET up up up"), "OFFSET with 'up'"),
@@ -219,9 +216,10 @@ HOSTILE = {
     "a joint outside": (CHAIN.replace("ROOT base", "JOINT base"), "JOINT is not allowed here"),
     "a long name": (CHAIN.replace("ROOT base", "ROOT " + "base " * 99), "is not followed by {"),
     "nothing moves": (re.sub("CHANNELS.*", "CHANNELS 0", CHAIN), "it has no motion"),
-    "frames below zero": (CHAIN.replace("Frames: 3", "Frames: -1"), "Frames: '-1'"),
-    "no frames": (CHAIN.replace("Frames: 3", "Frames: 0"), "Frames: '0'"),
-    "a million million frames": (CHAIN.replace("Frames: 3", f"Frames: {10**12}"), "Frames: '1000000000000', expected"),
+    **{
+        f"{count} frames": (CHAIN.replace("Frames: 3", f"Frames: {count}"), f"Frames: '{count}'")
+        for count in (-1, 0, 10**12)
+    },
     "a million frames": (CHAIN.replace("Frames: 3", "Frames: 1000000"), "holds 3 whole frames of 12 values"),
     "values beyond memory": (
         CHAIN.replace("JOINT hand", WIDE + "JOINT hand").replace("Frames: 3", "Frames: 2000000"),
@@ -232,7 +230,6 @@ HOSTILE = {
     "a number without end": (CHAIN.replace("OFFSET 0 0 0", "OFFSET 0 0 " + "1" * 10**6), "line of 65536 characters"),
     "UTF-16": (CHAIN.encode("utf-16"), "does not begin with HIERARCHY"),
     "NUL bytes": (CHAIN.replace("5 0 0 90", "5 0 0\x00 90"), "is '0\\x00'"),
-    "frames beyond counting": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 30}"), "expected a whole number"),
     "frames of many digits": (CHAIN.replace("Frames: 3", f"Frames: {'9' * 5000}"), "expected a whole number"),
     "no frame time": (CHAIN.replace("Frame Time: 0.1\n", ""), "Frame Time"),
     **{
@@ -240,11 +237,10 @@ HOSTILE = {
         for time in ("0", "nan", "1e-300", "-0.1")
     },
     "cut off": (CHAIN[:-12], "holds 2 whole frames of 12 values, but its header declares 3"),
-    "NaN": (CHAIN.replace("5 0 0 90", "5 0 nan 90"), "Zposition of base in frame 2 is 'nan'"),
-    "infinite": (CHAIN.replace("5 0 0 90", "5 0 0 1e999"), "Zrotation of base in frame 2 is '1e999'"),
-    "huge": (CHAIN.replace("5 0 0 90", "1e300 0 0 90"), "Xposition of base in frame 2 is '1e300'"),
-    "NaN of Windows": (CHAIN.replace("0 90 0 90", "0 90 0 -1.#IND"), "Xrotation of arm in frame 3 is '-1.#IND'"),
-    "decimal commas": (CHAIN.replace("5 0 0 90", "5,5 0 0 90"), "Xposition of base in frame 2 is '5,5'"),
+    **{
+        word: (CHAIN.replace("5 0 0 90", f"5 0 {word} 90"), f"Zposition of base in frame 2 is '{word}'")
+        for word in ("nan", "1e999", "1e300", "-1.#IND", "5,5")
+    },
     "a word without end": (CHAIN.replace("5 0 0 90", "1" * (1 << 21)), "a word of more than 65536 characters"),
 }
 

@@ -56,18 +56,6 @@ def test_a_t_pose_stands_upright_and_faces_as_the_skeleton_does(tmp_path, skelet
     assert (_directions(joints, "neck", "nose")[:, 2] * ahead > 0.5).all()
 
 
-def test_arms_hang_down_and_a_bent_elbow_points_ahead(tmp_path):
-    quarter = np.pi / 2
-    poses = _poses(2, left_shoulder=(0, 0, -quarter), right_shoulder=(0, 0, quarter), left_elbow=(0, -quarter, 0))
-    joints = _read(tmp_path, poses=poses)
-    for side in ("left", "right"):
-        np.testing.assert_allclose(_directions(joints, f"{side}_shoulder", f"{side}_elbow"), [[0, 1, 0]] * 2, atol=1e-6)
-    np.testing.assert_allclose(_directions(joints, "right_elbow", "right_wrist"), [[0, 1, 0]] * 2, atol=1e-6)
-    np.testing.assert_allclose(_directions(joints, "left_elbow", "left_wrist"), [[0, 0, -1]] * 2, atol=1e-6)
-    # The palm looks inwards, the thumb up.
-    assert (_directions(joints, "left_wrist", "left_thumb_2")[:, 1] < -0.5).all()
-
-
 def test_the_face_is_fixed_on_the_head(tmp_path):
     poses = np.tile(_poses(1), (3, 1)).reshape(3, 55, 3)
     poses[1, JOINTS.index("head")] = (0, np.pi / 2, 0)
@@ -157,7 +145,6 @@ BAD = {
     "no array": ({"betas": np.zeros(10)}, "no array poses or joints"),
     "body of SMPL": ({"poses": np.zeros((4, 72))}, r"poses has shape \(4, 72\); expected \(frames, 165\)"),
     "no frames": ({"poses": np.zeros((0, 165))}, "poses has shape"),
-    "flat": ({"poses": np.zeros(165)}, "poses has shape"),
     "other joints": ({"joints": np.zeros((4, 25, 3))}, "joints has shape"),
     "nan": ({"poses": _bad_frame(np.nan)}, "frame 4 of poses"),
     "complex numbers": ({"poses": np.zeros((4, 165), complex)}, "poses"),

@@ -8,7 +8,7 @@ from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import Animation, export_axes, ha2g_armature, world
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.solver.limits import limits_of
-from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton, mirror_directions
+from ha2g_jax.skeleton import Skeleton, load_skeleton, mirror_directions
 
 X, Y, Z = np.eye(3)
 FAN = ("index", "middle", "ring", "pinky")
@@ -58,9 +58,7 @@ def arms_down(frames: int, bend: npt.ArrayLike, pronation: npt.ArrayLike = 0.0) 
     return joint_rotations
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_any_directions_come_back_and_joints_are_where_the_motion_has_them(name):
-    skeleton = load_skeleton(name)
+def test_any_directions_come_back_and_joints_are_where_the_motion_has_them(skeleton):
     directions = np.random.default_rng(1).normal(size=(200, skeleton.num_bones, 3))
     motion = Motion.from_directions(skeleton, directions, 15)
     animation = solver.animate(motion, limits=False)
@@ -74,9 +72,7 @@ def test_any_directions_come_back_and_joints_are_where_the_motion_has_them(name)
     assert (np.sum(animation.rotations[1:] * animation.rotations[:-1], axis=-1) >= 0).all()
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_the_t_pose_is_no_rotation(name):
-    skeleton = load_skeleton(name)
+def test_the_t_pose_is_no_rotation(skeleton):
     animation = solved(posed(skeleton, {"spine": rotations.IDENTITY[None]}), skeleton)
     np.testing.assert_allclose(degrees_between(animation.rotations, animation.armature.rest), 0, atol=1e-3)
 
@@ -95,9 +91,7 @@ def test_trunk_head_and_clavicles_turn_as_they_did():
         assert degrees_between(rotation_of(animation, joint), expected).max() < 4
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_an_elbow_is_a_hinge_and_the_upper_arm_turns_for_it(name):
-    skeleton = load_skeleton(name)
+def test_an_elbow_is_a_hinge_and_the_upper_arm_turns_for_it(skeleton):
     joint_rotations = arms_down(4, 80.0)
     joint_rotations["left_shoulder"] = rotations.multiply(
         joint_rotations["left_shoulder"], about(X, [-50, -10, 30, 60])
@@ -130,10 +124,8 @@ def test_a_hand_without_fingers_is_neither_pronated_nor_supinated():
     assert np.abs(np.rad2deg(rotations.twist_angle(rotation_of(animation, "left_elbow"), X))).max() < 1
 
 
-@pytest.mark.parametrize("name", SKELETONS)
 @pytest.mark.parametrize("straight", [0.0, -6.0])
-def test_the_upper_arm_keeps_its_twist_while_the_arm_is_straight_or_bent_back_by_noise(name, straight):
-    skeleton = load_skeleton(name)
+def test_the_upper_arm_keeps_its_twist_while_the_arm_is_straight_or_bent_back_by_noise(skeleton, straight):
     bend = np.interp(np.arange(60), [0, 10, 22, 38, 50, 60], [70, 70, straight, straight, 70, 70])
     joint_rotations = arms_down(60, bend)
     joint_rotations["left_shoulder"] = rotations.multiply(joint_rotations["left_shoulder"], about(X, 35))
@@ -179,12 +171,10 @@ def test_a_finger_bends_as_a_hinge_towards_the_palm():
         assert degrees_between(rotation_of(animation, joint), expected).max() < 1
 
 
-@pytest.mark.parametrize("name", SKELETONS)
-def test_the_mirrored_motion_has_the_mirrored_rotations(name):
-    skeleton = load_skeleton(name)
+def test_the_mirrored_motion_has_the_mirrored_rotations(skeleton):
     joint_rotations = arms_down(20, np.linspace(30, 90, 20), np.linspace(-40, 60, 20))
     joint_rotations["spine"] = about(Y, np.linspace(-10, 20, 20))
-    if name == "ted_gesture":
+    if skeleton.name == "ted_gesture":
         joint_rotations = {joint: value for joint, value in joint_rotations.items() if not joint.endswith("wrist")}
     joint_rotations["left_shoulder"] = rotations.multiply(joint_rotations["left_shoulder"], about(X, 20))
     directions = solver.directions_of(posed(skeleton, joint_rotations), skeleton)
