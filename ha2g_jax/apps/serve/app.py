@@ -107,7 +107,7 @@ async def _http_error(_: Request, error: HTTPException) -> JSONResponse:
 
 async def _server_error(_: Request, error: Exception) -> JSONResponse:
     del error  # the server logs it
-    return refusal(500, "a fault of the service; its log has the reason")
+    return refusal(500, "an error of the service; its log has the reason")
 
 
 def _add_page(app: FastAPI, service: Service) -> None:

@@ -147,7 +147,7 @@ async def _converse(service: Service, websocket: WebSocket) -> None:
         code, text = STOPPED, "the service has been stopped; begin another stream later"
     except Exception:
         _logger.exception("a stream has failed")
-        code, text = ERROR, "a fault of the service; begin another stream"
+        code, text = ERROR, "an error of the service; begin another stream"
     if text is not None:
         service.counters.errors.labels(code).inc()
     try:
