@@ -114,7 +114,7 @@ def _run(argv: list[str], *, is_process: bool) -> int:
         return 2
     except Exception:
         traceback.print_exc()
-        print(f"ha2g: an error of ha2g {__version__}; please report the text above as SECURITY.md says", file=sys.stderr)
+        print(f"ha2g: an error of ha2g {__version__}; report the text above as SECURITY.md says", file=sys.stderr)
         return 1
     return code
 
