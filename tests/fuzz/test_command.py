@@ -17,4 +17,4 @@ def test_a_fault_of_the_program_asks_for_a_report(capsys, monkeypatch):
     monkeypatch.setattr("ha2g_jax.cli.view._view", lambda *_: [][0])
     assert cli.main(["view", "motion.npz"]) == 1
     text = capsys.readouterr().err
-    assert "IndexError" in text and text.endswith("please report the text above as SECURITY.md says\n")
+    assert "IndexError" in text and text.endswith("report the text above as SECURITY.md says\n")
