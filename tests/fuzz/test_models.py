@@ -10,7 +10,6 @@ import pathlib
 import shutil
 import struct
 
-import jax
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -21,13 +20,9 @@ from hypothesis import strategies as st
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint import whisper as whisper_weights
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
-from ha2g_jax.methods.build import build, variable_shapes
-from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import Style, choose_style
 
 CONFIG, ASSETS, WEIGHTS = "config.json", "assets.json", "model.safetensors"
@@ -187,23 +182,6 @@ def test_sizes_that_cannot_work_are_named(folder, refused, setting, value):
     assert CONFIG in refused("export-model", str(folder), str(folder / "out"))
 
 
-def test_assets_that_do_not_fit_are_named(folder, content):
-    assets = json.loads(content[ASSETS])
-    for setting, value, message in (
-        ("seed_poses", [pose[:2] for pose in assets["seed_poses"]], "start poses of 2 frames instead of 4"),
-        ("seed_poses", assets["seed_poses"] * 400, "1200 start poses instead of at most 1000"),
-        ("speakers", {"ada": [0.0] * 17}, "style of 'ada' has shape"),
-        ("speakers", {"ada": []}, "style of 'ada' has shape"),
-        ("speakers", {"ada": [float("nan")] * 18}, "not finite"),
-        ("vocabulary", "one two", "not a list of words"),
-        ("hash", 5, "hash"),
-    ):
-        (folder / ASSETS).write_bytes(content[ASSETS])
-        change(folder, ASSETS, setting, value)
-        with pytest.raises(UserError, match=message):
-            loading.load(folder)
-
-
 @pytest.mark.parametrize(("name", "most"), [(CONFIG, MAX_CONFIG_BYTES), (ASSETS, MAX_ASSETS_BYTES)])
 def test_a_large_file_is_not_read(folder, refused, name, most):
     with (folder / name).open("r+b") as file:
@@ -247,22 +225,3 @@ def test_names_of_speakers_stay_on_one_line(debug_model):
     with pytest.raises(UserError, match="9960 more") as error:
         choose_style(debug_model.spec, debug_model.variables, assets, Style(speaker="eve"))
     assert "\n" not in str(error.value) and len(str(error.value)) < 1000
-
-
-def test_an_autoencoder_of_other_windows_is_refused(tmp_path):
-    config = presets.make("bvh", "debug", "autoencoder", {"data.num_frames": 40})
-    skeleton = load_skeleton("ted_expressive")
-    shapes = variable_shapes(build(config, skeleton, 2, 0))
-    variables = jax.tree.map(lambda leaf: np.ones(leaf.shape, np.float32), shapes)
-    starts = np.repeat(skeleton.mean_directions[None, None], 4, axis=1)
-    model_folder.save(tmp_path / "model", config, Assets(skeleton, Vocabulary(()), {}, starts), variables)
-    with pytest.raises(UserError, match="windows of 40 frames, expected 34"):
-        PoseFeatures(tmp_path / "model")
-
-
-def test_no_autoencoder_comes_with_the_package(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        UserError, match=r"expected a workdir .* of a pose auto-encoder, as none comes with the package"
-    ):
-        PoseFeatures("demo")

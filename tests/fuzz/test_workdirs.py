@@ -1,102 +1,18 @@
-"""Workdirs with damaged files are loaded or refused in one line; a full disk leaves nothing that looks complete."""
+"""Odd paths and configs are refused in one line; a full disk leaves nothing that looks complete."""
 
-import gc
 import json
-import pathlib
-import shutil
 import subprocess
 import sys
 import textwrap
 
-import jax.numpy as jnp
 import pytest
-from fuzz.mutation import FUZZ, damaged_tree
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from ha2g_jax import launch
-from ha2g_jax.checkpoint import loading, model_folder
-from ha2g_jax.checkpoint.checkpoints import Checkpoints
-from ha2g_jax.checkpoint.orbax_format import CHECKSUMS
-from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
-from ha2g_jax.methods.build import variable_shapes
 from ha2g_jax.synthesis.files import generate_files
-from ha2g_jax.train import fits
 from ha2g_jax.train.workdir import read_metrics
 
-# Orbax reads arrays at once in tasks of asyncio, and leaves those behind that fail after the first.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
-FEW = settings(FUZZ, max_examples=max(8, FUZZ.max_examples // 5))  # reading with Orbax takes a third of a second
-
-
-@pytest.fixture(autouse=True)
-def no_task_is_left():
-    """Collect such tasks here, where their warnings are expected, and not during a later test."""
-    yield
-    gc.collect()
-
-
-@pytest.fixture(scope="module")
-def run(debug_model, tmp_path_factory):
-    """The workdir of a run with one checkpoint, whose networks are traced once."""
-    workdir = tmp_path_factory.mktemp("runs") / "debug"
-    workdir.mkdir()
-    model_folder.write_description(workdir, debug_model.config, debug_model.assets)
-    generator = Network(opt_state=(), **debug_model.variables)
-    state = TrainState(jnp.int32(7), generator, None, average=None, is_finite=jnp.bool_(True))
-    styles = {name: f_id.tolist() for name, f_id in debug_model.assets.speakers.items()}
-    checkpoints = Checkpoints(workdir / "best")
-    checkpoints.save(7, state, {"speakers": styles})
-    checkpoints.close()
-    shapes = variable_shapes(debug_model.spec)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(model_folder, "variable_shapes", lambda _: shapes)
-        assert loading.load(workdir).assets.speakers.keys() == {"ada", "ben"}
-        yield workdir
-
-
-def files_of(workdir: pathlib.Path) -> list[str]:
-    return sorted(path.relative_to(workdir).as_posix() for path in workdir.rglob("*") if path.is_file())
-
-
-@pytest.mark.parametrize("damage", ["removed", "cut", "emptied"])
-def test_every_file_of_a_checkpoint_is_checked(run, tmp_path, damage):
-    for name in files_of(run / "best" / "7"):
-        if "/" not in name and name != CHECKSUMS:
-            continue  # Orbax's notes for itself
-        workdir = shutil.copytree(run, tmp_path / name.replace("/", "_"))
-        path = workdir / "best" / "7" / name
-        content = path.read_bytes()
-        if damage == "removed":
-            path.unlink()
-        else:
-            path.write_bytes(content[: len(content) // 2] if damage == "cut" else b"")
-        if content or damage == "removed":
-            with pytest.raises(UserError, match=r"checkpoint .* is damaged \(.*; put back a good copy"):
-                loading.load(workdir)
-
-
-@FUZZ
-@given(data=st.data())
-def test_configs_of_workdirs(answered, run, tmp_path, data):
-    config = launch.load_config("tests/one_stage.py:debug")
-    values = data.draw(damaged_tree(model_folder.config_to_json(config)))
-    answered(lambda path: fits.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
-
-
-def test_a_number_of_400_digits_in_the_config_of_a_run_is_refused(answered):
-    config = launch.load_config("tests/one_stage.py:debug")
-    values = model_folder.config_to_json(config)
-    values["data"]["mirror"] = 10**400
-    answered(lambda path: fits.check_workdir(path.parent, config), json.dumps(values).encode(), "config.json")
-
-
-NAMES = ["x" * 300, "na\udcffme", "two\nlines"]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["x" * 300, "na\udcffme", "two\nlines"])
 def test_any_path_is_named_in_one_line(refused, tmp_path, name):
     shown = "x..." if name[0] == "x" else name.encode(errors="surrogateescape").decode(errors="backslashreplace")
     shown = shown.replace("\n", "\\n")

@@ -139,19 +139,6 @@ def test_evaluation_uses_the_running_statistics(oracles):
     oracles.assert_close(y, 2 * (x - mean) / np.sqrt(variance + 1e-5) + 0.5)
 
 
-def test_is_global_over_devices(oracles):
-    x = _random((16, 3))
-    variables = BatchNorm().init(jax.random.key(0), x, train=True)
-
-    @jax.jit
-    def run(x):
-        return BatchNorm().apply(variables, x, train=True, mutable=["batch_stats"])
-
-    mesh = jax.make_mesh((8,), ("data",), axis_types=(jax.sharding.AxisType.Auto,))
-    split = jax.device_put(x, jax.NamedSharding(mesh, jax.P("data")))
-    oracles.assert_close(jax.tree.map(np.asarray, run(split)), jax.tree.map(np.asarray, run(x)), 1e-6)
-
-
 @pytest.mark.torch
 @pytest.mark.parametrize("train", [True, False])
 def test_equals_pytorch(train, oracles):

@@ -62,16 +62,6 @@ def test_a_single_sequence_equals_the_same_one_of_a_batch(has_ends, oracles):
 
 def test_starts_within_the_bound_of_pytorch():
     params = BiGRU(hidden_dim=16, layers=1).init(jax.random.key(0), jnp.zeros((1, 2, 5)), train=False)["params"]
-    assert jax.tree.map(lambda value: value.shape, params) == {
-        "weight_ih_l0": (48, 5),
-        "weight_hh_l0": (48, 16),
-        "bias_ih_l0": (48,),
-        "bias_hh_l0": (48,),
-        "weight_ih_l0_reverse": (48, 5),
-        "weight_hh_l0_reverse": (48, 16),
-        "bias_ih_l0_reverse": (48,),
-        "bias_hh_l0_reverse": (48,),
-    }
     for value in params.values():
         assert 0.2 < float(jnp.max(jnp.abs(value))) <= 0.25
 

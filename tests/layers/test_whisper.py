@@ -112,20 +112,6 @@ def test_other_spectrograms_are_refused(shape):
         jax.eval_shape(lambda: WhisperEncoder(**SMALL).init(jax.random.key(0), jnp.zeros(shape)))
 
 
-def test_quantised_variables_are_restored():
-    """With one scale for each row, one for the whole variable, and none."""
-    variables = {
-        "a": np.array([[127, -64], [0, 1]], np.int8),
-        "a_scale": np.array([127, 4], np.float32),
-        "b": np.array([1024], np.int16),
-        "b_scale": np.float32(512),
-        "c": np.array([1.5], np.float16),
-    }
-    restored = [ctranslate2_weights.dequantize(variables, name) for name in "abc"]
-    np.testing.assert_allclose(restored[0], [[1, -64 / 127], [0, 0.25]])
-    assert restored[1].tolist() == [2] and restored[2].tolist() == [1.5]
-
-
 def test_real_weights_give_what_faster_whisper_gives(tmp_path):
     """If tiny.en is available (HA2G_WHISPER_MODEL): by way of a Hugging Face folder, on 30 s that contain speech."""
     faster_whisper = pytest.importorskip("faster_whisper")

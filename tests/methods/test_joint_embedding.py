@@ -1,30 +1,21 @@
-"""Joint Embedding: a coin decides which latent is decoded, and one batch is fitted."""
-
-import functools
-from typing import Any
+"""Joint Embedding: a coin decides which latent is decoded."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.errors import UserError
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import joint_embedding
 from ha2g_jax.methods.joint_embedding import ContextEncoder, JointEmbedding, l1
-from ha2g_jax.skeleton import normalize
-from ha2g_jax.train.step import step_keys, train_step, validation_step
-
-STEPS = 150
+from ha2g_jax.train.step import step_keys
 
 
 @pytest.fixture(scope="module")
 def objective(make_objective):
-    """An objective wide enough to overfit one batch: the decoder generates the whole motion from one latent."""
-    changes = {"model__inferer__hidden_dim": 64, "train__learning_rate": 7e-3, "train__schedule": "cosine"}
-    changes |= {"model__context__layers": 1, "data__num_frames": 17}  # short windows, as most of a step is their sound
-    return make_objective("joint_embedding", train__steps=STEPS, **changes)
+    """An objective of short windows, as most of a step is their sound."""
+    return make_objective("joint_embedding", model__context__layers=1, data__num_frames=17)
 
 
 @pytest.fixture(scope="module")
@@ -58,13 +49,6 @@ def test_l1_sums_the_windows_and_averages_inside_them():
     poses = jnp.array([[[1.0, 2.0], [0.0, 0.0]], [[-1.0, 0.0], [0.5, 0.5]]])
     targets = jnp.array([[[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.0], [0.0, 0.0]]])
     assert float(l1(poses, targets)) == (1 + 2 + 0 + 1) / 4 + (1 + 0 + 0.5 + 0.5) / 4
-
-
-def test_there_is_a_table_of_words_but_none_of_speakers_and_no_discriminator(objective, state, make_objective):
-    assert objective.spec.discriminator is None and objective.spec.identity == ""
-    assert state.generator.params["text"]["embedding"]["embedding"].shape[0] == 11
-    with pytest.raises(UserError, match=r"identity.kind is 'speakers', expected one of none"):
-        make_objective("joint_embedding", model__identity__kind="speakers")
 
 
 @pytest.mark.parametrize("from_speech", [True, False])
@@ -101,23 +85,6 @@ def test_evaluation_samples_the_latent_of_the_speech(objective, state, make_moti
     assert not np.array_equal(evaluate(batch | {"audio": -batch["audio"]}, keys_of(objective.spec, False)), sides[1])
 
 
-def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
-    """Two clips, each of which moves from one pose straight to another."""
-    batch = make_motion_batch(objective, 2)
-    share = jnp.linspace(0, 1, objective.spec.num_frames)[None, :, None, None]
-    first, last = batch["directions"][:, :1], batch["directions"][:, 8:9]
-    batch["directions"] = normalize(first * (1 - share) + last * share)
-    step = jax.jit(functools.partial(train_step, objective))
-    history = []
-    for _ in range(STEPS):
-        state, metrics = step(state, batch, jax.random.key(1))
-        history.append(metrics["loss/l1"])
-    # Twenty steps, so that both latents are among them.
-    assert np.max(history[-20:]) < 0.15 * history[0]
-    evaluated = jax.jit(functools.partial(validation_step, objective))(state, batch, jax.random.key(2))
-    assert evaluated["loss/l1"] < 0.2 * history[0]
-
-
 FRAMES, SEEDS = 34, 4
 
 
@@ -130,36 +97,6 @@ def small(pose_dim=6):
     text = TextEncoder(5, embedding_dim=4, channels=4, layers=1, feature_dim=3, receptive_field="causal")
     audio = WaveformEncoder(feature_dim=3)
     return JointEmbedding(audio, text, pose_dim, context_dim=8, hidden_dim=8, layers=2, dropout=0.0)
-
-
-@pytest.mark.parametrize(("pose_dim", "count"), [(27, 6_933_075), (126, 6_970_200)])
-def test_has_as_many_parameters_as_the_original(pose_dim, count):
-    text = TextEncoder(9, channels=200, layers=2, receptive_field="causal")
-    model = JointEmbedding(WaveformEncoder(), text, pose_dim)
-    shapes = jax.eval_shape(lambda key: model.init(key, *arguments(pose_dim), train=False), jax.random.key(0))
-    assert shapes["params"]["text"].pop("embedding")["embedding"].shape[0] == 9
-    assert sum(leaf.size for leaf in jax.tree.leaves(shapes["params"])) == count
-    assert model.latent_dim == 32
-
-
-@pytest.mark.parametrize("batch", [1, 3])
-def test_a_pose_latent_can_take_the_place_of_a_speech_latent(batch):
-    model = small()
-    speech, _, seed = arguments(6, batch)
-
-    def run(key):
-        variables = model.init(key, speech, None, seed, train=False)
-        features = model.apply(variables, speech, train=False, method=JointEmbedding.encode_speech)
-        levels: Any = model.apply(
-            variables, features, jnp.zeros((batch, 32)), seed, train=False, method=JointEmbedding.infer
-        )
-        (poses,) = levels
-        latent, _ = model.apply(variables, poses, train=False, method=JointEmbedding.encode_pose)
-        return features, poses, latent, model.apply(variables, latent, seed, train=False, method=JointEmbedding.decode)
-
-    features, poses, latent, decoded = jax.eval_shape(run, jax.random.key(0))
-    assert [array.shape for array in (*features, latent)] == [(batch, 32)] * 3
-    assert poses.shape == decoded.shape == (batch, FRAMES, 6)
 
 
 def test_style_is_the_noise_of_the_latent(oracles):

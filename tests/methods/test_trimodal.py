@@ -8,23 +8,18 @@ import numpy as np
 import pytest
 
 from ha2g_jax.config import presets
-from ha2g_jax.errors import UserError
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import trimodal
 from ha2g_jax.methods.trimodal import Trimodal, kld, style
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.train.step import step_keys, train_step, validation_step
-
-STEPS = 100
+from ha2g_jax.train.step import step_keys, validation_step
 
 
 @pytest.fixture(scope="module")
 def objective(make_objective):
-    """An objective wide enough to overfit one batch."""
-    changes = {"model__inferer__hidden_dim": 32, "train__learning_rate": 5e-3, "train__schedule": "cosine"}
-    return make_objective("trimodal", train__steps=STEPS, **changes)
+    return make_objective("trimodal")
 
 
 @pytest.fixture(scope="module")
@@ -101,25 +96,6 @@ def test_validation_of_one_window_is_finite_and_has_all_terms(objective, state, 
     assert terms["loss/style"] == 0  # its only speaker against itself
 
 
-def test_mirrored_windows_double_the_table_of_speakers(make_objective):
-    rows = [make_objective("trimodal", data__mirror=share).spec.generator.identity.num_speakers for share in (0.0, 0.5)]
-    assert rows == [5, 10]
-    with pytest.raises(UserError, match=r"identity.kind is 'images', expected one of speakers"):
-        make_objective("trimodal", model__identity__kind="images")
-
-
-def test_one_batch_is_learnt_by_heart(objective, state, make_motion_batch):
-    """With all terms, including the GAN term."""
-    batch = make_motion_batch(objective, 2)
-    step = jax.jit(functools.partial(train_step, objective))
-    assert objective.warmup_steps == 0
-    history = []
-    for _ in range(STEPS):
-        state, metrics = step(state, batch, jax.random.key(1))
-        history.append(metrics["loss/huber"])
-    assert history[-1] < 0.1 * history[0]
-
-
 FRAMES, SEEDS = 34, 4
 
 
@@ -132,32 +108,6 @@ def small(pose_dim=6, layers=1):
     text = TextEncoder(5, embedding_dim=4, channels=4, layers=1, feature_dim=3, receptive_field="causal")
     audio, identity = WaveformEncoder(feature_dim=3), SpeakerIdentity(3, feature_dim=2, has_hidden=True)
     return Trimodal(audio, text, identity, pose_dim, hidden_dim=8, layers=layers, dropout=0.0)
-
-
-@pytest.mark.parametrize(("pose_dim", "count"), [(27, 7_183_003), (126, 7_376_152)])
-def test_has_as_many_parameters_as_the_original(pose_dim, count):
-    identity = SpeakerIdentity(3, feature_dim=16, has_hidden=True)
-    model = Trimodal(WaveformEncoder(), TextEncoder(9, receptive_field="causal"), identity, pose_dim)
-    shapes = jax.eval_shape(lambda key: model.init(key, *arguments(pose_dim), train=False), jax.random.key(0))
-    for part, rows in (("text", 9), ("identity", 3)):
-        assert shapes["params"][part].pop("embedding")["embedding"].shape[0] == rows
-    assert sum(leaf.size for leaf in jax.tree.leaves(shapes["params"])) == count
-    assert model.identity.feature_dim == 16
-
-
-@pytest.mark.parametrize("batch", [1, 3])
-def test_shapes_of_features_and_poses(batch):
-    model = small()
-    speech, speaker, seed = arguments(6, batch)
-
-    def run(key):
-        variables = model.init(key, speech, speaker, seed, train=False)
-        features = model.apply(variables, speech, train=False, method=Trimodal.encode_speech)
-        style, _ = model.apply(variables, speaker, train=False, method=Trimodal.encode_identity)
-        return features, style, model.apply(variables, features, style, seed, train=False, method=Trimodal.infer)
-
-    features, style, (poses,) = jax.eval_shape(run, jax.random.key(0))
-    assert (features.shape, style.shape, poses.shape) == ((batch, FRAMES, 6), (batch, 2), (batch, FRAMES, 6))
 
 
 def test_without_words_the_features_are_those_of_the_sound():

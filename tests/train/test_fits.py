@@ -26,10 +26,8 @@ def workdir(config, tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(("name", "value"), [("path", "elsewhere"), ("workers", 3), ("cache_gib", 1.0)])
-def test_a_run_may_move_to_another_machine(workdir, config, name, value):
-    config.data[name] = value
-    config.train.devices = 4
+def test_a_run_may_move_to_another_machine(workdir, config):
+    config.data.path, config.data.workers, config.data.cache_gib, config.train.devices = "elsewhere", 3, 1.0, 4
     fits.check_workdir(workdir, config)
 
 
@@ -52,16 +50,6 @@ def test_a_workdir_from_before_a_setting_existed_goes_on(workdir, config):
     path = workdir / model_folder.CONFIG
     path.write_text("\n".join(line for line in path.read_text().splitlines() if '"mirror"' not in line))
     fits.check_workdir(workdir, config)
-    path.write_text("{")
-    with pytest.raises(UserError, match=r"config\.json is damaged"):
-        fits.check_workdir(workdir, config)
-
-
-def test_a_workdir_must_be_a_folder(tmp_path, config):
-    (tmp_path / "file").write_text("")
-    for path in (tmp_path / "file", tmp_path / "file" / "run"):
-        with pytest.raises(UserError, match="is not a folder"):
-            fits.check_workdir(path, config)
 
 
 def test_more_devices_than_there_are_and_videos_of_no_motion_are_refused(config):

@@ -9,7 +9,6 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
-from ha2g_jax.checkpoint.weights import is_word_table
 from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.data.corpus_writer import CorpusWriter
@@ -19,7 +18,7 @@ from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train import inputs
-from ha2g_jax.train.inputs import _is_new, initial_variables
+from ha2g_jax.train.inputs import initial_variables
 
 
 @pytest.fixture
@@ -95,15 +94,6 @@ def test_a_table_of_speakers_starts_anew():
     assert all("/identity/" in name for name in missing)
 
 
-def test_every_table_of_words_keeps_its_vectors():
-    """Each level of a released model has a table of its own; those of speakers start anew."""
-    names = weights.flatten(variable_shapes(spec_for("you", method="release", kind="speakers")[1]))
-    new = {name for name in names if name.endswith("/embedding/embedding") and _is_new(name, True)}
-    words = {name for name in names if is_word_table(name)}
-    assert len(words) == 7 and new and not new & words
-    assert all("/text/" in name for name in words) and not any("/text/" in name for name in new)
-
-
 def test_models_that_do_not_fit_are_refused():
     with pytest.raises(UserError, match="model of ha2g, but the config of trimodal"):
         start(*spec_for(method="trimodal", kind="speakers"))
@@ -115,10 +105,12 @@ def test_models_that_do_not_fit_are_refused():
 
 def test_a_run_starts_from_a_model(debug_model, tiny_talk, tmp_path, capsys):
     """With a learning rate of 0 all weights are those of the model at the end, except for vectors of other words."""
-    source = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
-    flags = ["--config=talk:debug", f"--workdir={tmp_path / 'run'}", f"--config.data.path={tiny_talk}"]
-    rates = ("learning_rate", "discriminator_learning_rate")
-    flags += [f"--config.train.init_from={source}", *(f"--config.train.{rate}=0.0" for rate in rates)]
+    config, assets = presets.parse("talk:debug", "seq2seq"), debug_model.assets
+    shapes = variable_shapes(build(config, assets.skeleton, len(assets.vocabulary), 2))
+    variables = jax.tree.map(lambda leaf: np.full(leaf.shape, 0.1, np.float32), shapes)
+    source = model_folder.save(tmp_path / "m", config, dataclasses.replace(assets, speakers={}), variables)
+    flags = ["--config=seq2seq:talk:debug", f"--workdir={tmp_path / 'run'}", f"--config.data.path={tiny_talk}"]
+    flags += [f"--config.train.init_from={source}", "--config.train.learning_rate=0.0"]
     assert cli.main(["train", *flags]) == 0
     assert f"training starts from the weights of {source}" in capsys.readouterr().err
     before, after = (loading.load(path).variables["params"] for path in (source, tmp_path / "run"))

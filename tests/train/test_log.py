@@ -10,7 +10,6 @@ import tqdm
 from tensorboard.backend.event_processing import event_accumulator
 
 from ha2g_jax.config import presets
-from ha2g_jax.errors import UserError
 from ha2g_jax.train import log as logs
 from ha2g_jax.train.log import NotFinite, StepLog, Writer
 from ha2g_jax.train.workdir import METRICS, read_metrics
@@ -113,6 +112,10 @@ def test_speeds_are_of_training_alone(start, lines, clock):
         assert line["windows_per_second"] == pytest.approx(2 / 0.75)
         assert line["waiting_percent"] == pytest.approx(100 * 0.5 / 0.75)
     assert (first["seconds"], second["seconds"]) == pytest.approx((102.25, 1104.5))
+    one = start(every=1)  # a line of the first step alone has no speed
+    one.add(1, _metrics())
+    one.flush()
+    assert "windows_per_second" not in lines[-1][1]
 
 
 def test_the_device_is_at_work_while_a_flush_waits_for_it(start, lines, clock, monkeypatch):
@@ -127,13 +130,6 @@ def test_the_device_is_at_work_while_a_flush_waits_for_it(start, lines, clock, m
             clock(1000.0)
     assert [step for step, _ in lines] == [2, 4]
     assert [line["windows_per_second"] for _, line in lines] == pytest.approx([4.0, 4.0])
-
-
-def test_a_line_of_the_first_step_alone_has_no_speed(start, lines):
-    log = start(every=1)
-    log.add(1, _metrics())
-    log.flush()
-    assert "windows_per_second" not in lines[0][1]
 
 
 def test_a_stop_that_the_hosts_agreed_on_is_remembered_and_not_written(start, lines):
@@ -154,14 +150,10 @@ def test_the_terms_that_are_not_finite_are_named(start, lines):
     assert (caught.value.step, caught.value.names) == (2, ["loss/huber"])
     ((step, line),) = lines  # what was sound is not lost
     assert (step, line["loss/huber"]) == (1, 1.0)
-
-
-def test_a_gradient_that_is_not_finite_is_named(start, lines):
     log = start()
     log.add(1, _metrics() | {"grad_norm/generator": jnp.float32(np.nan)})
     with pytest.raises(NotFinite, match="grad_norm/generator not finite at step 1"):
         log.flush()
-    assert lines == []
 
 
 def test_the_bar_says_when_data_are_late(lines, clock):
@@ -221,11 +213,7 @@ def test_a_run_that_goes_on_hides_what_it_writes_again(write, tmp_path):
         (4, 8.0),
     ]
     assert _scalars(tmp_path) == [(1, 2.0), (2, 4.0), (3, 6.0), (4, 8.0)]
-
-
-def test_a_run_killed_before_its_first_checkpoint_starts_over(write, tmp_path):
-    write(0, 1, 2)
-    write(0, 1)
+    write(0, 1)  # after a kill before the first checkpoint
     assert [line["step"] for line in read_metrics(tmp_path / METRICS)] == [1]
     assert _scalars(tmp_path) == [(1, 2.0)]
 
@@ -233,26 +221,6 @@ def test_a_run_killed_before_its_first_checkpoint_starts_over(write, tmp_path):
 def test_only_the_first_host_writes(write, tmp_path):
     write(0, 1, is_first=False)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_full_disk_is_named(tmp_path, config):
-    writer = Writer(tmp_path, 0, config, is_first=True)
-    (tmp_path / METRICS).unlink()
-    (tmp_path / METRICS).symlink_to("/dev/full")
-    with pytest.raises(UserError, match=r"cannot write .*metrics\.jsonl \(no space left on device\)"):
-        writer.write(1, {"loss/huber": 1.0})
-    writer.close()
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path, config):
-    (tmp_path / "tensorboard").write_text("")
-    with pytest.raises(UserError, match=r"cannot write .*tensorboard \(file exists\)"):
-        Writer(tmp_path, 0, config, is_first=True)
-
-
-def test_metrics_that_are_not_there_are_named(tmp_path):
-    with pytest.raises(UserError, match=r"no metrics in .*metrics\.jsonl"):
-        read_metrics(tmp_path / METRICS)
 
 
 class _Wandb:
@@ -290,13 +258,6 @@ def test_every_start_reports_to_one_wandb_run(write, tmp_path, config, monkeypat
     assert (first["project"], first["config"]["train"]["wandb"]) == ("gestures", "gestures")
     assert wandb.axis == ("*", "step") and [line["step"] for line in wandb.lines] == [1, 2, 2]
     assert wandb.is_finished
-
-
-def test_wandb_that_is_missing_is_named(write, config, monkeypatch):
-    monkeypatch.setitem(sys.modules, "wandb", None)
-    config.train.wandb = "gestures"
-    with pytest.raises(UserError, match=r"config.train.wandb needs wandb: pip install 'ha2g-jax\[wandb\]'"):
-        write(0, 1)
 
 
 def test_without_tensorboard_the_metrics_are_written_and_one_line_says_so(write, tmp_path, monkeypatch, capsys):

@@ -129,21 +129,9 @@ def test_any_checkpoint_can_be_exported(run, tmp_path):
         loading.load(run / "latest" / "3")
 
 
-def test_another_config_is_refused(run, config_for):
-    before = (run / "config.json").read_text()
-    with pytest.raises(UserError, match=r"train\.learning_rate \(0\.0005 there, 0\.1 here\)"):
-        loop.train(config_for(learning_rate=0.1), run)
-    assert (run / "config.json").read_text() == before
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
-    [
-        ({"batch_size": 100_000}, "more than the"),
-        ({"steps": 0}, "a whole number from 1"),
-        ({"best_by": "loss/hubber"}, "expected one of loss/gan"),
-        ({"devices": 99}, "devices, not 99"),
-    ],
+    [({"batch_size": 100_000}, "more than the"), ({"steps": 0}, "a whole number from 1"), ({"devices": 99}, "not 99")],
 )
 def test_settings_that_cannot_be_used_leave_nothing_behind(config_for, tmp_path, settings, message):
     with pytest.raises(UserError, match=message):
@@ -157,23 +145,21 @@ def test_data_that_do_not_fit_the_config_are_refused(tiny_talk, tmp_path):
         loop.train(config, tmp_path / "run")
 
 
-def test_fewer_steps_than_the_run_has_made_are_refused(run, config_for, tmp_path):
-    """Else the run would have the settings of a run that ended earlier."""
-    workdir = shutil.copytree(run, tmp_path / "run")
-    before = (workdir / "config.json").read_text()
-    with pytest.raises(UserError, match=r"is at step 5, beyond config\.train\.steps, which is 4"):
-        loop.train(config_for(steps=4, log_every=3), workdir)
-    assert (workdir / "config.json").read_text() == before
-
-
-def test_a_run_goes_on_with_its_own_corpus_only(run, tiny_talk, config_for, tmp_path):
+def test_a_run_goes_on_with_its_settings_and_its_corpus_only(run, tiny_talk, config_for, tmp_path):
+    before = (run / "config.json").read_text()
+    other = config_for(steps=6)
     shutil.copytree(tiny_talk, tmp_path / "other")
     edit(tmp_path / "other", lambda data: data["statistics"]["lengths"].reverse())
-    config = config_for(steps=6)
-    with config.unlocked():
-        config.data.path = str(tmp_path / "other")
-    with pytest.raises(UserError, match="was started on another corpus than"):
-        loop.train(config, run)
+    with other.unlocked():
+        other.data.path = str(tmp_path / "other")
+    for config, message in (
+        (config_for(learning_rate=0.1), r"train\.learning_rate \(0\.0005 there, 0\.1 here\)"),
+        (config_for(steps=4, log_every=3), r"is at step 5, beyond config\.train\.steps, which is 4"),
+        (other, "was started on another corpus than"),
+    ):
+        with pytest.raises(UserError, match=message):
+            loop.train(config, run)
+        assert (run / "config.json").read_text() == before
 
 
 def test_a_step_that_is_not_finite_ends_the_run_and_can_be_looked_at(config_for, tmp_path, monkeypatch):

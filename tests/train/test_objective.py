@@ -15,7 +15,7 @@ from ha2g_jax.methods.build import build as build_method
 from ha2g_jax.methods.method import restore, subtract_mean
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.inputs import word_table
-from ha2g_jax.train.objective import adam, build_objective, learning_rate
+from ha2g_jax.train.objective import adam, build_objective, init_state, learning_rate, set_pretrained
 
 GRADIENT: Any = {"a": jnp.array([3.0, 0.0]), "b": jnp.array([4.0])}
 PARAMS: Any = jax.tree.map(jnp.zeros_like, GRADIENT)
@@ -59,9 +59,20 @@ def test_restored_poses_are_the_unit_vectors_that_went_in(objective, make_batch)
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
 
 
-def test_an_objective_is_a_static_argument(objective):
-    count = jax.jit(lambda objective, x: x + objective.spec.num_frames, static_argnums=0)
-    assert count(objective, 1) == 35
+def test_a_state_is_a_function_of_the_key(objective):
+    first, again, other = (init_state(objective, jax.random.key(seed)) for seed in (0, 0, 1))
+    assert first.step == 0
+    assert jax.tree.all(jax.tree.map(np.array_equal, first, again))
+    assert not jax.tree.all(jax.tree.map(np.array_equal, first.generator.params, other.generator.params))
+
+
+def test_word_vectors_take_the_place_of_fresh_ones_and_of_no_others(state):
+    vectors = np.random.default_rng(0).normal(size=(11, 8)).astype(np.float32)
+    part = {"params": {"text": {"embedding": {"embedding": vectors}}}}
+    found = weights.flatten(set_pretrained(state.generator.variables, part))
+    np.testing.assert_array_equal(found.pop("params/text/embedding/embedding"), vectors)
+    fresh = weights.flatten(state.generator.variables)
+    assert all(np.array_equal(value, fresh[name]) for name, value in found.items())
 
 
 def update(optimizer: Any, step: int) -> Any:

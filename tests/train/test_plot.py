@@ -1,8 +1,6 @@
 """The curves of runs: seeds are a mean and a band, and the page needs nothing else."""
 
 import re
-import sys
-import time
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +9,6 @@ from fixtures.workdirs import make_rows
 from PIL import Image
 
 from ha2g_jax import cli
-from ha2g_jax.errors import UserError
 from ha2g_jax.train.plot import make_curves, running_mean, write_plot
 from ha2g_jax.train.runs import make_lines, read_runs
 
@@ -93,54 +90,30 @@ def test_every_metric_has_a_chart(make_run, write):
     ]
     assert not any("+" in text for text in texts(page))  # constants are not magnified to show their rounding
     assert "finished" not in page and "stopped" in page
-
-
-def test_the_page_needs_nothing_else_and_is_the_same_again(make_run, write):
-    path = make_run()
-    page = write(path)
     assert "<script" not in page and "<img" not in page and not re.search(r'(href|src)="(?!#)', page)
-    assert write(path) == page
 
 
 def test_seeds_are_one_line_with_a_band(make_run, write):
-    page = write(make_run("a"), make_run("b", seed=1), make_run("c", **{"train.learning_rate": 0.01}))
+    page = write(
+        make_run("<b>a & b"), make_run("b", seed=1), make_run("c", **{"train.learning_rate": 0.01}), smoothing=0.5
+    )
     assert {"learning_rate=0.0005", "learning_rate=0.01"} <= set(texts(page))
     assert page.count('id="line-0"') == 2 * page.count('id="line-1"')  # mean and band
-
-
-def test_names_of_runs_are_text(make_run, write):
-    page = write(make_run("<b>a & b"))
+    assert "running means over 500 steps" in page
     assert "<b>a & b" not in page and "&lt;b&gt;a &amp; b" in page
-    texts(page)
 
 
 def test_gaps_and_single_rows_are_drawn_and_runs_without_metrics_are_said(make_run, write):
     rows = make_rows()
     rows[3]["loss/gan"] = float("nan")
-    damaged = make_run("damaged")
-    (damaged / "config.json").write_text("{")
-    page = write(make_run("a", rows=rows), make_run("b", rows=rows[:1]), damaged)
-    assert "loss/gan" in texts(page) and "damaged: damaged, " in page
+    page = write(make_run("a", rows=rows), make_run("b", rows=rows[:1]), smoothing=0)
+    assert "loss/gan" in texts(page) and "Curves are not smoothed" in page
     assert "No run has written metrics yet." in write(make_run("none", rows=[]))
-
-
-def test_a_hundred_thousand_rows_take_seconds_and_little_space(make_run, write):
-    path = make_run(rows=make_rows(steps=1_000_000, every=10, validate_every=10_000), **{"train.steps": 1_000_000})
-    start = time.process_time()
-    page = write(path)
-    assert time.process_time() - start < 20  # 3 s on an idle core
-    assert len(page) < 300_000
-
-
-@pytest.mark.parametrize(("smoothing", "said"), [(0.5, "running means over 500 steps"), (0, "Curves are not smoothed")])
-def test_smoothing_is_as_given(make_run, write, smoothing, said):
-    assert said in write(make_run(), smoothing=smoothing)
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nothing"], "nothing does not exist"),
         (["."], "no run in"),
         (["run", "-o", "page.txt"], "name it page.html or .png"),
         (["run", "--smooth", "2"], "smoothing is 2"),
@@ -154,18 +127,6 @@ def test_mistakes_are_answered_in_one_line(arguments, said, make_run, tmp_path, 
     printed = capsys.readouterr().err
     assert said in printed and printed.count("\n") == 1
     assert not list(tmp_path.rglob("*.html"))
-
-
-def test_a_page_of_damaged_runs_is_refused(make_run, tmp_path, write):
-    (make_run("a") / "config.json").write_text("{")
-    with pytest.raises(UserError, match="a cannot be read"):
-        write(tmp_path)
-
-
-def test_a_missing_library_is_named_with_its_extra(make_run, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert cli.main(["plot", str(make_run()), "-o", str(tmp_path / "page.html")]) == 2
-    assert "pip install 'ha2g-jax[report]'" in capsys.readouterr().err
 
 
 def test_the_command_writes_a_page_or_a_picture_and_prints_its_path(make_run, tmp_path, capsys):

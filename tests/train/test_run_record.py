@@ -80,10 +80,6 @@ def test_the_reason_of_a_failure_is_that_of_the_last_start(start, tmp_path, erro
     first, last = json.loads((tmp_path / "run.json").read_text())["starts"]
     assert "failure" not in first and last["failure"]["reason"] == reason and last["step"] == 5
     assert "failure" not in start(7)["starts"][-1]
-
-
-def test_a_run_that_is_stopped_has_not_failed(start, tmp_path):
-    start(0)
     with pytest.raises(KeyboardInterrupt), run_record.noting_failure(tmp_path):
         raise KeyboardInterrupt
     assert "failure" not in json.loads((tmp_path / "run.json").read_text())["starts"][-1]

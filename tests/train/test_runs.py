@@ -7,7 +7,6 @@ import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.cli import train
-from ha2g_jax.errors import UserError
 from ha2g_jax.train import runs
 from ha2g_jax.train.runs import common_differing, differing, find_workdirs, make_lines, read_runs, short_names
 from ha2g_jax.train.workdir import LOCK, only_run
@@ -20,21 +19,17 @@ def read(workdir):
 
 def test_states(make_run):
     assert read(make_run("a", is_finished=True)).state == "finished"
-    assert read(make_run("b")).state == "stopped"
+    stopped = make_run("b")
+    (stopped / LOCK).touch()
+    assert read(stopped).state == "stopped"
+    with only_run(stopped):  # a look at a run does not keep it from training
+        pass
     failed = read(make_run("c", failure="XlaRuntimeError: out of memory"))
     assert (failed.state, failed.reason) == ("failed", "XlaRuntimeError: out of memory")
     running = make_run("d", failure="of an earlier start")
     with only_run(running):
         assert read(running).state == "running"
     assert read(running).state == "failed"
-
-
-def test_a_look_at_a_run_does_not_keep_it_from_training(make_run):
-    workdir = make_run()
-    (workdir / LOCK).touch()
-    assert read(workdir).state == "stopped"
-    with only_run(workdir):
-        pass
 
 
 def test_a_step_that_was_not_finite_fails_a_run_until_it_is_continued_beyond_it(make_run):
@@ -52,30 +47,19 @@ def test_progress_and_best_score(make_run):
     rows = [{"step": 10, "loss/huber": 1.0}]
     rows += [{"step": step, "validation/loss/huber": score} for step, score in scores.items()]
     rows += [{"step": 60, "loss/huber": 0.1}]
-    run = read(make_run(rows=rows))
+    workdir = make_run(rows=rows)
+    with (workdir / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 70, "validation/loss/hu')  # as a kill leaves it
+    run = read(workdir)
     assert (run.step, run.steps) == (60, 1000)
     assert run.best == ("loss/huber", 0.2, 40)
-
-
-def test_a_truncated_last_line_is_passed_over(make_run):
-    workdir = make_run(rows=[{"step": 10, "validation/loss/huber": 0.5}, {"step": 20, "loss/huber": 1.0}])
-    with (workdir / "metrics.jsonl").open("a") as file:
-        file.write('{"step": 30, "validation/loss/hu')
-    run = read(workdir)
-    assert run.step == 20 and run.best == ("loss/huber", 0.5, 10)
-
-
-def test_a_run_without_metrics_is_at_step_0(make_run):
-    workdir = make_run(rows=[])
-    (workdir / "metrics.jsonl").unlink()
-    run = read(workdir)
+    run = read(make_run("new", rows=[]))
     assert (run.state, run.step, run.best) == ("stopped", 0, None)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"train": {"steps": "x"}}'])
-def test_a_damaged_run_is_listed_with_its_reason(make_run, tmp_path, capsys, text):
+def test_a_damaged_run_is_listed_with_its_reason(make_run, tmp_path, capsys):
     make_run("good", is_finished=True)
-    (make_run("bad") / "config.json").write_text(text)
+    (make_run("bad") / "config.json").write_text("")
     assert cli.main(["runs", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert [line.split()[0] for line in printed.splitlines()[:3]] == ["run", "bad", "good"]
@@ -101,14 +85,9 @@ def test_table_has_the_settings_that_differ(make_run, tmp_path, capsys):
     assert head.split("  ")[0] == "run" and "learning_rate" in head and "best huber" in head and "seed" not in head
     assert first.split()[:5] == ["a", "0.0005", "1000", "/", "1000"] and "finished" in first
     assert second.split()[1] == "0.01" and note == "b: failed, no space left"
-
-
-def test_json_has_all_of_them(make_run, tmp_path, capsys):
-    make_run("a")
-    make_run("b", seed=4)
     assert cli.main(["runs", str(tmp_path), "--json"]) == 0
     first, second = json.loads(capsys.readouterr().out)
-    assert (first["settings"], second["settings"]) == ({"seed": 0}, {"seed": 4})
+    assert second["settings"] == {"train.learning_rate": 0.01}
     assert first["best"].keys() == {"name", "value", "step"} and first["path"] == str(tmp_path / "a")
 
 
@@ -122,9 +101,6 @@ def test_orders(make_run, tmp_path, sort, names):
         workdir = make_run(name, rows=rows, is_finished=name == "b")
         os.utime(workdir / "metrics.jsonl", (number, number))
     assert "".join(run.name for run in runs.list_runs([tmp_path], sort)) == names
-
-
-def test_orders_of_the_command_are_those_of_the_list():
     assert tuple(runs.SORTS) == train._SORTS
 
 
@@ -134,24 +110,16 @@ def test_a_folder_without_runs_is_an_error_of_the_user(tmp_path, capsys, path):
     (tmp_path / "empty").mkdir()
     assert cli.main(["runs", str(tmp_path / path)]) == 2
     assert path in capsys.readouterr().err
-    with pytest.raises(UserError):
-        find_workdirs(tmp_path / path)
 
 
 def test_seeds_of_a_config_are_one_line(make_run):
-    paths = [
-        make_run(f"{rate}-{seed}", **{"seed": seed, "train.learning_rate": rate})
-        for rate in (1e-4, 1e-3)
-        for seed in (0, 1)
-    ]
-    found = read_runs(paths)
+    rates = [(rate, seed) for rate in (1e-4, 1e-3) for seed in (0, 1)]
+    found = read_runs(make_run(f"{rate}-{seed}", seed=seed, **{"train.learning_rate": rate}) for rate, seed in rates)
     lines = make_lines(found)
     assert [line.label for line in lines] == ["learning_rate=0.0001", "learning_rate=0.001"]
     assert [[run.name for run in line.runs] for line in lines] == [["0.0001-0", "0.0001-1"], ["0.001-0", "0.001-1"]]
     assert set(differing(found)) == {"seed", "train.learning_rate"}
-
-
-def test_runs_with_one_config_and_one_seed_are_lines_of_their_own(make_run):
+    # Runs with one config and one seed are lines of their own.
     lines = make_lines(read_runs([make_run("a"), make_run("b"), make_run("c", seed=1)]))
     assert [line.label for line in lines] == ["a", "b", "c"]
 

@@ -17,21 +17,13 @@ CONFIG = pathlib.Path(__file__).parent.parent / "one_stage.py"
 
 def test_a_second_training_is_refused_until_the_first_ends(tmp_path):
     workdir = tmp_path / "runs" / "talk"
-    with (
-        only_run(workdir),
-        pytest.raises(UserError, match=r"another process trains in .*talk: wait"),
-        only_run(workdir),
-    ):
-        pass
+    with only_run(workdir):
+        assert is_training(workdir)
+        with pytest.raises(UserError, match=r"another process trains in .*talk: wait"), only_run(workdir):
+            pass
+    assert not is_training(workdir)
     with only_run(workdir):
         assert [path.name for path in workdir.iterdir()] == [LOCK]
-
-
-def test_the_lock_says_whether_a_process_trains(tmp_path):
-    assert not is_training(tmp_path) and not list(tmp_path.iterdir())
-    with only_run(tmp_path):
-        assert is_training(tmp_path)
-    assert not is_training(tmp_path)
 
 
 def test_a_killed_training_leaves_no_lock(tmp_path):

@@ -136,7 +136,7 @@ def metadata_of(model):
     return {it.key: it.value for it in model.metadata_props}
 
 
-def test_the_recurrence_is_the_operator_of_onnx(debug):
+def test_the_recurrence_is_the_operator_of_onnx_and_normalisation_is_part_of_the_convolutions(debug):
     """One bidirectional GRU for each layer of each level; nothing is unrolled, and there is no loop."""
     for loaded in (debug, draw(other_config())):
         grus = [node for node in build(loaded).graph.node if node.op_type == "GRU"]
@@ -144,11 +144,8 @@ def test_the_recurrence_is_the_operator_of_onnx(debug):
         assert len(grus) == generator.layers * len(generator.level_channels)
         attributes = [{it.name: onnx.helper.get_attribute_value(it) for it in node.attribute} for node in grus]
         assert all(it["direction"] == b"bidirectional" and it["linear_before_reset"] == 1 for it in attributes)
-
-
-def test_normalisation_after_a_convolution_is_part_of_it(debug):
-    nodes = [node.op_type for node in build(debug).graph.node]
-    assert nodes.count("BatchNormalization") == 1 + sum(debug.spec.generator.audio.blocks)
+    norms = [node for node in build(debug).graph.node if node.op_type == "BatchNormalization"]
+    assert len(norms) == 1 + sum(debug.spec.generator.audio.blocks)
 
 
 def test_the_metadata_restores_the_description(debug):
@@ -162,9 +159,6 @@ def test_the_metadata_restores_the_description(debug):
     assert list(found.assets.speakers) == ["ada", "ben"]
     np.testing.assert_array_equal(found.assets.speakers["ben"], debug.assets.speakers["ben"])
     assert to_metadata(found) == metadata_of(model)
-
-
-def test_the_sizes_that_a_reader_accepts_are_those_of_a_config():
     limits = (reading.MIN_FRAMES, reading.MIN_FPS, reading.MAX_FPS)
     assert limits == (configs.MIN_FRAMES, configs.MIN_FPS, configs.MAX_FPS)
 

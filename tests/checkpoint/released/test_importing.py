@@ -174,9 +174,6 @@ def test_what_does_not_fit_is_named(change, message, content):
     change(content)
     with pytest.raises(DoesNotFitError, match=message):
         read_released(content, "debug")
-
-
-def test_a_value_that_is_no_mapping():
     with pytest.raises(DoesNotFitError, match="a list instead of a mapping"):
         read_released([])
 
@@ -196,12 +193,9 @@ def test_an_auto_encoder_becomes_a_model_folder_that_measures_motion(autoencoder
     latents = PoseFeatures(tmp_path / "model")(rng.normal(size=(2, 34, 9, 3)))
     assert latents.shape == (2, 32) and np.isfinite(latents).all()
 
-
-def test_a_refused_file_writes_nothing(autoencoder, torch_files, tmp_path, capsys):
-    tensors = {name: torch_files.Tensor(array) for name, array in autoencoder["gen_dict"].items()}
     del tensors["decoder.net.7.bias"]
-    source = torch_files.Archive({"pose_dim": 27, "gen_dict": tensors}).save(tmp_path / "part.bin")
-    assert main(["import-weights", str(source), "-o", str(tmp_path / "model")]) == 2
+    source = torch_files.Archive(value).save(tmp_path / "part.bin")
+    assert main(["import-weights", str(source), "-o", str(tmp_path / "other")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "no tensor 'gen_dict: decoder.net.7.bias'" in line
-    assert not (tmp_path / "model").exists()
+    assert not (tmp_path / "other").exists()

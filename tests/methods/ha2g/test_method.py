@@ -91,24 +91,3 @@ def test_parts_keep_less_for_the_gradient(config, build, make_batch, kind):
             - num_bytes(jax.tree.leaves(state.model))
         )
     assert kept[1] < kept[0] / 3
-
-
-def test_compiled_parts_take_less_memory(config, build, make_batch):
-    config.model.inferer.update({"hidden_dim": 256, "layers": 1})
-    config.train.batch_size = SIZE
-    sizes = []
-    for config.train.accumulate in (1, 4):
-        objective = build(config)
-        state = jax.eval_shape(functools.partial(init_state, objective), jax.random.key(0))
-
-        def loss(params, state, batch, key, objective=objective):
-            variables, keys = state.generator.variables | {"params": params}, step_keys(objective.spec, key, state.step)
-            return jnp.sum(
-                ha2g.run(objective.spec, variables, batch, keys, compute=objective.compute).outputs.poses[-1]
-            )
-
-        arguments = (state.generator.params, state, make_batch(objective, SIZE), jax.random.key(1))
-        analysis = jax.jit(jax.grad(loss)).lower(*arguments).compile().memory_analysis()
-        assert analysis is not None
-        sizes.append(analysis.temp_size_in_bytes)
-    assert sizes[1] < 0.7 * sizes[0]

@@ -55,21 +55,6 @@ def _infer(model, *inputs):
     return _inferrer(model, inputs[-1].shape[1])
 
 
-@pytest.mark.parametrize("name", ["ted_expressive", "ted_gesture"])
-def test_every_level_of_a_skeleton_has_its_own_width(name):
-    skeleton = load_skeleton(name)
-    model = _model(skeleton.level_channels, num_seed_frames=4)
-
-    def run(key):
-        seed = jnp.zeros((B, 4, skeleton.pose_dim))
-        speech = {"mel": jnp.zeros((B, 128, 70)), "words": jnp.zeros((B, 34), jnp.int32)}
-        return model.init_with_output(key, speech, jnp.zeros((B,), jnp.int32), seed, train=False)
-
-    poses, variables = jax.eval_shape(run, jax.random.key(0))
-    assert [level.shape for level in poses] == [(B, 34, width) for width in skeleton.level_dims]
-    assert set(variables["batch_stats"]) == {"audio"}, "the pose inferer must not depend on the batch"
-
-
 def test_weights_of_the_audio_levels_sum_to_one(oracles):
     _, f_id, _ = _inputs()
     model = _model()
@@ -116,6 +101,7 @@ def test_a_stage_is_the_equations(oracles):
     features, f_id, seed = _inputs()
     model = _model()
     variables, infer = _infer(model, features, f_id, seed)
+    assert set(variables) == {"params"}, "the pose inferer must not depend on the batch"
     weights = np.asarray(model.apply(variables, f_id, method=model.coordinate))
     is_seed = np.broadcast_to((np.arange(N) < M)[None, :, None], (B, N, 1)).astype(np.float32)
 
@@ -129,15 +115,6 @@ def test_a_stage_is_the_equations(oracles):
         linear = jax.tree.map(np.asarray, variables["params"][f"pose_{level + 1}"]["linear"])
         assert linear["kernel"].shape == (5 + previous.shape[-1] + 4, len(CHANNELS[level]))
         whole[..., list(CHANNELS[level])] = poses
-
-
-def _seed_channels(model, level):
-    """Return the channels of the seed pose that the poses of a level depend on, by the gradient."""
-    features, f_id, seed = _inputs()
-    _, infer = _infer(model, features, f_id, seed)
-    outputs, pull_back = jax.vjp(lambda seed: infer(features, f_id, seed), seed)
-    cotangent = tuple(np.asarray(poses) * (index == level) for index, poses in enumerate(outputs))
-    return np.flatnonzero(np.abs(np.asarray(pull_back(cotangent)[0])).max(axis=(0, 1))).tolist()
 
 
 @pytest.mark.parametrize("row", presets.POSE_INFERER)
