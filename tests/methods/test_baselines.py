@@ -29,7 +29,11 @@ SIZE = 16
 # between two runs grows along the roll-out: a thousandfold at debug size, twentyfold with 64 values.
 SMALL = {
     "seq2seq": {"model__inferer__hidden_dim": 64, "model__inferer__layers": 2},
-    "speech2gesture": {"model__audio__channels": (4,), "model__inferer__layers": 1, "model__inferer__hidden_dim": 16},
+    "speech2gesture": {
+        "model__audio__spectrogram__channels": (4,),
+        "model__inferer__layers": 1,
+        "model__inferer__hidden_dim": 16,
+    },
     "joint_embedding": {"data__num_frames": 17, "model__context__layers": 1, "model__text__layers": 1},
     "trimodal": {"data__num_frames": 17},
 }
