@@ -53,8 +53,6 @@ SLOW = (
 THOROUGH = ("fuzz/", "test_docs_commands.py::test_commands_of_a_page_run", "test_baselines.py")
 
 pytest_plugins = [
-    "fixtures.methods",
-    "fixtures.states",
     "fixtures.torch_files",
     "fixtures.torch_layers",
     "fixtures.training",

@@ -178,17 +178,6 @@ def test_the_one_before_a_damaged_one_is_used_and_the_damaged_one_can_be_written
     assert read_record(folder / "3") == {"batches": 33}
 
 
-def test_a_damaged_one_is_no_reason_not_to_save_its_step(folder, capfd):
-    for content in (b"", b"again"):
-        (folder / "3" / "record" / "metadata").write_bytes(content)
-        with contextlib.closing(Checkpoints(folder, keep=2)) as checkpoints:
-            checkpoints.save(3, _state(1.0), {"batches": 33})
-            checkpoints.wait()
-            assert read_record(folder / "3") == {"batches": 33}
-    assert capfd.readouterr().err.count("writing it again") == 2
-    assert sorted(path.name for path in folder.iterdir()) == ["2", "3", "3.damaged", "3.damaged-2"]
-
-
 def test_where_all_are_damaged_the_run_does_not_start_anew(folder):
     for step in (2, 3):
         _truncate(folder / str(step) / CHECKSUMS)

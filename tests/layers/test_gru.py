@@ -10,28 +10,6 @@ from ha2g_jax.layers.gru import BiGRU, GRUCells
 from ha2g_jax.layers.gru_cell import Gates, gru_cell
 
 
-def _sigmoid(x):
-    return 1 / (1 + np.exp(-x))
-
-
-def _numpy_direction(x, params, suffix):
-    """Compute one direction of one layer in float64 for x (B, N, inputs)."""
-    weight_ih, weight_hh, bias_ih, bias_hh = (
-        np.asarray(params[name + suffix], np.float64) for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-    )
-    (w_r, w_z, w_n), (u_r, u_z, u_n) = np.split(weight_ih, 3), np.split(weight_hh, 3)
-    (b_r, b_z, b_n), (c_r, c_z, c_n) = np.split(bias_ih, 3), np.split(bias_hh, 3)
-    state = np.zeros((x.shape[0], w_r.shape[0]))
-    states = []
-    for frame in np.swapaxes(x, 0, 1):
-        reset = _sigmoid(frame @ w_r.T + b_r + state @ u_r.T + c_r)
-        update = _sigmoid(frame @ w_z.T + b_z + state @ u_z.T + c_z)
-        new = np.tanh(frame @ w_n.T + b_n + reset * (state @ u_n.T + c_n))
-        state = (1 - update) * new + update * state
-        states.append(state)
-    return np.stack(states, axis=1)
-
-
 def test_equals_the_equations(oracles):
     x = np.random.default_rng(0).normal(size=(2, 6, 3)).astype(np.float32)
     module = BiGRU(hidden_dim=4, layers=2)
@@ -39,8 +17,8 @@ def test_equals_the_equations(oracles):
 
     inputs = x.astype(np.float64)
     for layer in range(2):
-        forward = _numpy_direction(inputs, variables["params"], f"_l{layer}")
-        backward = _numpy_direction(inputs[:, ::-1], variables["params"], f"_l{layer}_reverse")[:, ::-1]
+        forward = oracles.numpy_gru(variables["params"], f"_l{layer}", inputs)
+        backward = oracles.numpy_gru(variables["params"], f"_l{layer}_reverse", inputs[:, ::-1])[:, ::-1]
         inputs = np.concatenate([forward, backward], axis=-1)
     forward, backward = np.split(inputs, 2, axis=-1)
     oracles.assert_close(module.apply(variables, x, train=False), forward + backward)
@@ -110,8 +88,8 @@ def test_steps_after_the_end_change_nothing_and_sequences_end_where_they_end(ora
     for row, length in enumerate(lengths):
         inputs = x[row : row + 1, :length].astype(np.float64)
         for layer, (forward, backward) in enumerate(found):
-            expected = _numpy_direction(inputs, variables["params"], f"_l{layer}")
-            expected_back = _numpy_direction(inputs[:, ::-1], variables["params"], f"_l{layer}_reverse")[:, ::-1]
+            expected = oracles.numpy_gru(variables["params"], f"_l{layer}", inputs)
+            expected_back = oracles.numpy_gru(variables["params"], f"_l{layer}_reverse", inputs[:, ::-1])[:, ::-1]
             oracles.assert_close((forward[row, :length], backward[row, :length]), (expected[0], expected_back[0]))
             oracles.assert_close((forward[row, -1], backward[row, 0]), (expected[0, -1], expected_back[0, 0]))
             np.testing.assert_array_equal(backward[row, length:], 0)
@@ -132,7 +110,7 @@ def test_cells_make_the_steps_of_the_equations(oracles):
     for frame in np.swapaxes(x, 0, 1):
         states = step(states, frame)
         found.append(states[-1])
-    expected = _numpy_direction(_numpy_direction(x, variables["params"], "_l0"), variables["params"], "_l1")
+    expected = oracles.numpy_gru(variables["params"], "_l1", oracles.numpy_gru(variables["params"], "_l0", x))
     oracles.assert_close(np.stack(found, axis=1), expected)
 
 

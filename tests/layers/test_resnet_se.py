@@ -50,48 +50,31 @@ def test_other_columns_are_refused():
         )
 
 
-def _block(torch, inputs, channels, stride):
-    nn = torch.nn
-    return nn.ModuleDict(
-        {
-            "conv_1": nn.Conv2d(inputs, channels, 3, stride, 1, bias=False),
-            "norm_1": nn.BatchNorm2d(channels),
-            "conv_2": nn.Conv2d(channels, channels, 3, 1, 1, bias=False),
-            "norm_2": nn.BatchNorm2d(channels),
-            "squeeze": nn.Linear(channels, channels // 8),
-            "excite": nn.Linear(channels // 8, channels),
-            "shortcut_conv": nn.Conv2d(inputs, channels, 1, stride, bias=False),
-            "shortcut_norm": nn.BatchNorm2d(channels),
-        }
-    )
-
-
-def _run_block(torch, block, x):
-    y = block["norm_1"](torch.relu(block["conv_1"](x)))
-    y = block["norm_2"](block["conv_2"](y))
-    gate = torch.sigmoid(block["excite"](torch.relu(block["squeeze"](y.mean((2, 3))))))
-    return torch.relu(y * gate[:, :, None, None] + block["shortcut_norm"](block["shortcut_conv"](x)))
-
-
 @pytest.mark.torch
 @pytest.mark.parametrize("train", [True, False])
 def test_basic_block_equals_pytorch_in_values_and_gradients(train, oracles):
     torch = pytest.importorskip("torch")
     torch.manual_seed(0)
-    theirs = _block(torch, 4, 16, 2).train(train)
+    from fixtures.released_torch import Block
+
+    theirs = Block(4, 16, 2).train(train)
     oracles.shake(torch, theirs)
 
+    convs = {"conv_1": theirs.conv1, "conv_2": theirs.conv2, "shortcut_conv": theirs.downsample[0]}
+    norms = {"norm_1": theirs.bn1, "norm_2": theirs.bn2, "shortcut_norm": theirs.downsample[1]}
+    gate = {"squeeze": theirs.se.fc[0], "excite": theirs.se.fc[2]}
+
     def read(of):
-        params = {name: oracles.conv(theirs[name], of) for name in ("conv_1", "conv_2", "shortcut_conv")}
-        params |= {name: oracles.norm(theirs[name], of) for name in ("norm_1", "norm_2", "shortcut_norm")}
-        return params | {"se": {name: oracles.dense(theirs[name], of) for name in ("squeeze", "excite")}}
+        params = {name: oracles.conv(layer, of) for name, layer in convs.items()}
+        params |= {name: oracles.norm(layer, of) for name, layer in norms.items()}
+        return params | {"se": {name: oracles.dense(layer, of) for name, layer in gate.items()}}
 
     def statistics():
-        return {name: oracles.statistics(theirs[name]) for name in ("norm_1", "norm_2", "shortcut_norm")}
+        return {name: oracles.statistics(layer) for name, layer in norms.items()}
 
     variables = {"params": read(oracles.value), "batch_stats": statistics()}
     x = torch.randn(3, 4, 9, 7, requires_grad=True)
-    out = _run_block(torch, theirs, x)
+    out = theirs(x)
     cotangent = torch.randn_like(out)
     out.backward(cotangent)
 

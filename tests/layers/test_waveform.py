@@ -33,19 +33,9 @@ def test_a_window_becomes_34_steps_and_the_parameters_are_those_of_the_table():
 def test_equals_pytorch_in_values_and_gradients(train, oracles):
     torch = pytest.importorskip("torch")
     torch.manual_seed(0)
-    nn = torch.nn
-    theirs = nn.Sequential(
-        nn.Conv1d(1, 16, 15, stride=5, padding=1600),
-        nn.BatchNorm1d(16),
-        nn.LeakyReLU(0.3),
-        nn.Conv1d(16, 32, 15, stride=6),
-        nn.BatchNorm1d(32),
-        nn.LeakyReLU(0.3),
-        nn.Conv1d(32, 64, 15, stride=6),
-        nn.BatchNorm1d(64),
-        nn.LeakyReLU(0.3),
-        nn.Conv1d(64, 32, 15, stride=6),
-    ).train(train)
+    from fixtures.released_torch import waveform_encoder
+
+    theirs = waveform_encoder().train(train)
     oracles.shake(torch, theirs)
     convs, norms = [theirs[index] for index in (0, 3, 6, 9)], [theirs[index] for index in (1, 4, 7)]
 

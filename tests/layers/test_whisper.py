@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 import scipy.special
 
@@ -197,25 +196,10 @@ def test_a_window_that_is_too_short_is_refused():
 
 
 def test_whisper_is_frozen_and_its_maps_learn(mel, variables):
-    """Twenty steps of Adam come close to a target, and Whisper's parameters do not change."""
-    encoder = AsrAudioEncoder(WHISPER, feature_dim=5)
-    optimizer = optax.adam(3e-2)
-
     def loss(params):
-        features: Any = encoder.apply({"params": params}, mel, train=True)
+        features: Any = AsrAudioEncoder(WHISPER, feature_dim=5).apply({"params": params}, mel, train=True)
         return sum(jnp.mean(jnp.square(level - 1)) for level in features)
 
-    @jax.jit
-    def step(params, state):
-        value, gradient = jax.value_and_grad(loss)(params)
-        updates, state = optimizer.update(gradient, state, params)
-        return optax.apply_updates(params, updates), state, value
-
-    params, state, losses = variables["params"], optimizer.init(variables["params"]), []
-    for _ in range(20):
-        params, state, value = step(params, state)
-        losses.append(float(value))
-    assert losses[-1] < losses[0] / 2
-    jax.tree.map(np.testing.assert_array_equal, params["whisper"], variables["params"]["whisper"])
-    for name in Features._fields:
-        assert np.any(params[name]["kernel"] != variables["params"][name]["kernel"])
+    gradient = jax.grad(loss)(variables["params"])
+    assert not any(np.any(leaf) for leaf in jax.tree.leaves(gradient["whisper"]))
+    assert all(np.any(gradient[name]["kernel"]) for name in Features._fields)

@@ -26,47 +26,37 @@ def test_maps_a_window_to_its_latent_and_back(name):
 @pytest.mark.torch
 def test_equals_pytorch(oracles):
     torch = pytest.importorskip("torch")
+    from fixtures.released_torch import PoseDecoder, PoseEncoder
+
     torch.manual_seed(0)
-    nn = torch.nn
-    activation = nn.LeakyReLU(0.2)
-    convs = [nn.Conv1d(9, 32, 3), nn.Conv1d(32, 64, 3), nn.Conv1d(64, 64, 4, 2), nn.Conv1d(64, 32, 3)]
-    linears = [nn.Linear(384, 256), nn.Linear(256, 128), nn.Linear(128, 16)]
-    norms = [nn.BatchNorm1d(size) for size in (32, 64, 64, 256, 128)]
-    encoder = nn.Sequential(
-        *(convs[0], norms[0], activation, convs[1], norms[1], activation, convs[2], norms[2], activation, convs[3]),
-        *(nn.Flatten(), linears[0], norms[3], activation, linears[1], norms[4], activation, linears[2]),
-    ).eval()
-    decoder_linears = [nn.Linear(16, 64), nn.Linear(64, 136)]
-    transposed = [nn.ConvTranspose1d(4, 32, 3), nn.ConvTranspose1d(32, 32, 3)]
-    decoder_convs = [nn.Conv1d(32, 32, 3), nn.Conv1d(32, 9, 3)]
-    decoder_norms = [nn.BatchNorm1d(size) for size in (64, 32, 32)]
-    decoder = nn.Sequential(
-        *(decoder_linears[0], decoder_norms[0], activation, decoder_linears[1], nn.Unflatten(1, (4, 34))),
-        *(transposed[0], decoder_norms[1], activation, transposed[1], decoder_norms[2], activation),
-        *decoder_convs,
-    ).eval()
+    encoder = PoseEncoder(9, 16, has_mean=False, slope=0.2).eval()
+    decoder = PoseDecoder(9, 16, slope=0.2).eval()
     oracles.shake(torch, encoder)
     oracles.shake(torch, decoder)
     x = torch.randn(2, 34, 9)
-    latent = encoder(x.transpose(1, 2))
-    out = decoder(latent).transpose(1, 2)
+    latent = encoder(x)
+    out = decoder(latent)
 
-    def tree(read, name, layers, start=1):
-        return {f"{name}_{index}": read(layer) for index, layer in enumerate(layers, start)}
+    def tree(read, name, modules, start=1):
+        return {f"{name}_{index}": read(module) for index, module in enumerate(modules, start)}
 
+    def layers(module, *kinds):
+        return [layer for layer in module.modules() if isinstance(layer, kinds)]
+
+    nn = torch.nn
     variables = {
         "params": {
-            "encoder": tree(oracles.conv, "conv", convs)
-            | tree(oracles.norm, "norm", norms)
-            | tree(oracles.dense, "linear", linears),
-            "decoder": tree(oracles.dense, "linear", decoder_linears)
-            | tree(oracles.norm, "norm", decoder_norms)
-            | tree(oracles.transposed_conv, "conv", transposed)
-            | tree(oracles.conv, "conv", decoder_convs, start=3),
+            "encoder": tree(oracles.conv, "conv", layers(encoder, nn.Conv1d))
+            | tree(oracles.norm, "norm", layers(encoder, nn.BatchNorm1d))
+            | tree(oracles.dense, "linear", layers(encoder, nn.Linear)),
+            "decoder": tree(oracles.dense, "linear", layers(decoder, nn.Linear))
+            | tree(oracles.norm, "norm", layers(decoder, nn.BatchNorm1d))
+            | tree(oracles.transposed_conv, "conv", layers(decoder, nn.ConvTranspose1d))
+            | tree(oracles.conv, "conv", layers(decoder, nn.Conv1d), start=3),
         },
         "batch_stats": {
-            "encoder": tree(oracles.statistics, "norm", norms),
-            "decoder": tree(oracles.statistics, "norm", decoder_norms),
+            "encoder": tree(oracles.statistics, "norm", layers(encoder, nn.BatchNorm1d)),
+            "decoder": tree(oracles.statistics, "norm", layers(decoder, nn.BatchNorm1d)),
         },
     }
     model = PoseAutoencoder(pose_dim=9, latent_dim=16)

@@ -75,41 +75,19 @@ def _run(model, variables, words, seed):
     return np.asarray(jax.jit(lambda seed: model.apply(variables, inputs, None, seed, train=False)[-1])(seed))
 
 
-def _sigmoid(x):
-    return 1 / (1 + np.exp(-x))
-
-
-def _cell(params, suffix, state, x):
-    """Compute one step of a GRU in float64, for one clip."""
-    (w_r, w_z, w_n), (u_r, u_z, u_n), (b_r, b_z, b_n), (c_r, c_z, c_n) = (
-        np.split(np.asarray(params[name + suffix], np.float64), 3)
-        for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-    )
-    reset = _sigmoid(w_r @ x + b_r + u_r @ state + c_r)
-    update = _sigmoid(w_z @ x + b_z + u_z @ state + c_z)
-    return (1 - update) * np.tanh(w_n @ x + b_n + reset * (u_n @ state + c_n)) + update * state
-
-
-def _direction(params, suffix, inputs):
-    states = [np.zeros(HIDDEN_DIM)]
-    for x in inputs:
-        states.append(_cell(params, suffix, states[-1], x))
-    return states[1:]
-
-
-def _numpy_sentence(params, words):
+def _numpy_sentence(oracles, params, words):
     """Return e (T, h) and the first two entries of the list of final states, for one sentence without its padding."""
-    inputs, final = list(np.asarray(params["embedding"]["embedding"], np.float64)[words]), []
+    inputs, final = np.asarray(params["embedding"]["embedding"], np.float64)[None, words], []
     for layer in range(2):
-        forward = _direction(params["gru"], f"_l{layer}", inputs)
-        backward = _direction(params["gru"], f"_l{layer}_reverse", inputs[::-1])[::-1]
-        final += [forward[-1], backward[0]]
-        inputs = [np.concatenate(pair) for pair in zip(forward, backward, strict=True)]
-    forward, backward = np.split(np.stack(inputs), 2, axis=1)
+        forward = oracles.numpy_gru(params["gru"], f"_l{layer}", inputs)
+        backward = oracles.numpy_gru(params["gru"], f"_l{layer}_reverse", inputs[:, ::-1])[:, ::-1]
+        final += [forward[0, -1], backward[0, 0]]
+        inputs = np.concatenate([forward, backward], axis=-1)
+    forward, backward = np.split(inputs[0], 2, axis=1)
     return forward + backward, final[:2]
 
 
-def _numpy_step(variables, states, pose, words):
+def _numpy_step(oracles, variables, states, pose, words):
     """Compute one step of the decoder in evaluation; attention over all of `words`, with W [h ; e] as one product."""
     params, statistics = variables["params"]["decoder"], variables["batch_stats"]["decoder"]["norm"]
     kernel = np.concatenate(
@@ -126,8 +104,8 @@ def _numpy_step(variables, states, pose, words):
     x = np.concatenate([pose, weights @ words]) @ params["linear_in"]["kernel"] + params["linear_in"]["bias"]
     x = (x - statistics["mean"]) / np.sqrt(statistics["variance"] + 1e-5)
     x = np.maximum(x * params["norm"]["scale"] + params["norm"]["bias"], 0)
-    bottom = _cell(params["gru"], "_l0", states[0], x)
-    top = _cell(params["gru"], "_l1", states[1], bottom)
+    bottom = oracles.numpy_gru_cell(params["gru"], "_l0", states[0], x)
+    top = oracles.numpy_gru_cell(params["gru"], "_l1", states[1], bottom)
     return [bottom, top], top @ params["linear_out"]["kernel"] + params["linear_out"]["bias"]
 
 
@@ -136,12 +114,12 @@ def test_equals_the_equations(model, variables, oracles):
     seed = _seed(4)
     found = _run(model, variables, WORDS, seed)
     for row, words in enumerate(WORDS):
-        encoded, states = _numpy_sentence(variables["params"]["text"], words[words != 0])
+        encoded, states = _numpy_sentence(oracles, variables["params"]["text"], words[words != 0])
         padded = np.concatenate([encoded, np.zeros((len(words) - len(encoded), HIDDEN_DIM))])
         poses = [seed[row, 0].astype(np.float64)]
         for frame in range(1, NUM_FRAMES):
             previous = seed[row, frame - 1] if frame - 1 < 4 else poses[-1]
-            states, pose = _numpy_step(variables, states, previous, padded)
+            states, pose = _numpy_step(oracles, variables, states, previous, padded)
             poses.append(pose)
         oracles.assert_close(found[row], np.stack(poses))
     assert np.abs(np.diff(found[:, 5:], axis=1)).max() > 0.01  # it does move

@@ -29,16 +29,6 @@ def test_lists_the_paper_s_shapes_of_ted_expressive():
     json.dumps(rows)
 
 
-def test_lists_the_shapes_of_ted_gesture_with_a_table_of_speakers():
-    config = configs.paper("ted_gesture")
-    config.model.identity.kind = "speakers"
-    outputs = _outputs(describe(config))
-    assert [outputs[f"generator.pose_{level}"] for level in range(1, 4)] == ["34x15", "34x21", "34x27"]
-    assert "generator.pose_4" not in outputs
-    assert outputs["generator.coordinator"] == "3x3"
-    assert outputs["autoencoder.encoder"] == "32"
-
-
 def test_parts_add_up_and_tables_that_grow_with_data_are_left_out():
     rows = describe(presets.sized("ted_expressive", "debug"))
     counts = {row["module"]: row["parameters"] for row in rows}

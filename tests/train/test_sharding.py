@@ -22,21 +22,13 @@ def start(draw_state, make_batch):
     """Objective, state and batches for `NUM_STEPS` steps of plain gradient descent with all terms of the objective."""
     objective = processes.sgd_objective("ha2g")
     batches = [make_batch(objective, BATCH_SIZE, seed) for seed in range(NUM_STEPS)]
-    return objective, with_biases(draw_state(objective), objective.warmup_steps), batches
+    return objective, warm_state(draw_state, objective), batches
 
 
-def with_biases(state, step):
-    """Return a state at a step with random biases: the error of an array is measured by its largest value."""
-    random = np.random.default_rng(3)
-
-    def move(network):
-        def add(x):
-            return x + random.normal(0, 0.05, x.shape).astype(x.dtype) if x.ndim == 1 else x
-
-        return network.replace(params=jax.tree.map(add, network.params))
-
-    state = state.replace(generator=move(state.generator), discriminator=move(state.discriminator))
-    return jax.device_get(state.replace(step=jnp.int32(step)))
+def warm_state(draw_state, objective):
+    """Return a state after the warm-up with random biases: the error of an array is measured by its largest value."""
+    state = draw_state(objective, seed=3, biases=0.05)
+    return jax.device_get(state.replace(step=jnp.int32(objective.warmup_steps)))
 
 
 def assert_same_parameters(found, expected, before):
@@ -62,7 +54,7 @@ def test_eight_devices_equal_one(start):
 def test_two_processes_equal_one_and_agree_on_the_end(draw_state, make_motion_batch, tmp_path):
     """Trimodal has what processes must agree on: sums of gradients and of BatchNorm, dropout, and a discriminator."""
     objective = processes.sgd_objective("trimodal")
-    state = with_biases(draw_state(objective), objective.warmup_steps)
+    state = warm_state(draw_state, objective)
     batches = [jax.device_get(make_motion_batch(objective, BATCH_SIZE, seed)) for seed in range(NUM_STEPS)]
     alone, _ = processes.train(objective, state, batches, jax.devices()[:1])
     found, stops = processes.train_in_processes(tmp_path, state, batches, count=2, devices=1)
