@@ -20,9 +20,8 @@ import tqdm
 from tables.latency_report import Results, all_numbers, as_markdown, figure
 from tables.look_aheads import LOOK_AHEADS, TABLE, plan_settings, read_scores
 from tables.plan import Request, check_report, parse_data, parse_seeds
-from tables.processes import Stop
 from tables.report import describe_work
-from tables.runs import Perform, add_options, perform_in_process, run_all, run_script
+from tables.runs import Perform, Stop, add_options, perform_in_process, run_all, run_script
 from tables.workdirs import is_finished, record_of
 
 from ha2g_jax.errors import UserError

@@ -23,8 +23,8 @@ import tqdm
 from tables.kept_runs import keep_run
 from tables.paper_tables import TABLES
 from tables.plan import (
-    Plan,
     Request,
+    TablePlan,
     check_report,
     corpus_path,
     parse_changes,
@@ -34,9 +34,8 @@ from tables.plan import (
     read_record,
     scores_kind,
 )
-from tables.processes import Stop
 from tables.report import Results, all_numbers, as_markdown, describe_work, figure
-from tables.runs import Perform, add_options, perform_in_process, run_all, run_script
+from tables.runs import Perform, Stop, add_options, perform_in_process, run_all, run_script
 from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
@@ -139,7 +138,7 @@ def reproduce(
     return not results.failures
 
 
-def _fill(request: Request, plan: Plan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
+def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop], None], stop: Stop) -> dict[str, str]:
     """Train and score the missing runs; return the names of the runs without scores with the reason."""
     autoencoder = read_record(plan.autoencoder, plan, request)
     if request.has_training and autoencoder.last_step < plan.autoencoder.config.train.steps:
@@ -160,14 +159,14 @@ def _fill(request: Request, plan: Plan, perform: Callable[[Run, int, Stop], None
 
 
 def _perform_and_keep(
-    plan: Plan, keep: pathlib.Path | None, perform: Perform, request: Request, run: Run, worker: int, stop: Stop
+    plan: TablePlan, keep: pathlib.Path | None, perform: Perform, request: Request, run: Run, worker: int, stop: Stop
 ) -> None:
     perform(request, run, worker, stop)
     if keep is not None:
         _keep(run, plan, request, keep)
 
 
-def _keep(run: Run, plan: Plan, request: Request, folder: pathlib.Path) -> None:
+def _keep(run: Run, plan: TablePlan, request: Request, folder: pathlib.Path) -> None:
     scores = read_record(run, plan, request).scores
     if scores is not None or run == plan.autoencoder:
         metadata = {key: plan.corpus.metadata[key] for key in ("name", "source", "skeleton", "fps")}

@@ -20,8 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tables.plan import plan_grid
-from tables.processes import Stop, run_logged, stop_signals
-from tables.runs import Stopped, run_all
+from tables.runs import Stop, Stopped, run_all, run_logged, stop_signals
 from tables.workdirs import VALIDATION, Run, is_finished
 
 from ha2g_jax.errors import UserError

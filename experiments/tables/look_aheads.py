@@ -49,7 +49,7 @@ def scores_path(run: Run, plan: Plan, split: str, look_ahead: int | None) -> pat
     return scores_file(run, "look-ahead", [_EVALUATION_VERSION, split, EVERY, look_ahead, HOP, plan.digest])
 
 
-def read_scores(run: Run, plan: Plan, split: str) -> dict[int | None, Scores] | None:
+def read_scores(run: Run, plan: Plan, split: str) -> Mapping[int | None, Scores] | None:
     """Return the scores of a finished run by look-ahead, or None where one is missing."""
     found = {at: read_stored(scores_path(run, plan, split, at)) for at in LOOK_AHEADS} if is_finished(run) else {}
     whole = {at: scores for at, scores in found.items() if scores is not None}

@@ -1,6 +1,7 @@
 """Plan the runs of a table of the paper, of the study of look-aheads or of a grid of settings: rows times seeds."""
 
 import ast
+import dataclasses
 import itertools
 import json
 import pathlib
@@ -69,28 +70,20 @@ class Request(NamedTuple):
     split: str = "test"
 
 
-class Plan(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Plan:
     """All runs of a request.
 
     Attributes:
         digest: SHA-256 of the description of the corpus.
         kept: runs that are kept in the workdir without their weights.
         rows: name of a row -> its runs in the order of the seeds.
-        table: table of the paper without the rows that are left out, None for the study of look-aheads.
-        autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
-        left_out: name of a row that lacks an input -> reason.
-        draws: number of draws of the bootstrap over clips.
     """
 
     corpus: Corpus
     digest: str
     kept: Kept
     rows: dict[str, tuple[Run, ...]]
-    table: Table | None = None
-    autoencoder: Run | None = None
-    splits: tuple[str, ...] = ()
-    left_out: Mapping[str, str] = {}
-    draws: int = 0
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -98,7 +91,25 @@ class Plan(NamedTuple):
         return tuple({run.name: run for same_seed in zip(*self.rows.values()) for run in same_seed}.values())
 
 
-def plan_table(request: Request) -> Plan:
+@dataclasses.dataclass(frozen=True)
+class TablePlan(Plan):
+    """All runs of a table of the paper.
+
+    Attributes:
+        table: table of the paper without the rows that are left out.
+        autoencoder: run of the auto-encoder whose latents are the features of the Frechet distance and of diversity.
+        left_out: name of a row that lacks an input -> reason.
+        draws: number of draws of the bootstrap over clips.
+    """
+
+    table: Table
+    autoencoder: Run
+    splits: tuple[str, ...]
+    left_out: Mapping[str, str]
+    draws: int
+
+
+def plan_table(request: Request) -> TablePlan:
     """Plan the runs of a table of the paper.
 
     Raises:
@@ -115,13 +126,16 @@ def plan_table(request: Request) -> Plan:
             raise UserError(
                 f"{plan.corpus.path} has no clips in the split {split}, which is scored; `ha2g data split` makes one"
             )
-    return plan._replace(
-        table=table._replace(rows=tuple(row for row in table.rows if row.name not in left_out)),
-        autoencoder=autoencoder,
-        splits=splits,
-        rows={name: runs for name, runs in plan.rows.items() if name not in left_out},
-        left_out=left_out,
-        draws=_DRAWS.get(request.size, 1000),
+    return TablePlan(
+        plan.corpus,
+        plan.digest,
+        plan.kept,
+        {name: runs for name, runs in plan.rows.items() if name not in left_out},
+        table._replace(rows=tuple(row for row in table.rows if row.name not in left_out)),
+        autoencoder,
+        splits,
+        left_out,
+        _DRAWS.get(request.size, 1000),
     )
 
 
@@ -138,9 +152,9 @@ def plan_rows(request: Request, rows: Mapping[str, tuple[str, Mapping[str, Any]]
     if kept.data is not None and not request.has_training and not (path / FILE).is_file():
         plan = Plan(Corpus(path, dict(kept.data["metadata"])), kept.data["sha256"], kept, {})
     else:
-        plan = Plan(Corpus.open(path), file_sha256(path / FILE), kept, {})
-        if kept.data is not None and kept.data["sha256"] != plan.digest:
-            plan = plan._replace(kept=Kept())
+        corpus, sha256 = Corpus.open(path), file_sha256(path / FILE)
+        is_kept = kept.data is not None and kept.data["sha256"] == sha256
+        plan = Plan(corpus, sha256, kept if is_kept else Kept(), {})
     for name, (method, changes) in rows.items():
         plan.rows[name] = tuple(_run(request, plan, method, changes, name, seed) for seed in request.seeds)
     with reading(request.workdir, "a folder of runs, which --workdir names"):
@@ -182,19 +196,18 @@ def plan_grid(spec: str, workdir: pathlib.Path, grids: Sequence[str], overrides:
     return runs
 
 
-def scores_kind(plan: Plan, request: Request) -> list[Any]:
+def scores_kind(plan: TablePlan, request: Request) -> list[Any]:
     """Return what the scores of a table depend on beside the models and the corpus."""
     return [EVALUATION_VERSION, list(plan.splits), request.has_legacy, plan.draws]
 
 
-def scores_path(run: Run, plan: Plan, request: Request) -> pathlib.Path | None:
+def scores_path(run: Run, plan: TablePlan, request: Request) -> pathlib.Path | None:
     """Return the path of the scores of a run for a table, or None without the weights of it or the auto-encoder."""
-    assert plan.autoencoder is not None
     weights = weights_digest(plan.autoencoder)
     return None if weights is None else scores_file(run, "scores", [*scores_kind(plan, request), weights, plan.digest])
 
 
-def read_record(run: Run, plan: Plan, request: Request) -> Record:
+def read_record(run: Run, plan: TablePlan, request: Request) -> Record:
     """Read the record of a run with its scores, from the table of kept runs or from its workdir.
 
     The scores are None where they, or with training a part of the training, are missing.
@@ -206,7 +219,7 @@ def read_record(run: Run, plan: Plan, request: Request) -> Record:
     return record_of(run, read_stored(scores_path(run, plan, request)) if is_scored else None)
 
 
-def retrieval_path(plan: Plan, request: Request) -> pathlib.Path:
+def retrieval_path(plan: TablePlan, request: Request) -> pathlib.Path:
     """Return the path of the training windows that sound most like the clips of the splits, the same for all runs."""
     causes = [EVALUATION_VERSION, list(plan.splits), plan.digest]
     return request.workdir / f"retrieval-{digest(causes)}.json"

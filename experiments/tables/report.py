@@ -14,7 +14,8 @@ from ha2g_jax import metrics
 from ha2g_jax.evaluation.page import Mark, Panel, curve_chart, markdown, number
 from tables.claims import LEVEL, Measured, Spread, interval, over_seeds, paired
 from tables.paper_tables import TABLE_12, THRESHOLDS, WITHOUT_GAN
-from tables.plan import Plan, Request
+from tables.plan import Plan, Request, TablePlan
+from tables.runs import duration
 from tables.tables import (
     CLAIMED,
     CLAIMED_ON_TALK,
@@ -81,7 +82,7 @@ class Results(NamedTuple):
     """
 
     request: Request
-    plan: Plan
+    plan: TablePlan
     records: Mapping[str, Mapping[int, Record]]
     failures: Mapping[str, Mapping[int, str]]
     facts: Mapping[str, str]
@@ -129,14 +130,6 @@ def describe_work(
     }
 
 
-def duration(seconds: float) -> str:
-    """Format seconds, such as "41 s", "12 min" or "3 h 20 min"."""
-    if seconds < 60:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
-
-
 def _distinct(texts: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(texts)) or "unknown"
 
@@ -149,7 +142,6 @@ def as_markdown(results: Results, numbers: str, chart: str | None = None) -> str
         chart: name of the SVG of `figure`, for Figure 3.
     """
     plan, request = results.plan, results.request
-    assert plan.table is not None
     lines = [f"# {plan.table.title}, on {request.data} ({request.size})", ""]
     lines += [*(f"- {title}: {text}" for title, text in results.facts.items()), "", " ".join(caveats(results)), ""]
     if results.scores:
@@ -167,7 +159,6 @@ def as_markdown(results: Results, numbers: str, chart: str | None = None) -> str
 
 def all_numbers(results: Results) -> str:
     """Write all numbers of the results, the remarks of the evaluations and the runs as CSV."""
-    assert results.plan.table is not None
     more = [("remark", split, row, "", text) for split, row, text in _remarks(results)]
     for row, mine in results.records.items():
         for seed, one in mine.items():
@@ -180,7 +171,6 @@ def caveats(results: Results) -> list[str]:
     """Return sentences on the limits of the results, depending on the runs."""
     (request, plan), found = results[:2], []
     runs = [record for mine in results.records.values() for record in mine.values()]
-    assert plan.table is not None
     if request.data == "talk":
         found.append("Talk is a testbed made by a program: these numbers do not describe people.")
     found.append(
@@ -209,7 +199,6 @@ def caveats(results: Results) -> list[str]:
 
 def _comparison(results: Results, _: str | None) -> list[str]:
     (request, plan), scores, claimed = results[:2], results.scores, results.claimed
-    assert plan.table is not None
     is_talk, split = request.data == "talk", plan.splits[-1]
     lines = ["## Claims", "", _CLAIMS, *([_BESIDE] if is_talk and request.table == "table1" else []), ""]
     lines += [claim_table(plan.table, scores, split, claimed), ""]
@@ -269,9 +258,7 @@ def _gan_term(results: Results, split: str) -> list[str]:
 
 def _distances(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, Measured]:
     found = {seed: [estimate(one, split, metric, row) for row in (MODEL, TRUTH)] for seed, one in scores.items()}
-    return {
-        seed: Measured(abs(mine["value"] - truth["value"])) for seed, (mine, truth) in found.items() if mine and truth
-    }
+    return {seed: Measured(abs(mine.value - truth.value)) for seed, (mine, truth) in found.items() if mine and truth}
 
 
 def _nearness(spread: Spread) -> str:
@@ -312,7 +299,6 @@ def _draws(results: Results, _: str | None) -> list[str]:
 
 def figure(results: Results) -> str:
     """Draw Figure 3 for the first split as an SVG document: BC, F and its gain by threshold, as means over seeds."""
-    assert results.plan.table is not None
     split = results.plan.splits[0]
     curves = _curves(results.scores, split)
     panels = [
@@ -324,7 +310,6 @@ def figure(results: Results) -> str:
 
 
 def _figure(results: Results, chart: str | None) -> list[str]:
-    assert results.plan.table is not None
     lines = [f"![{results.plan.table.title}]({chart})", ""] if chart else []
     places = [THRESHOLDS.index(threshold) for threshold in _SHOWN_THRESHOLDS]
     for split in results.plan.splits:

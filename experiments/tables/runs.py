@@ -9,22 +9,100 @@ import contextlib
 import json
 import os
 import pathlib
+import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import tqdm
 
 from ha2g_jax.config.presets import SIZES
 from ha2g_jax.errors import UserError
+from ha2g_jax.stopping import on_stop_signals
 from tables import look_aheads
-from tables.plan import WORKDIR, Request, plan_table
-from tables.processes import Stop, run_logged, stop_signals
+from tables.plan import WORKDIR, Request, TablePlan, plan_table
 from tables.workdirs import Run, is_finished, last_step
 
 _WORKER = (sys.executable, "-m", "tables.runs")
 _LOOK_EVERY = 1.0  # seconds between updates of the progress
+
+
+class Stop:
+    """State of a request to stop, which is passed on to child processes.
+
+    Attributes:
+        number: number of the signal that requested the stop, None before.
+    """
+
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._processes: set[subprocess.Popen] = set()
+
+    def handle(self, number: int) -> None:
+        """Ask the child processes to save and end; kill them if called again."""
+        is_first = self.number is None
+        self.number = number
+        for process in list(self._processes):
+            self._end(process, signal.SIGTERM if is_first else signal.SIGKILL)
+
+    def wait(self, process: subprocess.Popen) -> int:
+        """Wait for a child process, which is ended when a stop is requested, and return its exit code."""
+        self._processes.add(process)
+        try:
+            if self.number is not None:  # the signal came while the process was being started
+                self._end(process, signal.SIGTERM)
+            return process.wait()
+        finally:
+            self._processes.discard(process)
+
+    def _end(self, process: subprocess.Popen, number: int) -> None:
+        if process.poll() is None:
+            process.send_signal(number)
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[Stop]:
+    """Handle SIGTERM, Ctrl-C and a closed terminal (except under nohup) by a `Stop` in this context."""
+    stop = Stop()
+    with on_stop_signals(stop.handle, (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)):
+        yield stop
+
+
+def run_logged(
+    command: Sequence[str],
+    log: pathlib.Path,
+    stop: Stop,
+    *,
+    given: bytes = b"",
+    environment: Mapping[str, str] | None = None,
+) -> str | None:
+    """Run a command to its end, or until a stop is requested.
+
+    Args:
+        command: program and arguments.
+        log: file to which the output of the command is appended.
+        stop: request to stop, which ends the command.
+        given: standard input of the command.
+        environment: environment variables of the command, by default those of this process.
+
+    Returns:
+        None if the command succeeded; otherwise the last line of its output and its exit code.
+    """
+    with log.open("ab") as file:
+        # In a new session, so that Ctrl-C in the terminal reaches it only through `stop`.
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=file, stderr=file, env=environment, start_new_session=True
+        )
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), process.stdin:  # the process died, which its exit code shows
+            process.stdin.write(given)
+        code = stop.wait(process)
+    if code == 0:
+        return None
+    printed = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    return f"{printed[-1] if printed else 'no output'} (exit code {code}; see {log})"
 
 
 class Stopped(Exception):
@@ -243,12 +321,13 @@ def _train_and_score(request: Request, name: str) -> None:
     from tables import scores
 
     plan = look_aheads.plan_settings(request) if request.table == look_aheads.TABLE else plan_table(request)
-    run = next(run for run in (*plan.runs, plan.autoencoder) if run is not None and run.name == name)
+    runs = (*plan.runs, plan.autoencoder) if isinstance(plan, TablePlan) else plan.runs
+    run = next(run for run in runs if run.name == name)
     if request.has_training and not is_finished(run):
         train(run.config, run.workdir)
         if not is_finished(run):  # it was stopped
             return
-    if plan.table is None:
+    if not isinstance(plan, TablePlan):
         scores.score_look_aheads(run, plan, request.split)
     elif run != plan.autoencoder:
         scores.score_run(run, plan, request)

@@ -38,7 +38,7 @@ from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
 from tables import look_aheads
 from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
-from tables.plan import Plan, Request, retrieval_path, scores_path
+from tables.plan import Plan, Request, TablePlan, retrieval_path, scores_path
 from tables.tables import MODEL, TRUTH
 from tables.workdirs import Run, read_stored
 
@@ -46,7 +46,7 @@ _SEED = 0  # seed of all random draws, so that all rows, runs and look-aheads ar
 _TRAINING_CLIPS = 200  # whose motion gives the usual changes and limits of angles
 
 
-def score_run(run: Run, plan: Plan, request: Request) -> None:
+def score_run(run: Run, plan: TablePlan, request: Request) -> None:
     """Score the checkpoint of a run on the splits of a plan and store the scores; do nothing where they are stored.
 
     Raises:
@@ -60,8 +60,7 @@ def score_run(run: Run, plan: Plan, request: Request) -> None:
         temporary.write_text(json.dumps(scores, allow_nan=False) + "\n")
 
 
-def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
-    assert plan.autoencoder is not None
+def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
     corpus = plan.corpus
     model, features = synthesis.load(run.workdir), PoseFeatures(plan.autoencoder.workdir)
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
@@ -94,7 +93,7 @@ def _score(run: Run, plan: Plan, request: Request) -> dict[str, Any]:
     return scores
 
 
-def _retrieve(plan: Plan, request: Request) -> dict[str, list[ClipResult]]:
+def _retrieve(plan: TablePlan, request: Request) -> dict[str, list[ClipResult]]:
     """Return the motion that is retrieved for the clips of each split; what was found is stored for the other runs."""
     path, corpus = retrieval_path(plan, request), plan.corpus
     nearest = read_stored(path)

@@ -42,6 +42,14 @@ _MISMATCHED, _TEACHER = "mismatched speech", "teacher"
 _HEAD = ("kind", "split", "row", "metric", "value", "low", "high", "clips_low", "clips_high", "p", "verdict", "seeds")
 
 
+class Estimate(NamedTuple):
+    """A metric of one run with the bounds of its interval over clips, where it has one."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+
 class Cell(NamedTuple):
     """A value of a row.
 
@@ -56,8 +64,8 @@ class Cell(NamedTuple):
     values: Mapping[int, float]
 
 
-def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> dict[str, float | None] | None:
-    """Look up {"value", "low", "high"} of one metric of one run, None where it is undefined.
+def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> Estimate | None:
+    """Look up one metric of one run, None where it is undefined.
 
     Args:
         metric: name of a metric of `evaluation`, "legacy_..." included; or "talk.NAME" with one of the known
@@ -74,15 +82,17 @@ def estimate(scores: Scores, split: str, metric: str, row: str = MODEL) -> dict[
     if name not in ("floor", "above_floor"):
         return _defined(rows.get(row, {}).get(name))
     floors = [_defined(rows.get(floor, {}).get("semantic_recall")) for floor in ("majority", "shuffled")]
-    values = [floor["value"] for floor in floors if floor]
+    values = [floor.value for floor in floors if floor]
     shown = _defined(rows.get(row, {}).get("semantic_recall"))
     if not values or shown is None:
         return None
-    return {"value": max(values) if name == "floor" else shown["value"] - max(values)}
+    return Estimate(max(values) if name == "floor" else shown.value - max(values))
 
 
-def _defined(score: dict[str, Any] | None) -> dict[str, Any] | None:
-    return None if score is None or score["value"] is None else score
+def _defined(score: Mapping[str, Any] | None) -> Estimate | None:
+    if score is None or score["value"] is None:
+        return None
+    return Estimate(score["value"], score["low"], score["high"])
 
 
 def by_seed(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, Measured]:
@@ -96,7 +106,7 @@ def by_seed(scores: Mapping[int, Scores], split: str, metric: str) -> dict[int, 
             speakers = one["splits"][split].get("talk", {}).get("without_speakers", {})
             values = speakers.get(metric.removeprefix("talk."), {})
             without = np.array([values[speaker] for speaker in sorted(values)], float)  # NaN for None
-            found[seed] = Measured(score["value"], without)
+            found[seed] = Measured(score.value, without)
     return found
 
 
@@ -106,8 +116,8 @@ def cell(scores: Mapping[int, Scores], split: str, metric: str, row: str = MODEL
     there = {seed: each for seed, each in found.items() if each is not None}
     if not there:
         return None
-    values = {seed: each["value"] for seed, each in there.items()}
-    low, high = (_mean([each.get(bound) for each in there.values()]) for bound in ("low", "high"))
+    values = {seed: each.value for seed, each in there.items()}
+    low, high = _mean([each.low for each in there.values()]), _mean([each.high for each in there.values()])
     return Cell(over_seeds(list(values.values())), low, high, values)
 
 

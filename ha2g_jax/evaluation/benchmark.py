@@ -124,7 +124,7 @@ def as_tables(result: dict[str, Any]) -> str:
     """Format what `measure` returns as Markdown."""
     machine = [f"- {name}: {found}" for name, found in result["machine"].items()]
     head = ("precision", "devices", "batch", "compile s", "step s", "windows/s", "GFLOP a step", "TFLOP/s")
-    training = [(*head, "share of peak")]
+    training: list[Sequence[str]] = [(*head, "share of peak")]
     for row in result["training"]:
         numbers = (
             f"{row['compile_seconds']:.1f}",

@@ -384,8 +384,8 @@ def compare(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, An
 
 
 def _side_by_side(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
-    is_whole = first["value"] is not None and second["value"] is not None
-    difference = number(second["value"] - first["value"]) if is_whole else None
+    before, after = first["value"], second["value"]
+    difference = None if before is None or after is None else number(after - before)
     return {"first": first, "second": second, "difference": difference}
 
 

@@ -36,7 +36,7 @@ def test_a_chart_is_the_same_document_each_time_with_its_names_as_text(draw):
     assert root.get("role") == "img" and root.get("aria-label") == root.findtext(f"{_SVG}title") == "one & <two>"
     texts = {element.text for element in root.iter(f"{_SVG}text")}
     assert {"a $b$ <c>", "score"} <= texts
-    ids = [element.get("id") for element in root.iter() if element.get("id")]
+    ids = [name for element in root.iter() if (name := element.get("id"))]
     assert len(ids) == len(set(ids)) and not any(name.startswith(("figure", "axes")) for name in ids)
 
 

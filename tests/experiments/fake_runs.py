@@ -5,7 +5,7 @@ import threading
 
 from reproduce import reproduce
 from tables.plan import plan_table, scores_path
-from tables.processes import Stop
+from tables.runs import Stop
 from tables.workdirs import is_finished, read_stored
 
 from ha2g_jax.errors import UserError

@@ -12,7 +12,7 @@ from tables.claims import HELD, NOT_HELD, UNDECIDED, Spread
 from tables.latency_report import Results, all_numbers, answers, as_markdown, figure
 from tables.look_aheads import ABOVE_FLOOR, GAIN, HIDDEN, LOOK_AHEADS, WHOLE, plan_settings, scores_path
 from tables.plan import Request
-from tables.processes import Stop
+from tables.runs import Stop
 from tables.scores import leave_one_out
 
 from ha2g_jax.errors import UserError

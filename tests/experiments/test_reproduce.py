@@ -11,8 +11,7 @@ import pytest
 import reproduce as command
 from tables import plan as plan_module
 from tables.plan import parse_changes, parse_seeds, plan_table, scores_path
-from tables.processes import stop_signals
-from tables.runs import Stopped
+from tables.runs import Stopped, stop_signals
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError

@@ -110,7 +110,10 @@ def test_without_other_speakers_nothing_is_decided(without):
     talk = {"without_speakers": {"x": dict(enumerate(without))}}
     rows = []
     for value in (1.0, 0.0):
-        scores = {seed: talk | {"rows": {"model": {"x": {"value": value + seed}}}} for seed in range(3)}
+        scores = {
+            seed: talk | {"rows": {"model": {"x": {"value": value + seed, "low": None, "high": None}}}}
+            for seed in range(3)
+        }
         rows.append(
             by_seed({seed: {"splits": {"test": {"talk": one}}} for seed, one in scores.items()}, "test", "talk.x")
         )

@@ -6,8 +6,7 @@ import signal
 import pytest
 from tables.kept_runs import FILE, read_kept
 from tables.plan import plan_table
-from tables.processes import Stop
-from tables.runs import Stopped
+from tables.runs import Stop, Stopped
 
 from ha2g_jax.errors import UserError
 

@@ -6,9 +6,13 @@ from typing import Any
 
 import pytest
 from tables import paper_tables, tables
-from tables.plan import Plan, Request
+from tables.kept_runs import Kept
+from tables.plan import Request, TablePlan
 from tables.report import Results, all_numbers, as_markdown, caveats, figure
-from tables.workdirs import Record
+from tables.workdirs import Record, Run
+
+from ha2g_jax.config import presets
+from ha2g_jax.data.corpus import Corpus
 
 
 def _three(value, spread=0.1):
@@ -71,7 +75,8 @@ def _results(name="table1", data="talk", size="small", seeds=3, steps=None, **ch
         for row in table.rows
     }
     request = Request(name, data, size, "", tuple(range(seeds)), pathlib.Path("runs"))
-    plan: Any = Plan(None, "", None, {}, table, splits=("test",))
+    autoencoder = Run("run-autoencoder", 0, presets.make(data, "debug", "autoencoder"), pathlib.Path("runs"))
+    plan = TablePlan(Corpus(pathlib.Path(), {}), "", Kept(), {}, table, autoencoder, ("test",), {}, 1000)
     values = Results(request, plan, records, {}, {"command": "`reproduce`", "commit": "abc"})
     return values._replace(**changes)
 
@@ -171,7 +176,7 @@ def test_failures_and_missing_rows_leave_the_rest():
         name: {seed: one._replace(scores=None) for seed, one in mine.items()} for name, mine in results.records.items()
     }
     failures = {"HA2G": dict.fromkeys(range(3), "no memory")}
-    page = as_markdown(results._replace(records=results.records | {"HA2G": without["HA2G"]}, failures=failures), "")
+    page = as_markdown(results._replace(records={**results.records, "HA2G": without["HA2G"]}, failures=failures), "")
     assert "- HA2G, seed 1: failed: no memory" in page
     assert _cells(page, "HA2G")[2] == "-" and _cells(page, "HA2G")[-1] == "0"
     assert _cells(page, "Trimodal", "## Claims")[1] == "**undecided** -"

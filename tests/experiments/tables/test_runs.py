@@ -13,9 +13,7 @@ from typing import Any
 import pytest
 from tables import runs
 from tables.plan import Request
-from tables.processes import Stop
-from tables.report import duration
-from tables.runs import perform_in_process
+from tables.runs import Stop, duration, perform_in_process
 from tables.workdirs import Run, last_step
 
 from ha2g_jax.errors import UserError
