@@ -76,38 +76,8 @@ MAX_CHANNELS = 8_192
 MAX_RECORD_BYTES = 33_554_432
 """Size of run.json, and of each file of a checkpoint but those of its arrays."""
 
-MAX_DATASET_BYTES = 1 << 24
-"""Bytes of the dataset.json of a corpus; a thousand hours need less than a twentieth."""
-
-MAX_CLIPS = 10_000_000
-"""Clips of a corpus."""
-
-MAX_CLIP_SECONDS = 1_800
-"""Seconds of a clip; the importers cut recordings into clips of 20 s."""
-
-MAX_CLIP_FRAMES = 108_000
-"""Frames of a clip: half an hour at 60 frames per second."""
-
 MAX_CLIP_COORDINATE = 1_000_000
 """Metres between a joint of a clip and the origin."""
-
-MAX_CLIP_WORDS = 100_000
-"""Words of a clip."""
-
-MAX_CLIP_NAME_LENGTH = 1_000
-"""Letters of a word and of each name in a clip."""
-
-MAX_CLIP_IMAGES = 100
-"""Images of the speaker in a clip."""
-
-MAX_CLIP_IMAGE_SIDE = 4_096
-"""Pixels of the width and of the height of an image in a clip."""
-
-MAX_CLIP_PIXELS = 100_000_000
-"""Pixels of all images in a clip together."""
-
-MAX_CLIP_BYTES = 1 << 27
-"""Bytes of the record of a clip."""
 
 MAX_TALK_SPEAKERS = 10_000
 """Speakers of a Talk corpus."""

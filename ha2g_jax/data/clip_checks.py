@@ -9,14 +9,7 @@ import numpy as np
 from ha2g_jax.data import records
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import reason
-from ha2g_jax.limits import (
-    MAX_CLIP_COORDINATE,
-    MAX_CLIP_FRAMES,
-    MAX_CLIP_IMAGES,
-    MAX_CLIP_NAME_LENGTH,
-    MAX_CLIP_SECONDS,
-    MAX_CLIP_WORDS,
-)
+from ha2g_jax.limits import MAX_CLIP_COORDINATE
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 # Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
@@ -40,15 +33,13 @@ def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator
     yield from _check_images(fields)
 
 
-def problem(fields: dict[str, Any], skeleton: Skeleton, fps: float) -> str | None:
+def problem(fields: dict[str, Any], skeleton: Skeleton) -> str | None:
     """Return the reason why nothing can be done with the fields of a clip, None if it can be used.
 
     It says what the clip has: "positions that are NaN or infinite, first in frame 7".
     """
     if wrong := wrong_types(fields):
         return f"{', '.join(wrong)} of a wrong type"
-    if found := _beyond_limits(fields, fps):
-        return found
     if found := _unusable_positions(fields["positions"], skeleton):
         return found
     confidence, frames = fields["confidence"], fields["positions"].shape[:2]
@@ -86,22 +77,6 @@ def _is_stroke(stroke: records.Stroke) -> bool:
     texts = (stroke.kind, stroke.hand, stroke.word_class)
     numbers = (stroke.time, stroke.start, stroke.end, stroke.amplitude)
     return all(isinstance(text, str) for text in texts) and all(_is_number(number) for number in numbers)
-
-
-def _beyond_limits(fields: dict[str, Any], fps: float) -> str | None:
-    names = (fields["id"], fields["speaker"], fields["recording"], *(word.text for word in fields["words"]))
-    frames, longest = len(fields["positions"]), max(map(len, names))
-    sizes = {
-        "seconds": (frames / fps, MAX_CLIP_SECONDS),
-        "frames": (frames, MAX_CLIP_FRAMES),
-        "words": (len(fields["words"]), MAX_CLIP_WORDS),
-        "characters in a word or name": (longest, MAX_CLIP_NAME_LENGTH),
-        "images of the speaker": (len(fields["reference_images"] or ()), MAX_CLIP_IMAGES),
-    }
-    for what, (size, limit) in sizes.items():
-        if size > limit:
-            return f"{size:,.10g} {what}, expected {limit:,} at most"
-    return None
 
 
 def check_positions(positions: np.ndarray, skeleton: Skeleton) -> Iterator[str]:

@@ -6,9 +6,8 @@ import itertools
 import os
 import pathlib
 import reprlib
-import struct
-from collections.abc import Iterator, Sequence
-from typing import Any, BinaryIO, overload
+from collections.abc import Sequence
+from typing import Any, overload
 
 from array_record.python import array_record_data_source
 
@@ -16,16 +15,12 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
-from ha2g_jax.files.reading import check_utf8, parse_json, read_bytes, reason, shown
-from ha2g_jax.limits import MAX_CLIP_BYTES, MAX_DATASET_BYTES, MAX_NAME_LENGTH
+from ha2g_jax.files.reading import check_utf8, parse_json, reading, reason, shown
+from ha2g_jax.limits import MAX_NAME_LENGTH
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 TRAIN = schema.TRAIN
 FILE = "dataset.json"
-
-_BLOCK, _BLOCK_HEADER = 1 << 16, 24
-_CONTENT = _BLOCK - _BLOCK_HEADER  # bytes of chunks in a block
-_CHUNK_HEADER = struct.Struct("<QQQQQ")
 
 
 class Clips(Sequence[Clip]):
@@ -61,11 +56,11 @@ class Clips(Sequence[Clip]):
         """Return the fields of a clip, see `records.unpack`, with audio and images still compressed.
 
         Raises:
-            UserError: the record cannot be read or is damaged, or its motion is not finite, not of the skeleton of the
-                corpus or beyond the limits.
+            UserError: the record cannot be read or is damaged, or its motion is not finite, or not of the skeleton
+                of the corpus.
         """
         fields = records.unpack(self.record(index), self.place(index))
-        if found := clip_checks.problem(fields, self._skeleton, self.fps):
+        if found := clip_checks.problem(fields, self._skeleton):
             raise UserError(
                 f"{self.title(fields, index)} has {found}; "
                 "correct or remove this clip in the original data and make or import the corpus again "
@@ -102,7 +97,6 @@ class Clips(Sequence[Clip]):
 def _open_shard(shard: pathlib.Path) -> array_record_data_source.ArrayRecordDataSource:
     if not os.access(shard, os.R_OK):
         raise UserError(f"{shown(shard)} cannot be read by this user; change its permissions (chmod a+r)")
-    check_sizes(shard)
     try:
         return array_record_data_source.ArrayRecordDataSource([str(shard)])
     except (ValueError, RuntimeError) as error:
@@ -130,17 +124,12 @@ class Corpus:
         path = pathlib.Path(path)
         check_utf8(path)
         file = path / FILE
-        try:
-            exists = file.is_file()
-        except OSError as error:
-            raise UserError(
-                f"{shown(file)} cannot be read ({reason(error)}); check its name and permissions"
-            ) from error
-        if not exists:
+        with reading(file, "the description of a corpus"):
+            content = file.read_bytes() if file.is_file() else None
+        if content is None:
             raise UserError(
                 f"no corpus in {shown(path)}: {FILE} is missing; make one with `ha2g data` (see its --help)"
             )
-        content = read_bytes(file, "the description of a corpus", MAX_DATASET_BYTES)
         try:
             corpus = cls(path, _checked(content, shown(file)))
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
@@ -227,56 +216,3 @@ def _check_size(shard: pathlib.Path, size: int) -> None:
         raise UserError(f"{shown(shard)} cannot be read ({reason(error)})") from error
     if found != size:
         raise UserError(f"{shown(shard)} has {found} bytes instead of {size}; make or import the corpus again")
-
-
-def check_sizes(shard: pathlib.Path) -> None:
-    """Check that no chunk of an ArrayRecord file unpacks to more than `MAX_CLIP_BYTES`, before anything is unpacked.
-
-    The file is a Riegeli file: blocks of 64 KiB, each of which starts with a header of 24 bytes, and over these blocks
-    runs a sequence of chunks. The header of a chunk states how many bytes its records take when they are unpacked, see
-    https://github.com/google/riegeli/blob/master/doc/riegeli_records_file_format.md. Damage is left to the reader of
-    the file: the check ends where no chunk can start.
-
-    Raises:
-        UserError: a chunk is larger, or the file cannot be read.
-    """
-    try:
-        with shard.open("rb") as file:
-            largest = max(_unpacked_sizes(file), default=0)
-    except OSError as error:
-        raise UserError(f"{shown(shard)} cannot be read ({reason(error)})") from error
-    if largest > MAX_CLIP_BYTES:
-        raise UserError(
-            f"{shown(shard)} cannot be read (a record unpacks to {largest} bytes, more than {MAX_CLIP_BYTES}); "
-            "make or import the corpus again"
-        )
-
-
-def _unpacked_sizes(file: BinaryIO) -> Iterator[int]:
-    length = file.seek(0, os.SEEK_END)
-    position = 0  # counted without the headers of blocks
-    while _file_position(position) < length and len(header := _read_header(file, position)) == _CHUNK_HEADER.size:
-        _, data_size, _, kind_and_count, size = _CHUNK_HEADER.unpack(header)
-        count = kind_and_count >> 8
-        # A chunk takes at least as many bytes of the file as it has records, so that each has a position of its own.
-        position = max(position + _CHUNK_HEADER.size + data_size, _content_before(_file_position(position) + count))
-        yield size
-
-
-def _read_header(file: BinaryIO, position: int) -> bytes:
-    """Return the bytes of a header of a chunk, which may run from one block into the next."""
-    size, start = _CHUNK_HEADER.size, _file_position(position)
-    file.seek(start)
-    data = file.read(size + _BLOCK_HEADER)
-    here = min(size, _BLOCK - start % _BLOCK)  # bytes before the next block
-    return (data[:here] + data[here + _BLOCK_HEADER :])[:size] if here < size else data[:size]
-
-
-def _file_position(position: int) -> int:
-    block, offset = divmod(position, _CONTENT)
-    return block * _BLOCK + _BLOCK_HEADER + offset
-
-
-def _content_before(file_position: int) -> int:
-    block, offset = divmod(file_position, _BLOCK)
-    return block * _CONTENT + max(offset - _BLOCK_HEADER, 0)

@@ -15,9 +15,8 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.corpus import FILE, TRAIN
 from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_utf8, file_sha256, reason, shown
+from ha2g_jax.files.reading import check_utf8, file_sha256, shown
 from ha2g_jax.files.writing import check_new, whole_folder
-from ha2g_jax.limits import MAX_DATASET_BYTES
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
 
 _CLIPS_PER_SHARD = 1000
@@ -139,7 +138,7 @@ class CorpusWriter:
             UserError: the clip cannot be used or cannot be written.
         """
         fields = records.unpack(record, "a clip to write")
-        if found := clip_checks.problem(fields, self._skeleton, self._fps):
+        if found := clip_checks.problem(fields, self._skeleton):
             raise UserError(f"a clip to write to {shown(self._path)}, {repr(fields['id'])[:60]}, has {found}")
         if self._open_split != split or self._counts[split] % _CLIPS_PER_SHARD == 0:
             self._close_shard()
@@ -202,7 +201,6 @@ class CorpusWriter:
             "words": dict(sorted(self._words.items())),
         }
         text = json.dumps(dataset, indent=1) + "\n"
-        self._check(text)
         with self._writing():
             (self._folder / FILE).write_text(text, newline="\n")
 
@@ -210,15 +208,3 @@ class CorpusWriter:
         path = self._folder / name
         with self._writing():
             return {"name": name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
-
-    def _check(self, text: str) -> None:
-        """Check that the corpus could be opened."""
-        if len(text) > MAX_DATASET_BYTES:
-            raise UserError(
-                f"{FILE} of {shown(self._path)} would have {len(text)} bytes, expected {MAX_DATASET_BYTES} at most; "
-                "give less data"
-            )
-        try:
-            schema.check(json.loads(text))
-        except (TypeError, ValueError) as error:
-            raise UserError(f"cannot write {shown(self._path)} ({reason(error)}); correct the data") from error

@@ -10,7 +10,6 @@ import numpy as np
 
 from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.files.reading import reason
-from ha2g_jax.limits import MAX_CLIPS
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
 VERSION = 2
@@ -46,8 +45,6 @@ def check(metadata: dict[str, Any]) -> None:
     names = [shard["name"] for entry in splits.values() for shard in entry["shards"]]
     twice = [name for name, count in collections.Counter(names).items() if count > 1]
     _require(not twice, "shard in two places", twice)
-    num_clips = sum(entry["clips"] for entry in splits.values())
-    _require(num_clips <= MAX_CLIPS, "number of clips", num_clips)
     trained = splits.get(TRAIN, {}).get("speakers", [])
     if metadata["speakers"][: len(trained)] != trained:
         raise ValueError(f"speakers does not begin with those of {TRAIN!r}")
