@@ -24,7 +24,10 @@ def content(key):
     return make_answers(key, "p00", np.random.default_rng(0))
 
 
-def read(folder, key):
+def read(folder, key, *contents):
+    """Read the files of a folder after writing contents to it as 0.json, 1.json and so on."""
+    for number, content in enumerate(contents):
+        (folder / f"{number}.json").write_text(json.dumps(content))
     return read_answers([folder], key)
 
 
@@ -95,14 +98,13 @@ HOSTILE = {
 
 @pytest.mark.parametrize("case", HOSTILE)
 def test_an_answer_file_that_does_not_fit_is_excluded(case, key, content, tmp_path):
-    (tmp_path / "good.json").write_text(json.dumps(content | {"participant": "good"}))
+    good = copy.deepcopy(content) | {"participant": "good"}
     change, reason = HOSTILE[case]
     change(content)
-    (tmp_path / "bad.json").write_text(json.dumps(content))
-    found = read(tmp_path, key)
+    found = read(tmp_path, key, good, content)
     assert [one.id for one in found.participants] == ["good"]
     (exclusion,) = found.excluded
-    assert exclusion.file.endswith("bad.json") and reason in exclusion.reason and len(exclusion.reason) < 300
+    assert exclusion.file.endswith("1.json") and reason in exclusion.reason and len(exclusion.reason) < 300
     assert exclusion.participant in ("", "p00") and exclusion.reason.isprintable()
 
 
@@ -140,19 +142,15 @@ def test_pipes_and_folders_are_not_read(key, tmp_path):
 
 def test_of_two_files_of_a_participant_the_first_is_kept(key, content, tmp_path):
     later = make_answers(key, "p00", np.random.default_rng(1)) | {"finished": "2026-02-03T06:00:00+01:00"}
-    (tmp_path / "a_later.json").write_text(json.dumps(later))
-    (tmp_path / "b_first.json").write_text(json.dumps(content))
-    (tmp_path / "c_copy.json").write_text(json.dumps(content))
-    found = read(tmp_path, key)
-    assert [one.file[-12:] for one in found.participants] == ["b_first.json"]
+    found = read(tmp_path, key, later, content, content)
+    assert [one.file[-6:] for one in found.participants] == ["1.json"]
     further, copied = found.excluded
     assert further.reason.startswith("further answers, finished later") and copied.reason.startswith("a copy of")
 
 
 def test_times_at_the_ends_of_the_calendar_can_be_compared(key, content, tmp_path):
-    for number, time in enumerate(["0001-01-01T00:00:00+23:59", "9999-12-31T23:59:59-23:59", "2026-01-01"]):
-        (tmp_path / f"{number}.json").write_text(json.dumps(content | {"finished": time}))
-    assert len(read(tmp_path, key).participants) == 1
+    times = "0001-01-01T00:00:00+23:59", "9999-12-31T23:59:59-23:59", "2026-01-01"
+    assert len(read(tmp_path, key, *(content | {"finished": time} for time in times)).participants) == 1
 
 
 def test_nothing_to_read(key, tmp_path):
@@ -176,8 +174,7 @@ def test_choices_are_about_systems_and_not_about_sides(key, content, tmp_path):
             left, right = (key.stimuli[answer[side]] for side in ("left", "right"))
             is_left = answer["left"] in matched if answer["kind"] == "mismatch" else left.system < right.system
             answer["choice"] = "left" if is_left else "right"
-    (tmp_path / "p00.json").write_text(json.dumps(content))
-    found = read(tmp_path, key).participants
+    found = read(tmp_path, key, content).participants
     preferences, mismatches = (choices_of(found, key, kind) for kind in (PREFERENCE, MISMATCH))
     assert (preferences.outcome == 1).all() and (preferences.first < preferences.second).all()
     assert (mismatches.outcome == 1).all()
@@ -185,8 +182,7 @@ def test_choices_are_about_systems_and_not_about_sides(key, content, tmp_path):
 
 
 def test_ratings_are_those_of_the_file(key, content, tmp_path):
-    (tmp_path / "p00.json").write_text(json.dumps(content))
-    ratings = ratings_of(read(tmp_path, key).participants, key)
+    ratings = ratings_of(read(tmp_path, key, content).participants, key)
     assert ratings.systems == key.systems and ratings.scores.shape == (12, 3)
     answer = at(RATING, content)
     row = next(n for n in range(12) if key.items[ratings.item[n]].id == answer["item"])

@@ -5,12 +5,12 @@ It needs node and the modules of web/ (npm ci there), and is skipped without the
 
 import json
 import pathlib
-import struct
 import subprocess
 
 import numpy as np
 import pytest
 from fixtures.bundles import bundle
+from fixtures.glb_reader import GlbReader
 
 import ha2g_jax
 from ha2g_jax.motion import rigs, rotations, solver
@@ -103,38 +103,18 @@ def test_the_bvh_has_the_joints_of_pythons_where_they_are(written):
     np.testing.assert_allclose(found, places, atol=MILLIMETRE)
 
 
-def read_glb(path):
-    """The JSON of a GLB, and the rotations of its nodes over time by the name of the node."""
-    data = path.read_bytes()
-    (size,) = struct.unpack("<I", data[12:16])
-    tree, blob = json.loads(data[20 : 20 + size]), data[28 + size :]
-
-    def array(index):
-        accessor = tree["accessors"][index]
-        start, width = tree["bufferViews"][accessor["bufferView"]]["byteOffset"], 4 if accessor["type"] == "VEC4" else 1
-        return np.frombuffer(blob, "<f4", accessor["count"] * width, start).reshape(-1, width)
-
-    (clip,) = tree["animations"]
-    moved = {}
-    for channel in clip["channels"]:
-        sampler = clip["samplers"][channel["sampler"]]
-        moved[tree["nodes"][channel["target"]["node"]]["name"]] = array(sampler["output"])
-    return tree, moved, array(clip["samplers"][0]["input"])
-
-
 def test_the_glb_moves_the_nodes_as_pythons(written):
-    _, folder, _ = written
-    (ours, moved, times), (theirs, found, moments) = (read_glb(folder / f"{name}.glb") for name in ("python", "web"))
-    assert theirs["scenes"][0]["extras"] == ours["scenes"][0]["extras"]
-    assert [node["name"] for node in theirs["nodes"]] == [node["name"] for node in ours["nodes"]]
-    np.testing.assert_allclose(moments, times, atol=1e-6)
-    assert found.keys() == moved.keys()
-    for name, expected in moved.items():
-        np.testing.assert_allclose(found[name], expected, atol=1e-4, err_msg=name)
+    motion, folder, _ = written
+    ours, theirs = (GlbReader(folder / f"{name}.glb") for name in ("python", "web"))
+    assert theirs.tree["scenes"][0]["extras"] == ours.tree["scenes"][0]["extras"]
+    assert [node["name"] for node in theirs.tree["nodes"]] == [node["name"] for node in ours.tree["nodes"]]
+    times, expected = (glb.array(glb.tree["animations"][0]["samplers"][0]["input"]) for glb in (theirs, ours))
+    np.testing.assert_allclose(times, expected, atol=1e-6)
+    for frame in range(motion.num_frames):
+        np.testing.assert_allclose(theirs.matrices(frame), ours.matrices(frame), atol=1e-4)
     for name in ("meshes", "skins", "materials"):
-        assert len(theirs[name]) == len(ours[name])
-    sizes = [(folder / f"{name}.glb").stat().st_size for name in ("python", "web")]
-    assert sizes[0] == pytest.approx(sizes[1], rel=0.01)
+        assert len(theirs.tree[name]) == len(ours.tree[name])
+    assert len(theirs.blob) == pytest.approx(len(ours.blob), rel=0.01)
 
 
 VALIDATE = """

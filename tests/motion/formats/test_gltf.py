@@ -1,12 +1,10 @@
 """GLB and VRMA read by other programs are as the solver says, and the validator has no complaint."""
 
 import dataclasses
-import json
-import struct
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from fixtures.glb_reader import GlbReader
 
 from ha2g_jax.motion.armature import world
 from ha2g_jax.motion.formats import gltf
@@ -15,69 +13,13 @@ from ha2g_jax.motion.rigs import RIGS, places
 from ha2g_jax.skeleton import load_skeleton
 
 MILLIMETRE = 1e-3
-_TYPES = {5126: np.float32, 5123: np.uint16, 5121: np.uint8}
-_WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-
-
-class Reader:
-    """Reads a GLB by the letter of the standard, with none of the code under test."""
-
-    def __init__(self, path) -> None:
-        data = path.read_bytes()
-        magic, version, length, size = struct.unpack("<IIII", data[:16])
-        assert (magic, version, length) == (0x46546C67, 2, len(data))
-        self.tree = json.loads(data[20 : 20 + size])
-        self.blob = data[28 + size :]
-
-    def array(self, index: int) -> np.ndarray:
-        accessor = self.tree["accessors"][index]
-        view = self.tree["bufferViews"][accessor["bufferView"]]
-        width = _WIDTHS[accessor["type"]]
-        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-        values = np.frombuffer(self.blob, _TYPES[accessor["componentType"]], accessor["count"] * width, start)
-        return values.reshape(-1, width)
-
-    def matrices(self, frame: int | None) -> list[np.ndarray]:
-        """The world matrix of every node, at rest or in a frame of the animation."""
-        nodes = [dict(node) for node in self.tree["nodes"]]
-        clip = self.tree["animations"][0]
-        for channel in clip["channels"] if frame is not None else []:
-            sampler = clip["samplers"][channel["sampler"]]
-            nodes[channel["target"]["node"]][channel["target"]["path"]] = self.array(sampler["output"])[frame]
-        found = [np.eye(4)] * len(nodes)
-
-        def place(index: int, above: np.ndarray) -> None:
-            own = np.eye(4)
-            own[:3, :3] = Rotation.from_quat(nodes[index].get("rotation", [0, 0, 0, 1])).as_matrix()
-            own[:3, 3] = nodes[index].get("translation", [0, 0, 0])
-            found[index] = above @ own
-            for child in nodes[index].get("children", []):
-                place(child, found[index])
-
-        for index in self.tree["scenes"][0]["nodes"]:
-            place(index, np.eye(4))
-        return found
-
-    def skinned(self, frame: int | None) -> dict[str, np.ndarray]:
-        """Points of the mesh by material, as a viewer shows them."""
-        world_matrices, skin = self.matrices(frame), self.tree["skins"][0]
-        inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        joints = np.array([world_matrices[node] for node in skin["joints"]]) @ inverse
-        found = {}
-        for part in self.tree["meshes"][0]["primitives"]:
-            names = part["attributes"]
-            points = np.c_[self.array(names["POSITION"]), np.ones(self.tree["accessors"][names["POSITION"]]["count"])]
-            moved = np.einsum("nkab,nb->nka", joints[self.array(names["JOINTS_0"])], points)
-            weights = self.array(names["WEIGHTS_0"])
-            found[self.tree["materials"][part["material"]]["name"]] = np.einsum("nk,nka->na", weights, moved)[:, :3]
-        return found
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_joints_are_where_we_say_at_ten_times(animate, tmp_path, rig):
     animation = animate(rig=rig)
     gltf.write_glb(tmp_path / "m.glb", animation)
-    reader = Reader(tmp_path / "m.glb")
+    reader = GlbReader(tmp_path / "m.glb")
     _, positions = world(animation)
     names = [node.get("name") for node in reader.tree["nodes"]]
     for frame in range(10):
@@ -129,7 +71,7 @@ def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
     """At rest the skin is the mesh itself; in motion fingers stay on their bones, and nothing is torn off."""
     animation = animate(rig=rig)
     gltf.write_glb(tmp_path / "m.glb", animation)
-    reader = Reader(tmp_path / "m.glb")
+    reader = GlbReader(tmp_path / "m.glb")
     still = reader.skinned(None)
     for part in reader.tree["meshes"][0]["primitives"]:
         name = reader.tree["materials"][part["material"]]["name"]
@@ -148,7 +90,7 @@ def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
 def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
     """The eyes and lips are ahead of the hair, in the middle, and above the shirt."""
     gltf.write_glb(tmp_path / "m.glb", animate())
-    skin = Reader(tmp_path / "m.glb").skinned(None)
+    skin = GlbReader(tmp_path / "m.glb").skinned(None)
     assert skin["iris"][:, 2].min() > skin["hair"][:, 2].mean() + 0.05
     assert skin["lips"][:, 1].min() > skin["shirt"][:, 1].max()
     assert abs(skin["lips"][:, 0].mean()) < 1e-3
@@ -156,7 +98,7 @@ def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
 
 def test_extras_say_how_long_the_speech_is(animate, tmp_path):
     gltf.write_glb(tmp_path / "m.glb", animate(), duration=0.83, audio_name="a.wav")
-    extras = Reader(tmp_path / "m.glb").tree["scenes"][0]["extras"]
+    extras = GlbReader(tmp_path / "m.glb").tree["scenes"][0]["extras"]
     assert extras["audio_seconds"] == 0.83
     assert extras["audio"] == "a.wav"
     assert (extras["fps"], extras["frames"], extras["meta"]["seed"]) == (15.0, 12, 3)
@@ -164,7 +106,7 @@ def test_extras_say_how_long_the_speech_is(animate, tmp_path):
 
 def test_a_vrma_has_bones_that_rest_unturned_and_no_mesh(animate, tmp_path):
     gltf.write_vrma(tmp_path / "m.vrma", animate(rig="vrm"), duration=0.8)
-    tree = Reader(tmp_path / "m.vrma").tree
+    tree = GlbReader(tmp_path / "m.vrma").tree
     extension = tree["extensions"]["VRMC_vrm_animation"]
     assert tree["extensionsUsed"] == ["VRMC_vrm_animation"]
     assert extension["specVersion"] == "1.0"
@@ -182,7 +124,7 @@ def test_the_figure_rests_with_the_bone_lengths_of_the_model(tmp_path):
     skeleton = load_skeleton("ted_expressive")
     skeleton = dataclasses.replace(skeleton, lengths=1.25 * skeleton.lengths)
     write_figure(tmp_path / "figure.glb", skeleton)
-    tree = Reader(tmp_path / "figure.glb").tree
+    tree = GlbReader(tmp_path / "figure.glb").tree
     nodes = {node["name"]: node for node in tree["nodes"]}
     forearm = [skeleton.lengths[skeleton.bone("left_wrist")], 0, 0]  # along x in the T-pose
     np.testing.assert_allclose(nodes["left_wrist"]["translation"], forearm, atol=1e-6)

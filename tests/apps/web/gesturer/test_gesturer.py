@@ -1,21 +1,26 @@
-"""A page makes the motion that Python makes: of files, and while someone speaks."""
+"""A page hears the spectrogram and makes the motion that Python makes: of files, and while someone speaks."""
 
 import json
 import pathlib
 
 import numpy as np
 import pytest
+import soundfile
+import soxr
 
 import ha2g_jax
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.features.audio import read_audio
+from ha2g_jax.features.spectrum import log_mel
 from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis import Style, load_onnx
 from ha2g_jax.synthesis.onnx_model import page_description
 
 SPEECH = pathlib.Path(__file__).parents[4] / "examples" / "hello.wav"
 MEDIAN, WORST = 0.01, 0.2  # degrees
+# dB. At other rates the filters that resample differ; a band at the floor may differ by more than one that is heard.
+TOLERANCES = {16000: 1e-3, 48000: 5e-3, 44100: 0.1, 22050: 0.1}
 
 FILES = (
     {},
@@ -133,3 +138,30 @@ def test_a_model_file_that_is_cut_short_is_refused(demo_folder, do_jobs, tmp_pat
     (tmp_path / "model.json").write_bytes((demo_folder / "model.json").read_bytes())
     with pytest.raises(AssertionError, match=r"the model cannot be used \(.*\); export it again"):
         do_jobs(tmp_path, [])
+
+
+@pytest.fixture(scope="module")
+def spectrograms(demo_folder, do_jobs, tmp_path_factory):
+    """For each rate, the path of a file and the spectrogram (128, columns) of a page."""
+    folder = tmp_path_factory.mktemp("sounds")
+    samples, rate = soundfile.read(SPEECH, dtype="float32")
+    paths = {}
+    for new_rate in TOLERANCES:
+        paths[new_rate] = folder / f"{new_rate}.wav"
+        mono = soxr.resample(samples, rate, new_rate) if new_rate != rate else samples
+        stereo = np.stack([mono, 0.5 * mono], axis=1)
+        soundfile.write(paths[new_rate], stereo, new_rate, subtype="PCM_24" if new_rate == 44100 else "PCM_16")
+    jobs = [{"kind": "mel", "sound": path, "out": path.with_suffix(".f32")} for path in paths.values()]
+    do_jobs(demo_folder, jobs)
+    return {
+        rate: (path, np.fromfile(path.with_suffix(".f32"), np.float32).reshape(-1, 128).T)
+        for rate, path in paths.items()
+    }
+
+
+@pytest.mark.parametrize("rate", TOLERANCES)
+def test_a_page_hears_the_same_spectrogram(spectrograms, rate):
+    path, found = spectrograms[rate]
+    expected = log_mel(read_audio(path))
+    assert found.shape == expected.shape
+    assert np.abs(found - expected).max() < TOLERANCES[rate]
