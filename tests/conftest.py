@@ -151,3 +151,20 @@ def debug_model():
         hash="0123456789abcdef",
     )
     return Model(spec, variables, assets, config)
+
+
+@pytest.fixture(scope="session")
+def debug_folder(debug_model, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The folder of `debug_model`; what changes it works on a copy."""
+    from ha2g_jax.checkpoint import model_folder
+
+    path = tmp_path_factory.mktemp("models") / "debug"
+    return model_folder.save(path, debug_model.config, debug_model.assets, debug_model.variables)
+
+
+@pytest.fixture(scope="session")
+def debug_onnx(debug_folder: pathlib.Path) -> pathlib.Path:
+    """The ONNX file of `debug_model`."""
+    from ha2g_jax.checkpoint.onnx.export import export
+
+    return export(debug_folder, debug_folder.with_suffix(".onnx"))

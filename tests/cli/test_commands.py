@@ -11,7 +11,6 @@ import pytest
 
 import ha2g_jax
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.data.talk.speakers import default_styles
 from ha2g_jax.files.writing import whole_file
 
@@ -73,12 +72,11 @@ def test_speakers_of_the_demo_are_those_of_talk(capsys):
     assert text.startswith("name        hand ") and "handedness  which hand does more" in text
 
 
-def test_speakers_of_another_model_have_names_only(debug_model, tmp_path, capsys):
+def test_speakers_of_another_model_have_names_only(debug_folder, capsys):
     """The debug model has no data path, so that nothing is known of its speakers."""
-    folder = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
-    assert cli.main(["speakers", "--checkpoint", str(folder), "--json"]) == 0
+    assert cli.main(["speakers", "--checkpoint", str(debug_folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == [{"name": "ada"}, {"name": "ben"}]
-    assert cli.main(["speakers", "--checkpoint", str(folder)]) == 0
+    assert cli.main(["speakers", "--checkpoint", str(debug_folder)]) == 0
     assert "nothing about how they move" in capsys.readouterr().out
 
 

@@ -11,8 +11,7 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
-from ha2g_jax.checkpoint import loading, model_folder
-from ha2g_jax.checkpoint.onnx.export import export
+from ha2g_jax.checkpoint import loading
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
@@ -21,14 +20,8 @@ from ha2g_jax.synthesis.onnx_model import exported
 
 
 @pytest.fixture(scope="module")
-def folder(debug_model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("models") / "debug"
-    return model_folder.save(path, debug_model.config, debug_model.assets, debug_model.variables)
-
-
-@pytest.fixture(scope="module")
-def onnx_model(folder):
-    return load_onnx(export(folder, folder.with_suffix(".onnx")))
+def onnx_model(debug_onnx):
+    return load_onnx(debug_onnx)
 
 
 def speech(seconds):
@@ -64,7 +57,7 @@ def test_reference_images_need_the_whole_model(onnx_model, tmp_path):
         onnx_model.generate(speech(1), style=Style(images=tmp_path / "a.png"))
 
 
-def test_the_command_generates_without_jax(folder, onnx_model, tmp_path):
+def test_the_command_generates_without_jax(onnx_model, debug_onnx, tmp_path):
     """In a process of its own: to motion, BVH and a page; stderr stays empty."""
     soundfile.write(tmp_path / "a.wav", speech(2.5), 16000)
     code = (
@@ -74,33 +67,33 @@ def test_the_command_generates_without_jax(folder, onnx_model, tmp_path):
         "sys.exit('jax' in sys.modules or 'flax' in sys.modules)"
     )
     outs = [tmp_path / f"a.{suffix}" for suffix in ("npz", "bvh", "html")]
-    command = [sys.executable, "-c", code, tmp_path / "a.wav", folder.with_suffix(".onnx"), *outs]
+    command = [sys.executable, "-c", code, tmp_path / "a.wav", debug_onnx, *outs]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0 and all(out.is_file() for out in outs), result.stderr
     expected = onnx_model.generate(tmp_path / "a.wav")
     np.testing.assert_array_equal(Motion.load(outs[0]).directions, expected.directions)
 
 
-def test_a_model_folder_is_exported_to_the_cache_once(folder, tmp_path, monkeypatch):
+def test_a_model_folder_is_exported_to_the_cache_once(debug_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
-    first = exported(folder)
-    assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(folder).assets.hash)
+    first = exported(debug_folder)
+    assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(debug_folder).assets.hash)
     written = first.stat().st_mtime_ns
-    assert files.load(folder, "onnx").assets.hash == loading.load(folder).assets.hash
-    assert exported(folder).stat().st_mtime_ns == written
+    assert files.load(debug_folder, "onnx").assets.hash == loading.load(debug_folder).assets.hash
+    assert exported(debug_folder).stat().st_mtime_ns == written
 
 
-def test_a_model_folder_with_other_assets_is_exported_again(folder, tmp_path, monkeypatch):
+def test_a_model_folder_with_other_assets_is_exported_again(debug_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
-    changed = pathlib.Path(shutil.copytree(folder, tmp_path / "changed"))
+    changed = pathlib.Path(shutil.copytree(debug_folder, tmp_path / "changed"))
     assets = json.loads((changed / "assets.json").read_text())
     (changed / "assets.json").write_text(json.dumps(assets, indent=1))
-    assert exported(folder) != exported(changed)
+    assert exported(debug_folder) != exported(changed)
 
 
-def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeypatch):
+def test_what_a_backend_cannot_use_is_said(debug_folder, debug_onnx, tmp_path, monkeypatch):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
-    file = folder.with_suffix(".onnx")
+    file = debug_onnx
     with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
         files.load(file, "jax")
     with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g model onnx"):
@@ -115,12 +108,14 @@ def test_what_a_backend_cannot_use_is_said(folder, onnx_model, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
-def test_a_missing_extra_is_named(folder, onnx_model, tmp_path, monkeypatch, package, capsys):
+def test_a_missing_extra_is_named(debug_folder, debug_onnx, tmp_path, monkeypatch, package, capsys):
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path))
     monkeypatch.setitem(sys.modules, package, None)
     message = rf"an ONNX file needs {package}: pip install 'ha2g-jax\[onnx\]'"
-    for source in (folder, folder.with_suffix(".onnx")):
+    for source in (debug_folder, debug_onnx):
         with pytest.raises(UserError, match=message):
             files.load(source, "onnx")
-    assert cli.main(["export-onnx", str(folder), "-o", str(tmp_path / "a.onnx")]) == (2 if package == "onnx" else 0)
+    assert cli.main(["export-onnx", str(debug_folder), "-o", str(tmp_path / "a.onnx")]) == (
+        2 if package == "onnx" else 0
+    )
     assert capsys.readouterr().err.count("\n") == (1 if package == "onnx" else 0)

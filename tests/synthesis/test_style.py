@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
-from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.synthesis import load_onnx
@@ -59,16 +57,9 @@ def test_the_seed_of_the_style_decides(speakers):
     assert np.abs(same[0] - draw(speakers, 1, seed=8)[0]).max() > 1e-3
 
 
-@pytest.fixture(scope="module")
-def path(debug_model, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("models") / "debug"
-    model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
-    return export(folder, folder.with_suffix(".onnx"))
-
-
-def test_choices_are_those_of_generate(path, monkeypatch):
-    model = load_onnx(path)
-    takes = json.loads(json.dumps(page_description(path, seeds=8)))["takes"]
+def test_choices_are_those_of_generate(debug_onnx, monkeypatch):
+    model = load_onnx(debug_onnx)
+    takes = json.loads(json.dumps(page_description(debug_onnx, seeds=8)))["takes"]
     assert len({take["seed_pose"] for take in takes}) > 1
     starts = []
     sample = type(model).sample_windows
@@ -85,8 +76,8 @@ def test_choices_are_those_of_generate(path, monkeypatch):
         np.testing.assert_array_equal(starts[-1], model.assets.seed_poses[take["seed_pose"]])
 
 
-def test_the_metadata_is_included(path):
-    found = page_description(path, seeds=1)
+def test_the_metadata_is_included(debug_onnx):
+    found = page_description(debug_onnx, seeds=1)
     assert found["format"] == "ha2g-jax 1"
     assert found["skeleton"]["name"] == "ted_expressive"
     assert set(found["speakers"]) == {"ada", "ben"}

@@ -15,7 +15,6 @@ from websockets.exceptions import InvalidStatus
 from ha2g_jax import cli
 from ha2g_jax.apps.serve import server
 from ha2g_jax.apps.serve.settings import Settings, check
-from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.errors import UserError
 
 
@@ -73,10 +72,9 @@ def test_a_full_service_refuses_and_those_that_run_go_on(debug_model):
     assert 'ha2g_requests_total{route="/v1/stream",status="101"} 2.0' in metrics and "ha2g_frames_total 8.0" in metrics
 
 
-def test_sigterm_lets_a_request_and_a_stream_finish(debug_model, tmp_path):
+def test_sigterm_lets_a_request_and_a_stream_finish(debug_folder):
     """In a process of its own: no further connection is taken, what runs is answered, and the exit code is 0."""
-    model = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
-    with command(model) as (process, client):
+    with command(debug_folder) as (process, client):
         form = b'--x\r\nContent-Disposition: form-data; name="speech"; filename="a"\r\n\r\n' + wav(1) + b"\r\n--x--\r\n"
         head = f"Content-Length: {len(form)}\r\nContent-Type: multipart/form-data; boundary=x\r\n\r\n"
         with client.stream() as websocket, socket.create_connection(("127.0.0.1", client.port), timeout=20) as upload:

@@ -13,17 +13,15 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from ha2g_jax import cli
 from ha2g_jax.apps.serve.workers import Child, Report, next_wait
-from ha2g_jax.checkpoint import model_folder
 
 
-def test_after_a_kill_other_streams_go_on_and_the_worker_is_replaced(debug_model, tmp_path):
+def test_after_a_kill_other_streams_go_on_and_the_worker_is_replaced(debug_model, debug_folder):
     """With one place for a stream in each of two workers, so that two streams are in different workers."""
-    model = model_folder.save(tmp_path / "m", debug_model.config, debug_model.assets, debug_model.variables)
     limits = ("--workers", "2", "--sessions", "1", "--rate", "0", "--idle-seconds", "600", "--grace", "600")
     pcm = speech(1.5)
     stream = debug_model.stream(seed=3)
     expected = np.concatenate([stream.feed(pcm.astype(np.float32) / 32768), stream.flush()])
-    with command(model, *limits) as (process, client), contextlib.ExitStack() as stack:
+    with command(debug_folder, *limits) as (process, client), contextlib.ExitStack() as stack:
         streams = [stack.enter_context(client.stream()) for _ in range(2)]
         for websocket in streams:
             begin(websocket, seed=3)
