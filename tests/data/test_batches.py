@@ -11,11 +11,11 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
+from fixtures.corpora import write_corpus
 
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batch_names, batches
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
@@ -148,10 +148,8 @@ def damaged(tiny_talk, tmp_path_factory) -> pathlib.Path:
     """A corpus in which the speech of every clip is damaged."""
     path = tmp_path_factory.mktemp("damaged") / "corpus"
     source = Corpus.open(tiny_talk).clips("val")
-    with CorpusWriter(path, splits=("train",), skeleton="ted_expressive", fps=15, metadata={}) as writer:
-        for clip in source:
-            writer.add("train", encode_clip(clip).replace(b"fLaC", b"nope"))
-    return path
+    records = [encode_clip(clip).replace(b"fLaC", b"nope") for clip in source]
+    return write_corpus(path, {"train": records}, skeleton="ted_expressive")
 
 
 @pytest.mark.parametrize("workers", [0, 1])

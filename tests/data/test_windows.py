@@ -5,11 +5,10 @@ import pickle
 
 import numpy as np
 import pytest
-from fixtures.corpora import append_records
+from fixtures.corpora import append_records, write_corpus
 
 from ha2g_jax.data import records
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import Clip, encode_clip
 from ha2g_jax.data.windows import ClipCache, Windows, resize_images
 from ha2g_jax.errors import UserError
@@ -52,11 +51,7 @@ def _clip(name: str = "a", speaker: str = "ada", **changes) -> Clip:
 
 def _write(path, *records: bytes) -> Corpus:
     """A corpus of the records, as its validation split."""
-    with CorpusWriter(path, splits=("train", "val"), skeleton=SKELETON.name, fps=15, metadata={}) as writer:
-        writer.add("train", encode_clip(_clip()))
-        for record in records:
-            writer.add("val", record)
-    return Corpus.open(path)
+    return Corpus.open(write_corpus(path, {"train": [_clip()], "val": records}))
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,9 @@ import json
 
 import numpy as np
 import pytest
-from fixtures.corpora import write_records
+from fixtures.corpora import write_corpus, write_records
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.corpus_statistics import ANGLE_EDGES, as_table, summarise
@@ -85,10 +84,8 @@ def estimated(tiny_talk, tmp_path):
     report = {"test": {"videos": 2, "clips": 3, "windows": 20, "kept": 9, "filtered": {"motion": 11}}}
     metadata = {"name": "seen", "import": report, "failed": [{"video": "x", "reason": "no sound"}]}
     path = tmp_path / "seen"
-    with CorpusWriter(path, splits=("train", "test"), skeleton="ted_expressive", fps=15, metadata=metadata) as writer:
-        for clip, confidence in ((clips[0], sure), (clips[1], unsure)):
-            writer.add("test", encode_clip(dataclasses.replace(clip, confidence=confidence)))
-    return path
+    test = [dataclasses.replace(clip, confidence=seen) for clip, seen in zip(clips, (sure, unsure))]
+    return write_corpus(path, {"train": [], "test": test}, skeleton="ted_expressive", metadata=metadata)
 
 
 def test_confidence_and_no_training(estimated):
@@ -118,8 +115,7 @@ def test_a_record_that_cannot_be_used(tiny_talk, tmp_path):
     clip = Corpus.open(tiny_talk).clips("test")[0]
     positions = clip.positions.copy()
     positions[3, 4] = np.nan
-    with CorpusWriter(tmp_path / "bad", splits=("test",), skeleton="ted_expressive", fps=15, metadata={}) as writer:
-        writer.add("test", encode_clip(clip))
+    write_corpus(tmp_path / "bad", {"test": [clip]}, skeleton="ted_expressive")
     write_records(tmp_path / "bad", "test", [encode_clip(dataclasses.replace(clip, positions=positions))])
     with pytest.raises(UserError, match="ha2g data inspect --check"):
         summarise(tmp_path / "bad")

@@ -74,10 +74,3 @@ def test_choices_are_those_of_generate(debug_onnx, monkeypatch):
         np.testing.assert_array_equal(varied, exact + np.float32(0.5) * np.float32(take["variation"]))
         model.generate(np.zeros(4800, np.float32), seed=seed)
         np.testing.assert_array_equal(starts[-1], model.assets.seed_poses[take["seed_pose"]])
-
-
-def test_the_metadata_is_included(debug_onnx):
-    found = page_description(debug_onnx, seeds=1)
-    assert found["format"] == "ha2g-jax 1"
-    assert found["skeleton"]["name"] == "ted_expressive"
-    assert set(found["speakers"]) == {"ada", "ben"}

@@ -6,13 +6,12 @@ import shutil
 import jax
 import numpy as np
 import pytest
+from fixtures.corpora import write_corpus
 
 from ha2g_jax import cli
 from ha2g_jax.checkpoint import loading, model_folder, weights
 from ha2g_jax.config import presets
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.corpus_writer import CorpusWriter
-from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import UNKNOWN, Vocabulary
 from ha2g_jax.methods.build import build, variable_shapes
@@ -34,11 +33,11 @@ def spec_of(config, corpus):
 def divide(tiny_talk, path, **splits: str):
     """Write a corpus whose splits have one clip of each named speaker."""
     clip = Corpus.open(tiny_talk).clips("train")[0]
-    with CorpusWriter(path, splits=tuple(splits), skeleton="ted_expressive", fps=15, metadata={}) as writer:
-        for split, speaker in splits.items():
-            if speaker:
-                writer.add(split, encode_clip(dataclasses.replace(clip, speaker=speaker, id=split)))
-    return Corpus.open(path)
+    clips = {
+        split: [dataclasses.replace(clip, speaker=speaker, id=split)] if speaker else []
+        for split, speaker in splits.items()
+    }
+    return Corpus.open(write_corpus(path, clips, skeleton="ted_expressive"))
 
 
 def test_without_a_validation_split(config, tiny_talk, tmp_path):

@@ -1,7 +1,6 @@
 """The Talk corpus: same bytes whatever the workers, splits that fraction nothing they must not, records that agree."""
 
 import collections
-import contextlib
 import os
 import subprocess
 import sys
@@ -116,19 +115,6 @@ def test_interruption_leaves_nothing(monkeypatch, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         build.make_talk(tmp_path / "a", speakers=4, minutes=2, workers=1)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_it_says_how_long_a_long_corpus_takes(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(build.os, "cpu_count", lambda: 2)
-    monkeypatch.setattr(build, "parallel_map", lambda *_: contextlib.nullcontext(lambda *_: iter(())))
-    monkeypatch.setattr(build, "CorpusWriter", lambda *_, **__: contextlib.nullcontext())
-    build.make_talk(tmp_path / "long")
-    assert capsys.readouterr().err == (
-        "making 144 minutes of speech and gestures, 245 MB: about 3 min with 2 processes if the machine is otherwise "
-        "idle\n"
-    )
-    build.make_talk(tmp_path / "short", speakers=4, minutes=4)
-    assert capsys.readouterr().err == ""
 
 
 def test_talk_path(monkeypatch, tmp_path, capsys):

@@ -19,10 +19,6 @@ def pulsing(fps: float, stops: np.ndarray, seconds: float = 4.0) -> np.ndarray:
     return np.cumsum(speeds)[:, None, None] / fps * np.array([[[1.0, 0, 0]]])
 
 
-def test_the_order_follows_the_frame_rate():
-    assert [rests.order(fps) for fps in (30, 15, 60, 120, 4)] == [7, 3, 14, 28, 1]
-
-
 def test_the_joints_are_those_of_the_body():
     expressive, gesture = (load_skeleton(name) for name in ("ted_expressive", "ted_gesture"))
     body = [expressive.joints[joint] for joint in rests.upper_body(expressive)]

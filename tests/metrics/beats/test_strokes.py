@@ -15,7 +15,7 @@ from ha2g_jax.metrics.beats.strokes import (
     stroke_beats,
     wrist_positions,
 )
-from ha2g_jax.metrics.beats.times import deep_minima, kernel, minima, nearest
+from ha2g_jax.metrics.beats.times import deep_minima, minima
 from ha2g_jax.skeleton import load_skeleton
 
 FPS = 15
@@ -109,12 +109,3 @@ def test_two_equal_samples_are_a_minimum_on_demand():
     assert len(minima(curve).sample) == 0
     found = minima(curve, equal=True)
     assert (found.sample.tolist(), found.offset.tolist(), found.rise.tolist()) == ([1], [0.5], [1.0])
-
-
-def test_nearest_looks_within_the_same_clip():
-    times, owners = np.array([1.0, 2.0, 0.5, 7.0]), np.array([0, 0, 2, 3])
-    others, other_owners = np.array([1.25, 9.0, 0.0, 8.5]), np.array([0, 1, 3, 3])
-    np.testing.assert_allclose(nearest(times, others, owners, other_owners), [0.25, 0.75, np.inf, 1.5])
-    np.testing.assert_allclose(nearest(np.array([-3.0, 4.0]), np.array([0.0])), [3, 4])
-    assert nearest(times, np.zeros(0)).tolist() == [np.inf] * 4
-    assert kernel(np.array([np.inf, 0.0, 0.1])).tolist() == pytest.approx([0, 1, np.exp(-0.5)])
