@@ -98,7 +98,9 @@ def test_motion_of_another_system_is_packed(layout, speech, files, tmp_path):
         for number in range(1, 6):
             path = tmp_path / "theirs" / layout.format(clip=clip, number=number)
             path.parent.mkdir(parents=True, exist_ok=True)
-            repeated = {name: np.resize(arrays[name], (frames, WIDTHS[name])) for name in ("trans", "poses")}
+            repeated: dict[str, Any] = {
+                name: np.resize(arrays[name], (frames, WIDTHS[name])) for name in ("trans", "poses")
+            }
             repeated["poses"][:, 60:] *= number / 5
             np.savez(path, **arrays | repeated)
     pack = write_pack(speech, tmp_path / "pack.zip", motion=tmp_path / "theirs")
