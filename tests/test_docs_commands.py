@@ -214,7 +214,7 @@ def files(debug_model, draw_state, tiny_talk, tmp_path_factory):
     for name, seconds in SOUNDS.items():
         write_speech(folder / name, seconds)
     shutil.copy(folder / "speech.srt", folder / "take.srt")
-    shutil.copy(ROOT / "ha2g_jax" / "assets" / "joint_maps" / "ha2g.yaml", folder / "my_joints.yaml")
+    shutil.copy(ROOT / "ha2g_jax" / "assets" / "joint_maps" / "ha2g.json", folder / "my_joints.json")
     (folder / "consent.txt").write_text("I take part.\n")
     write_study(folder / "my_study")
     write_smplx(folder)

@@ -63,7 +63,7 @@ def add_reading(command: Any) -> None:
     command.add_argument(
         "--joint-map",
         metavar="MAP",
-        help="joint names of BVH files: auto, mixamo, zeroeggs, beat, genea, ha2g or a YAML file (default: auto)",
+        help="joint names of BVH files: auto, mixamo, zeroeggs, beat, genea, ha2g or a file (default: auto)",
     )
     command.add_argument(
         "--source-fps", type=float, metavar="FPS", help="frames per second of files that do not say it"

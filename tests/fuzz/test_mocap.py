@@ -95,6 +95,7 @@ def test_smplx(data, answered, tmp_path):
 
 
 MAP = "spine: [Spine3, Chest]\nneck: Neck\nhead: Head\nleft_shoulder: LeftArm\nunit: 0.01\nup: y\n"
+JSON_MAP = json.dumps({"spine": ["Spine3", "Chest"], "neck": "Neck", "unit": 0.01, "up": "y"})
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x]\n" + "".join(f"a{i}: &a{i} [{f'*a{i - 1}, ' * 8}]\n" for i in range(1, 30))
 MAPS = {
     "laughs": (LAUGHS + "up: *a29", "an alias"),
@@ -109,9 +110,12 @@ MAPS = {
 
 
 @FUZZ
-@given(content=st.one_of(damaged_text(MAP), damaged_bytes(MAP.encode())))
-def test_joint_maps(content, answered):
-    answered(lambda path: load_map(str(path)), content, "a.yaml")
+@given(
+    content=st.one_of(damaged_text(MAP), damaged_text(JSON_MAP), damaged_bytes(MAP.encode())),
+    suffix=st.sampled_from([".yaml", ".json"]),
+)
+def test_joint_maps(content, suffix, answered):
+    answered(lambda path: load_map(str(path)), content, f"a{suffix}")
 
 
 @pytest.mark.parametrize("case", MAPS)

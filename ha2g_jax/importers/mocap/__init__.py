@@ -40,7 +40,7 @@ def import_bvh(
     unusable files and for motion and audio of different lengths.
 
     Args:
-        joint_map: "auto", "mixamo", "zeroeggs", "beat", "genea", "ha2g" or the path of a YAML file; see `joint_maps`.
+        joint_map: "auto", "mixamo", "zeroeggs", "beat", "genea", "ha2g" or the path of a file; see `joint_maps`.
         unit: metres in one unit of the file; "auto" uses the unit of the joint map, or else millimetres, centimetres,
             inches or metres by the length of the arms.
 

@@ -61,7 +61,7 @@ def read_motion(
         skeleton: skeleton of the result, "ted_expressive" or "ted_gesture"; by default the first that the file fits.
         fps: frames per second of the result; None keeps those of the file. A motion of our own keeps its rate.
         source_fps: frames per second of a file that does not say it; direction vectors have 15 by default.
-        joint_map: names of the joints in the file: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
+        joint_map: names of the joints in the file: "auto", one of `joint_maps.MAPS` or the path of a JSON or YAML file.
 
     Returns:
         The motion; `meta["read_from"]` says of a third-party file how it was read: "kind", "fps" of the file and more.

@@ -148,7 +148,7 @@ def read_motion(
 
     Args:
         fps: frames per second of the result; None keeps those of the file.
-        joint_map: "auto", one of `joint_maps.MAPS` or the path of a YAML file.
+        joint_map: "auto", one of `joint_maps.MAPS` or the path of a JSON or YAML file.
         unit: metres in one unit of the file; None uses the unit of the joint map, or else that among millimetres,
             centimetres, inches and metres for which the arms have a length closest to an adult's.
         with_legs: whether to read pelvis and legs, if the file has them.

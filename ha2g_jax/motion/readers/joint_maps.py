@@ -1,21 +1,20 @@
-"""Maps from joints of the skeleton to joints of a motion capture file: built-in maps and users' own, all in YAML.
+"""Maps from joints of the skeleton to joints of a motion capture file: built-in maps in JSON, and users' own in JSON or YAML.
 
-A map has a line `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
+A map has an entry `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
 that the head rotates about. NAME may be a list; the first name that the file has is used. Namespaces such as
-`mixamorig:` and letter case are ignored. Two lines are optional: `unit`, metres in one unit of the file, and `up`, the
-axis of the file that points up. A map without fingers is sufficient for TED-Gesture.
+`mixamorig:` and letter case are ignored. Three entries are optional: `unit`, metres in one unit of the file, `up`, the
+axis of the file that points up, and `comment`. A map without fingers is sufficient for TED-Gesture.
 """
 
 import importlib.resources
+import json
 import pathlib
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import yaml
-
-from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import check_regular, read_bytes, reading, reason, shown
+from ha2g_jax.errors import UserError, require
+from ha2g_jax.files.reading import check_regular, parse_json, read_bytes, reading, reason, shown
 from ha2g_jax.limits import MAX_JOINT_MAP_BYTES, MAX_JOINT_NAME
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import OPTIONAL
@@ -27,7 +26,7 @@ MAPS = ("zeroeggs", "beat", "mixamo", "genea", "ha2g")
 AUTO = "auto"
 HEAD = "head"
 
-_EXPECTED = "a joint map in YAML"
+_EXPECTED = "a joint map in JSON or YAML"
 _MAX_DEPTH = 3  # a map has lists within its lines; one more, so that the message names the joint
 _MAX_LISTED, _MAX_LISTED_LETTERS = 8, 400
 _PREFIX = re.compile(r"mixamorig\d*_?", re.IGNORECASE)
@@ -54,7 +53,7 @@ def choose_map(
     """Choose the map for a file and locate the joints of the skeleton in it.
 
     Args:
-        joint_map: "auto" for the first of `MAPS` that fits, or one of `MAPS`, or the path of a YAML file.
+        joint_map: "auto" for the first of `MAPS` that fits, or one of `MAPS`, or the path of a JSON or YAML file.
 
     Returns:
         The map, and the index in `joints` of `head` and of each joint of the skeleton except those of the face.
@@ -91,30 +90,34 @@ def find_legs(joint_map: JointMap, joints: Sequence[str], file: str | pathlib.Pa
 
 
 def load_map(name: str) -> JointMap:
-    """Load one of `MAPS`, or the joint map of a YAML file.
+    """Load one of `MAPS`, or the joint map of a JSON or YAML file.
 
     Raises:
         UserError: there is no such file, or it is not a joint map.
     """
     if name in MAPS:
-        path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.yaml"
-        return _parse(path.read_bytes(), name)
+        path = importlib.resources.files("ha2g_jax") / "assets" / "joint_maps" / f"{name}.json"
+        return _to_map(json.loads(path.read_bytes()), name)
     with reading(name, _EXPECTED):
         path = pathlib.Path(name)
         if not path.exists():
-            raise UserError(f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a YAML file")
+            raise UserError(
+                f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a JSON or YAML file"
+            )
     check_regular(path, _EXPECTED)
-    return _parse(read_bytes(path, f"{_EXPECTED} of some 40 lines", MAX_JOINT_MAP_BYTES), shown(name))
-
-
-def _parse(text: bytes, name: str) -> JointMap:
+    text = read_bytes(path, f"{_EXPECTED} of some 40 lines", MAX_JOINT_MAP_BYTES)
+    form, parse = ("JSON", parse_json) if path.suffix.lower() == ".json" else ("YAML", _parse_yaml)
     try:
-        _check_structure(text)
-        lines = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, ArithmeticError, RecursionError) as error:
-        raise UserError(f"{name} is not YAML ({reason(error)}); expected lines such as `spine: Spine3`") from error
+        lines = parse(text)
+    except (ValueError, ArithmeticError, RecursionError) as error:
+        raise UserError(f"{shown(name)} is not {form} ({reason(error)}); expected such as `spine: Spine3`") from error
+    return _to_map(lines, shown(name))
+
+
+def _to_map(lines: Any, name: str) -> JointMap:
     if not isinstance(lines, dict) or not all(isinstance(key, str) for key in lines):
         raise UserError(f"{name} is not a joint map; expected lines such as `spine: Spine3`")
+    lines.pop("comment", None)
     unit, up = lines.pop("unit", None), lines.pop("up", None)
     if unit is not None:
         unit = _positive(unit, name)
@@ -123,15 +126,20 @@ def _parse(text: bytes, name: str) -> JointMap:
     return JointMap(name, {key: _names(value, key, name) for key, value in lines.items()}, unit, up)
 
 
-def _check_structure(text: bytes) -> None:
-    """Refuse aliases, by which a short file may become an endless one, and nesting, before anything is built."""
+def _parse_yaml(text: bytes) -> Any:
+    """Parse YAML without aliases, by which a short file may become an endless one, and without deep nesting."""
+    yaml = require("yaml", "import", by="a joint map in YAML", package="pyyaml")
     depth = 0
-    for event in yaml.parse(text, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            raise yaml.YAMLError("it has an alias")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            raise ValueError("nested too deep")
+    try:
+        for event in yaml.parse(text, yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):
+                raise ValueError("it has an alias")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > _MAX_DEPTH:
+                raise ValueError("nested too deep")
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(reason(error)) from error
 
 
 def _positive(value: Any, name: str) -> float:
@@ -145,7 +153,7 @@ def _positive(value: Any, name: str) -> float:
 
 
 def _text(value: Any, max_letters: int = 40) -> str:
-    """Return a value of YAML as the beginning of its text; Python writes no number of thousands of digits."""
+    """Return a value of a map as the beginning of its text; Python writes no number of thousands of digits."""
     if isinstance(value, int) and abs(value) >= 10**MAX_JOINT_NAME:
         return "9" * max_letters
     return str(value)[:max_letters]
@@ -179,7 +187,7 @@ def _find(
             if len(alike) > 1:
                 both = " and ".join(joints[index] for index in alike[:2])
                 raise UserError(
-                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a YAML map (--joint-map)"
+                    f"{shown(file)} has {both}, and either may be {ours}; choose one in a joint map (--joint-map)"
                 )
             if alike:
                 places[ours] = alike[0]
@@ -207,6 +215,6 @@ def _lacks(
     no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
     advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
     return UserError(
-        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a YAML map with "
-        f"a line `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: {others}"
+        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a joint map with "
+        f"an entry `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: {others}"
     )

@@ -1,5 +1,8 @@
 """Joint maps: "auto" finds the naming, and what is missing is said; for the places of joints see test_kinds."""
 
+import json
+import sys
+
 import pytest
 
 from ha2g_jax.errors import UserError
@@ -71,17 +74,19 @@ def test_two_people_in_one_file():
         places_of(both)
 
 
-def test_a_map_of_ones_own(tmp_path):
-    path = tmp_path / "mine.yaml"
-    lines = {"spine": "Chest", "neck": "Nacken", "head": "[Kopf, Haupt]", "left_shoulder": "a", "left_elbow": "b"}
-    lines |= {"left_wrist": "c", "right_shoulder": "d", "right_elbow": "e", "right_wrist": "1"}
-    lines |= {"unit": "0.01", "up": "z"}
-    path.write_text("# my actor\n" + "\n".join(f"{key}: {value}" for key, value in lines.items()))
+@pytest.mark.parametrize("suffix", [".yaml", ".json"])
+def test_a_map_of_ones_own(suffix, tmp_path):
+    path = tmp_path / f"mine{suffix}"
+    lines = {"spine": "Chest", "neck": "Nacken", "head": ["Kopf", "Haupt"], "left_shoulder": "a", "left_elbow": "b"}
+    lines |= {"left_wrist": "c", "right_shoulder": "d", "right_elbow": "e", "right_wrist": 1}
+    lines |= {"unit": 0.01, "up": "z", "comment": "my actor " * 50}
+    as_yaml = "\n".join(f"{key}: {json.dumps(value)}" for key, value in lines.items())
+    path.write_text(json.dumps(lines) if suffix == ".json" else f"# my actor\n{as_yaml}")
     mine = load_map(str(path))
     assert (mine.unit, mine.up, mine.names["head"]) == (0.01, "z", ("Kopf", "Haupt"))
     name, places = places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
     assert name == str(path) and places["head"] == "Haupt" and places["right_wrist"] == "1"
-    path.write_text(path.read_text().replace("left_elbow: b", "left_elbow: c"))
+    path.write_text(path.read_text().replace('"b"', '"c"'))
     with pytest.raises(UserError, match="uses c for both left_elbow and left_wrist"):
         places_of(["Root", "Chest", "Nacken", "Haupt", *"abcde", "1"], str(path), GESTURE)
 
@@ -100,6 +105,25 @@ FAULTS = {
     "an object": ("spine: !!python/object/apply:os.getcwd []", "is not YAML"),
     "too long": ("# " + "x" * (1 << 18), "more than 65536 bytes"),
 }
+
+
+def test_yaml_needs_a_package_that_json_does_not(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    for name, text in (("mine.json", '{"spine": "Chest"}'), ("mine.yaml", "spine: Chest")):
+        (tmp_path / name).write_text(text)
+    assert load_map(str(tmp_path / "mine.json")).names == {"spine": ("Chest",)}
+    with pytest.raises(UserError, match=r"a joint map in YAML needs pyyaml: pip install 'ha2g-jax\[import\]'"):
+        load_map(str(tmp_path / "mine.yaml"))
+
+
+@pytest.mark.parametrize(
+    "text", ["{", '{"spine": ' + "[" * 20000, '{"unit": NaN}', '["spine"]', '{"spine": {"a": "b"}}']
+)
+def test_json_that_is_no_map(text, tmp_path):
+    (tmp_path / "mine.json").write_text(text)
+    with pytest.raises(UserError, match=r"mine\.json (is not JSON|is not a joint map|has `unit|has no name)") as caught:
+        load_map(str(tmp_path / "mine.json"))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("text", "found"), FAULTS.values(), ids=FAULTS)
