@@ -1,4 +1,4 @@
-"""Maps from joints of the skeleton to joints of a motion capture file: built-in maps in JSON, and users' own in JSON or YAML.
+"""Maps from joints of the skeleton to joints of a motion capture file: built-in ones, and files in JSON or YAML.
 
 A map has an entry `JOINT: NAME` for each joint of the skeleton except those of the face, and one for `head`, the joint
 that the head rotates about. NAME may be a list; the first name that the file has is used. Namespaces such as
@@ -101,16 +101,14 @@ def load_map(name: str) -> JointMap:
     with reading(name, _EXPECTED):
         path = pathlib.Path(name)
         if not path.exists():
-            raise UserError(
-                f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a JSON or YAML file"
-            )
+            raise UserError(f"no joint map {shown(name)}; give {AUTO}, {', '.join(MAPS)} or the path of a file")
     check_regular(path, _EXPECTED)
     text = read_bytes(path, f"{_EXPECTED} of some 40 lines", MAX_JOINT_MAP_BYTES)
     form, parse = ("JSON", parse_json) if path.suffix.lower() == ".json" else ("YAML", _parse_yaml)
     try:
         lines = parse(text)
     except (ValueError, ArithmeticError, RecursionError) as error:
-        raise UserError(f"{shown(name)} is not {form} ({reason(error)}); expected such as `spine: Spine3`") from error
+        raise UserError(f"{shown(name)} is not {form} ({reason(error)}); expected a joint map") from error
     return _to_map(lines, shown(name))
 
 
@@ -127,19 +125,23 @@ def _to_map(lines: Any, name: str) -> JointMap:
 
 
 def _parse_yaml(text: bytes) -> Any:
-    """Parse YAML without aliases, by which a short file may become an endless one, and without deep nesting."""
     yaml = require("yaml", "import", by="a joint map in YAML", package="pyyaml")
-    depth = 0
     try:
-        for event in yaml.parse(text, yaml.SafeLoader):
-            if isinstance(event, yaml.AliasEvent):
-                raise ValueError("it has an alias")
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > _MAX_DEPTH:
-                raise ValueError("nested too deep")
+        _check_structure(yaml, text)
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ValueError(reason(error)) from error
+
+
+def _check_structure(yaml: Any, text: bytes) -> None:
+    """Refuse aliases, by which a short file may become an endless one, and nesting, before anything is built."""
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("it has an alias")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            raise ValueError("nested too deep")
 
 
 def _positive(value: Any, name: str) -> float:
@@ -215,6 +217,7 @@ def _lacks(
     no_fingers = all(joint.rstrip("123").endswith("_") for joint in missing)
     advice = "choose the skeleton ted_gesture, which has no fingers, or " if no_fingers else ""
     return UserError(
-        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a joint map with "
-        f"an entry `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: {others}"
+        f"{shown(file)} does not fit the joint map {joint_map.name}: it lacks {lacking}; {advice}write a joint map "
+        f"with an entry `{missing[0]}: NAME` for each joint and give it with --joint-map; other joints of the file: "
+        f"{others}"
     )
