@@ -127,14 +127,7 @@ class Skeleton:
 
 @functools.cache
 def load_skeleton(name: str) -> Skeleton:
-    """Load a skeleton.
-
-    Args:
-        name: one of `SKELETONS`.
-
-    Returns:
-        The skeleton.
-    """
+    """Load a skeleton, one of `SKELETONS`."""
     text = (importlib.resources.files("ha2g_jax") / "assets" / "skeletons" / f"{name}.json").read_text()
     facts = json.loads(text)
     num_bones = len(facts["bones"])
@@ -169,11 +162,8 @@ def normalize(vectors: Any) -> Any:
 def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
     """Compute forward kinematics with the mean bone lengths and the root at the origin.
 
-    Args:
-        directions: (..., bones, 3) direction vectors of any positive length; they are normalised (decision D1).
-
-    Returns:
-        (..., joints, 3) positions in metres.
+    Direction vectors (..., bones, 3) of any positive length, which are normalised (decision D1), become positions (...,
+    joints, 3) in metres.
     """
     xp = directions.__array_namespace__()
     paths = xp.asarray(skeleton.paths * skeleton.lengths, dtype=directions.dtype)
@@ -181,14 +171,7 @@ def directions_to_positions(skeleton: Skeleton, directions: Any) -> Any:
 
 
 def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
-    """Compute direction vectors from joint positions.
-
-    Args:
-        positions: (..., joints, 3) positions.
-
-    Returns:
-        (..., bones, 3) unit direction vectors.
-    """
+    """Compute unit direction vectors (..., bones, 3) from joint positions (..., joints, 3)."""
     parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
     return normalize(positions[..., children, :] - positions[..., parents, :])
 
@@ -196,11 +179,8 @@ def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
 def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
     """Compute the angles between the pairs of bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
 
-    Args:
-        directions: (..., bones, 3) direction vectors (not residuals from the mean) of any positive length.
-
-    Returns:
-        (..., pairs) angles in radians; the gradient is finite at parallel bones.
+    Direction vectors (..., bones, 3) of any positive length, not residuals from the mean, give angles (..., pairs) in
+    radians; the gradient is finite at parallel bones.
     """
     xp = directions.__array_namespace__()
     vectors = directions
@@ -220,14 +200,7 @@ def _cross(xp: Any, a: Any, b: Any) -> Any:
 
 
 def mirror_directions(skeleton: Skeleton, directions: Any) -> Any:
-    """Mirror poses: exchange left and right bones and negate x.
-
-    Args:
-        directions: (..., bones, 3) direction vectors.
-
-    Returns:
-        (..., bones, 3) direction vectors.
-    """
+    """Mirror poses, directions (..., bones, 3): exchange left and right bones and negate x."""
     xp = directions.__array_namespace__()
     swapped = directions[..., skeleton.mirror_bones, :]
     return xp.concat([-swapped[..., :1], swapped[..., 1:]], axis=-1)

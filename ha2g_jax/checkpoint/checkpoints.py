@@ -93,20 +93,12 @@ class Checkpoints:
                 self._manager.wait_until_finished()
 
     def check(self) -> None:
-        """Raise the error of the last checkpoint, if there was one, without waiting for it to be written.
-
-        Raises:
-            UserError: the checkpoint could not be written.
-        """
+        """Raise the error of the last checkpoint, if there was one, without waiting for it to be written."""
         if self._manager and not self._manager.is_saving_in_progress():
             self.wait()
 
     def close(self) -> None:
-        """Wait until the last checkpoint is on the disk, then release all resources.
-
-        Raises:
-            UserError: the last checkpoint could not be written.
-        """
+        """Wait until the last checkpoint is on the disk, then release all resources; see `wait`."""
         self.wait()
         if self._manager:
             self._manager.close()
@@ -115,12 +107,8 @@ class Checkpoints:
     def restore_model(self, step: int, shapes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the variables of the generator to evaluate or ship, and the record, but not the rest of the state.
 
-        Args:
-            step: one of `steps()`.
-            shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
-
-        Returns:
-            The variables as numpy arrays, those of the running average if there is one, and the record.
+        The variables are numpy arrays, those of the running average if there is one; `shapes` is {"params",
+        "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
 
         Raises:
             UserError: the checkpoint is damaged or of another model.

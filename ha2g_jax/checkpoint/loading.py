@@ -39,11 +39,7 @@ def load(spec: str | pathlib.Path) -> LoadedModel:
 
 
 def load_path(path: str | os.PathLike, expected: str) -> LoadedModel:
-    """Load the model at a path.
-
-    Args:
-        path: a model folder, a workdir, or a checkpoint in a workdir.
-        expected: what may be named, for the message.
+    """Load a model folder, a workdir, or a checkpoint in a workdir; a message says that `expected` may be named.
 
     Raises:
         UserError: there is no model, or it is damaged.

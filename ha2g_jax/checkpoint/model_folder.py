@@ -45,12 +45,8 @@ def save(
 ) -> pathlib.Path:
     """Write a model folder, completely or not at all; its assets contain the hash of the weights.
 
-    Weights are float32, or float16 if float32 would take more than 20 MB.
-
-    Args:
-        folder: folder to write, which does not exist or is empty.
-        config: settings of the model; losses and settings of training are left out.
-        is_exact: whether weights are float32 whatever their size.
+    Weights are float32; unless `is_exact`, they are float16 if float32 would take more than 20 MB. Losses and settings
+    of training are left out of the config.
 
     Raises:
         UserError: `folder` exists and is not empty, or cannot be written, for example because the disk is full.

@@ -26,10 +26,7 @@ CHECKSUMS = "SHA256SUMS"
 
 
 def read_state(path: pathlib.Path, like: TrainState) -> TrainState:
-    """Read the training state.
-
-    Args:
-        like: tree of arrays, or of shapes with types and shardings, that the state is to have.
+    """Read the training state as a tree like that of arrays, or of shapes with types and shardings.
 
     Raises:
         UserError: the checkpoint is of another model.
@@ -43,13 +40,7 @@ def read_state(path: pathlib.Path, like: TrainState) -> TrainState:
 
 
 def read_variables(path: pathlib.Path, shapes: Any) -> dict[str, Any]:
-    """Read the variables of the generator without the rest of the state.
-
-    Args:
-        shapes: {"params", "batch_stats"} of the generator as a tree of `jax.ShapeDtypeStruct`.
-
-    Returns:
-        The variables as numpy arrays, those of the running average if there is one.
+    """Read the variables of the generator, see `Checkpoints.restore_model`, without the rest of the state.
 
     Raises:
         UserError: the checkpoint is of another model.

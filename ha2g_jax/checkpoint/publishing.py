@@ -24,14 +24,7 @@ _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]{0,63}")
 
 
 def export(workdir: str | pathlib.Path, out: str | pathlib.Path) -> pathlib.Path:
-    """Write the model of a workdir as a model folder.
-
-    Args:
-        workdir: workdir of a run, a checkpoint in it, a model folder, or "demo".
-        out: folder to write, which does not exist or is empty.
-
-    Returns:
-        The model folder.
+    """Write the model of a workdir, see `loading.load`, as a model folder, and return the folder.
 
     Raises:
         UserError: as `loading.load` and `model_folder.save`.
@@ -119,14 +112,9 @@ def _text(path: pathlib.Path) -> str:
 
 
 def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path) -> pathlib.Path:
-    """Write the average of models as a model folder, completely or not at all.
+    """Write the average of two or more models, see `loading.load`, as a model folder, completely or not at all.
 
-    Args:
-        models: two or more models, see `loading.load`. A model that is given twice counts twice.
-        out: folder to write, which does not exist or is empty.
-
-    Returns:
-        The model folder.
+    A model that is given twice counts twice.
 
     Raises:
         UserError: a model cannot be loaded, the models do not fit together, or the folder cannot be written.
@@ -145,14 +133,11 @@ def average_models(models: Sequence[str | pathlib.Path], out: str | pathlib.Path
 
 
 def average(models: Sequence[LoadedModel]) -> LoadedModel:
-    """Average the weights, the statistics of the normalisation layers, and the styles of the speakers.
+    """Average the weights, the statistics of the normalisation layers, and the styles of the speakers, in float32.
 
-    Args:
-        models: models of the same networks and speakers.
-
-    Returns:
-        The first model with these values, float32. The vector of a word is the mean of those that the models have for
-        it, where a model that lacks it counts with its vector of unknown words. The hash is set when it is saved.
+    The models have the same networks and speakers; the result is the first one with the mean values. The vector of a
+    word is the mean of those that the models have for it, where a model that lacks it counts with its vector of unknown
+    words. The hash is set when it is saved.
     """
     first = models[0]
     flat = [_with_words_of(first, model) for model in models]

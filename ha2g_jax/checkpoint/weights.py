@@ -26,10 +26,7 @@ _MAX_HALF = 65504  # greatest number of float16
 def write(path: pathlib.Path, variables: dict[str, Any], *, is_exact: bool = False) -> str:
     """Write variables as a file and return its hash: float32, or float16 if float32 would take more than 20 MB.
 
-    Float32 arrays are written from where they are, without a copy in memory.
-
-    Args:
-        is_exact: whether to store float32 whatever the size.
+    Float32 arrays are written from where they are, without a copy in memory. With `is_exact` all are float32.
 
     Raises:
         UserError: there are more weights than a model folder may have.
@@ -93,10 +90,7 @@ def read_shapes(path: pathlib.Path) -> Shapes:
 
 
 def read(path: pathlib.Path) -> dict[str, Any]:
-    """Return the variables in a file whose shapes were compared with those of the model.
-
-    Returns:
-        {"params", "batch_stats"} as float32 arrays.
+    """Return the variables in a file, float32 arrays, whose shapes were compared with those of the model.
 
     Raises:
         UserError: a tensor has another type than floating numbers, or values that are not finite.
@@ -126,11 +120,8 @@ def is_word_table(name: str) -> bool:
 def in_vocabulary(table: np.ndarray, before: Vocabulary, after: Vocabulary) -> np.ndarray:
     """Return the rows of a table of words in the order of another vocabulary.
 
-    Args:
-        table: (len(before) + n, D) vectors of the words of `before`, and of n marks at the end.
-
-    Returns:
-        (len(after) + n, D) vectors; a word that `before` lacks has the vector of unknown words.
+    The table (len(before) + n, D) has the vectors of the words of `before`, and of n marks at the end; the result
+    (len(after) + n, D) has the vector of unknown words for each word that `before` lacks.
     """
     rows = [PADDING, UNKNOWN, *map(before.encode, after.words), *range(len(before), len(table))]
     return table[rows]

@@ -29,20 +29,7 @@ _DIRECT_DB = (0.0, 15.0)  # power of the direct sound over that of its reverbera
 
 
 class Augmentation(NamedTuple):
-    """Random changes of a training window; none by default.
-
-    Attributes:
-        jitter: maximum number of frames by which the window starts late.
-        mirror: probability that the window is mirrored.
-        vocal_tract: maximum by which the speaker's vocal tract is made longer or shorter, as a fraction.
-        equalizer_db: maximum by which a band of the spectrum is made louder or quieter than flat, in dB.
-        reverb: probability that the speech is heard in a room.
-        gain_db: maximum by which the speech is made quieter, in dB.
-        noise: probability that noise is added to the speech.
-        noise_snr_db: minimum and maximum level of the sound of the clip over the noise, in dB.
-        lookahead: probability that the end of the speech is hidden, as it is while someone speaks.
-        least_heard: minimum number of frames of a window whose speech is not hidden.
-    """
+    """Random changes of a training window, none by default; the table of settings, `config.data`, explains them."""
 
     jitter: int = 0
     mirror: float = 0.0
@@ -70,12 +57,8 @@ def augment(
     """Apply all random changes but the jitter, which is applied when the window is cut.
 
     The end of the speech is hidden last, so that no other change reaches it, and drawn last, so that the other changes
-    do not depend on it.
-
-    Args:
-        example: example without a batch axis, see `Windows`; it is not changed.
-        num_speakers: number of speakers of the training split.
-        clip_power: mean power of the sound of the clip, see `sound_power`.
+    do not depend on it. The example, see `Windows`, is not changed. `start_frame` is the first frame of the window in
+    its clip, `clip_power` the `sound_power` of the clip, `num_speakers` the number of speakers of the training split.
     """
     if augmentation.mirror and rng.random() < augmentation.mirror:
         example = mirror_example(example, skeleton, num_speakers)
@@ -176,11 +159,8 @@ def add_noise(mel: np.ndarray, noise_power: float, rng: np.random.Generator) -> 
 
 
 def hide_end(example: dict[str, Any], start_frame: int, heard: int, fps: float) -> dict[str, Any]:
-    """Hide the speech of an example from a frame on, as if the window had been cut while someone speaks.
-
-    Args:
-        example: example with "mel" and, if the model reads words in training, "words".
-        heard: number of frames whose speech is not hidden.
+    """Hide the speech of an example, its mel and its words, from frame `heard` of the window on, as if the window had
+    been cut while someone speaks.
     """
     hidden = {"mel": hide_unheard(example["mel"], start_frame, heard, fps)}
     if "words" in example:

@@ -93,10 +93,8 @@ def batches(
 
 
 def batch_names(windows: Windows, batch_size: int, seed: int, number: int) -> list[str]:
-    """Return the name of the window in each row of a batch, for reports; jitter may start a window later.
-
-    Returns:
-        `Windows.name` of each row.
+    """Return the name, see `Windows.name`, of the window in each row of a batch, for reports; jitter may start a window
+    later.
     """
     order = _order(windows, seed)
     rows = np.array([order[row] for row in range(number * batch_size, (number + 1) * batch_size)])

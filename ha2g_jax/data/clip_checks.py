@@ -20,12 +20,7 @@ _MAX_NUMBER = 1e12  # greatest time in seconds, amplitude or value of a style
 
 
 def check_fields(fields: dict[str, Any], seconds: float, fps: float) -> Iterator[str]:
-    """Check all fields of a clip except the motion, and yield a line for each error.
-
-    Args:
-        fields: fields that `records.unpack` returns, without a `problem`.
-        fps: frames per second of the motion, whose length is that of the audio up to half a frame.
-    """
+    """Check all fields of a clip except the motion, and yield a line for each error; the motion has no `problem`."""
     yield from _check_words(fields, seconds, max(_WORD_SLACK, 0.5 / fps))
     yield from _check_audio(fields, seconds, max(_AUDIO_SLACK, 0.5 / fps + 0.01))
     yield from _check_windows(fields)

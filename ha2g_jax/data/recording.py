@@ -259,14 +259,8 @@ class Recording(NamedTuple):
 
 
 def seen(confidence: np.ndarray, min_confidence: float) -> np.ndarray:
-    """Determine in which images all keypoints are seen; a confidence of 0 never counts as seen.
-
-    Args:
-        confidence: (T, keypoints) in [0, 1].
-        min_confidence: minimum confidence of a keypoint that counts as seen.
-
-    Returns:
-        (T,) bool.
+    """Return (T,) bool, in which images all keypoints have a confidence (T, keypoints) of at least the minimum; 0 never
+    counts.
     """
     return np.all((confidence >= min_confidence) & (confidence > 0), axis=1)
 

@@ -126,20 +126,14 @@ def decode_clip(record: bytes, name: str = "a record of the corpus") -> Clip:
 
 
 def decode_fields(fields: dict[str, Any], name: str, fps: float = 1.0) -> Clip:
-    """Decode the audio and the images of a clip that `unpack` has unpacked.
-
-    Raises:
-        UserError: the audio or an image cannot be decoded.
-    """
+    """Decode the audio and the images of a clip that `unpack` has unpacked; see `decode_audio` and `decode_images`."""
     audio, images = decode_audio(fields, name, fps), decode_images(fields, name)
     return Clip(**{**fields, "audio": audio, "reference_images": images})
 
 
 def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any]:
-    """Unpack the fields of a clip and leave audio and images compressed, which is fast.
-
-    Returns:
-        The fields of `Clip` by name; "audio" is FLAC, "reference_images" a list of JPEG images or None.
+    """Unpack the fields of a clip by name; audio and images stay compressed, as FLAC and as a list of JPEG images or
+    None.
 
     Raises:
         UserError: the bytes are not a whole record.
@@ -164,11 +158,8 @@ def unpack(record: bytes, name: str = "a record of the corpus") -> dict[str, Any
 def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndarray:
     """Decode the audio of a clip that `unpack` has unpacked to (samples,) float32 at 16 kHz.
 
-    Args:
-        fps: frames per second of the motion, which limits the length; the lowest rate by default.
-
     Raises:
-        UserError: the audio is not mono FLAC at 16 kHz, or much longer than the motion.
+        UserError: the audio is not mono FLAC at 16 kHz, or much longer than the motion of `fps` frames per second.
     """
     try:
         return decode_flac(fields["audio"], len(fields["positions"]) / fps + _MORE_AUDIO)
@@ -177,13 +168,11 @@ def decode_audio(fields: dict[str, Any], name: str, fps: float = 1.0) -> np.ndar
 
 
 def decode_images(fields: dict[str, Any], name: str, count: int | None = None) -> np.ndarray | None:
-    """Decode the first `count` images of a clip that `unpack` has unpacked, all by default; None if it has none.
-
-    Returns:
-        (count, height, width, 3) uint8 images.
+    """Decode the first `count` images of a clip, all by default, to (count, height, width, 3) uint8; None if it has
+    none.
 
     Raises:
-        UserError: the fields are not images of one size, or too many or too large.
+        UserError: the fields are not images of one size.
     """
     if not fields["reference_images"]:
         return None

@@ -283,15 +283,11 @@ def _members(corpus: Corpus, by: str) -> list[_Member]:
 
 
 def assign(seconds: Mapping[str, float], fractions: Mapping[str, float], seed: int) -> dict[str, str]:
-    """Assign each recording or speaker to a split, by their names.
+    """Assign each recording or speaker to a split, by their names and durations; the fractions add up to 1.
 
     Each one in turn is assigned to the split with the longest missing duration, or to an empty split if no more are
     left than there are empty splits. Then pairs are exchanged, or one is moved, as long as that lowers the sum of
     squares of the missing durations and some split is wrong by more than half a percent of the whole duration.
-
-    Args:
-        seconds: duration of each recording or speaker; at least as many as splits.
-        fractions: fraction of the whole duration of each split; their sum is 1.
     """
     whole = sum(seconds.values())
     missing = {split: fraction * whole for split, fraction in fractions.items()}

@@ -47,11 +47,8 @@ INPUTS = (*_TRACKS, "words", "plain_words")
 
 
 def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -> Speech:
-    """Compute the speech features of a clip, from which `window` cuts inputs.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-        inputs: names of the inputs of the model, among `INPUTS`.
+    """Compute the speech features of a clip (samples,) at 16 kHz, from which `window` cuts the inputs, names among
+    `INPUTS`.
     """
     tracks = {name: make(audio) for name, (make, _) in _TRACKS.items() if name in inputs}
     for track in tracks.values():
@@ -63,16 +60,11 @@ def prepare(audio: np.ndarray, words: Sequence[Word], inputs: Collection[str]) -
 def window(
     speech: Speech, inputs: Collection[str], vocabulary: Vocabulary, start: int, num_frames: int, fps: float
 ) -> dict[str, np.ndarray]:
-    """Cut the inputs of one window, without a batch axis.
+    """Cut the inputs of one window of `num_frames` frames from frame `start` on, without a batch axis.
 
-    Args:
-        inputs: names of the inputs, among those that `speech` was prepared for.
-        num_frames: length N of the window in frames.
-
-    Returns:
-        A dict of the inputs by name: "mel" (128, columns) float32 dB, "asr_mel" (80, columns) float32, "audio"
-        (samples,) float32, "words" (N,) int32 on frames, "plain_words" (32,) int32. 34 frames at 15 fps have 70 columns
-        of "mel", 228 of "asr_mel" and 36,267 samples. Past the end of the clip there is silence.
+    They are a dict by name: "mel" (128, columns) float32 dB, "asr_mel" (80, columns) float32, "audio" (samples,)
+    float32, "words" (N,) int32 on frames, "plain_words" (32,) int32. 34 frames at 15 fps have 70 columns of "mel", 228
+    of "asr_mel" and 36,267 samples. Past the end of the clip there is silence.
     """
     cut_inputs = {
         name: cut(speech.tracks[name], start, num_frames, fps).astype(np.float32)

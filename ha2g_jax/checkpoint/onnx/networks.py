@@ -46,15 +46,11 @@ class Graph:
         self._names: dict[str, int] = {}
 
     def add(self, op: str, *inputs: str, name: str = "", outputs: int = 1, **attributes: Any) -> str:
-        """Add a node.
+        """Add a node and return the name of the first of its outputs.
 
         Args:
             inputs: names of values; "" for an optional input that is left out.
             name: name of the node and of its output, made unique; by default that of the operator.
-            outputs: number of outputs; only the first is returned.
-
-        Returns:
-            The name of the first output.
         """
         name = self._unique(name or op.lower())
         names = [name, *(f"{name}_{index}" for index in range(1, outputs))]
@@ -74,8 +70,7 @@ class Graph:
     def weight(self, array: np.ndarray, name: str, axis: int = 0) -> str:
         """Add a weight in the form of this graph and return the name of its float32 value.
 
-        Args:
-            axis: axis of the output channels, each of which has its own scale in int8.
+        In int8 each output channel, along `axis`, has its own scale.
         """
         array = np.ascontiguousarray(array, np.float32)
         if self._weights == "float32" or array.size < _SMALL:
@@ -124,14 +119,7 @@ class Graph:
 
 
 def add_encoder(graph: Graph, encoder: AudioEncoder, params: Tree, stats: Tree, mel: str) -> list[str]:
-    """Add the encoder to a graph.
-
-    Args:
-        mel: name of the value (B, 128, columns) in dB.
-
-    Returns:
-        The names of f_low, f_mid and f_high, each (B, N, feature_dim).
-    """
+    """Add the encoder of a mel (B, 128, columns) in dB; return the names of f_low, f_mid and f_high, each (B, N, 32)."""
     x = graph.add("Unsqueeze", mel, graph.constant([1]))
     x = graph.add("Add", graph.add("Div", x, graph.constant(MEL_RANGE)), graph.constant(1.0))  # D3
     kernel, bias = params["stem"]["conv"]["kernel"], params["stem"]["conv"]["bias"]

@@ -63,14 +63,9 @@ class Released(NamedTuple):
 
 
 def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pathlib.Path, list[str]]:
-    """Write a released file as a model folder, whose weights are float32.
+    """Write a file of `torch.save` as a model folder, whose weights are float32.
 
-    Args:
-        path: file of `torch.save`.
-        out: folder to write, which does not exist or is empty.
-
-    Returns:
-        The folder, and sentences on what was left out, or is not as usual.
+    Returns the folder, and sentences on what was left out, or is not as usual.
 
     Raises:
         UserError: the file cannot be read, is none that was released, or does not fit the table; or the folder exists
@@ -87,11 +82,9 @@ def import_weights(path: str | os.PathLike, out: str | os.PathLike) -> tuple[pat
 
 
 def read_released(content: Any, size: str = "") -> Released:
-    """Convert the value of a released file.
+    """Convert the value of a released file, as `read_torch` returns it.
 
-    Args:
-        content: value of `read_torch`.
-        size: size of the networks, a key of `config.SIZES`; that of the paper for released files.
+    The size of the networks is a key of `config.SIZES`; that of the paper for released files.
 
     Raises:
         DoesNotFitError: the value is none of a released file.

@@ -79,12 +79,7 @@ Pairs = Iterator[tuple[str, str, Conversion]]  # name, target, conversion
 
 
 def ha2g(config: Config, num_levels: int) -> list[Row]:
-    """Return the rows of HA2G.
-
-    Args:
-        config: settings of the networks, with architecture "release".
-        num_levels: levels of the motion, H.
-    """
+    """Return the rows of HA2G, whose config has the architecture "release"."""
     layers, text_layers = config.model.inferer.layers, config.model.text.layers
     rows = [
         *_rows("audio_dict", "feat_extractor.", "", _audio(config.model.audio.resnet_se.blocks)),
@@ -99,12 +94,7 @@ def ha2g(config: Config, num_levels: int) -> list[Row]:
 
 
 def trimodal(config: Config, tensors: Mapping[str, Any]) -> list[Row]:
-    """Return the rows of Trimodal.
-
-    Args:
-        config: settings of the networks, with architecture "release".
-        tensors: arrays of "gen_dict" by name, in which the encoder of the waveform is found by its shapes.
-    """
+    """Return the rows of Trimodal; the encoder of the waveform is found by the shapes of the arrays of "gen_dict"."""
     return [
         *_rows("gen_dict", "", "audio", _waveform(tensors)),
         *_rows("gen_dict", "text_encoder.", "text", _text(config.model.text.layers)),
@@ -115,13 +105,7 @@ def trimodal(config: Config, tensors: Mapping[str, Any]) -> list[Row]:
 
 
 def autoencoder(part: str, encoder: str, *, has_mean: bool) -> list[Row]:
-    """Return the rows of a pose auto-encoder.
-
-    Args:
-        part: key of the file.
-        encoder: name of the encoder in the part.
-        has_mean: whether a further linear map gives the latent, as on TED-Gesture.
-    """
+    """Return the rows of a pose auto-encoder; with `has_mean` a further linear map gives the latent, as on TED-Gesture."""
     rows = _rows(part, f"{encoder}.", "encoder", _pose_encoder(has_mean=has_mean))
     return rows + _rows(part, "decoder.", "decoder", _pose_decoder())
 

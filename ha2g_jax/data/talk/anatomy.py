@@ -129,13 +129,11 @@ def reach(skeleton: skeletons.Skeleton, wrist: tuple[float, float, float], swive
 
 
 def finger_flexions(skeleton: skeletons.Skeleton, directions: np.ndarray) -> np.ndarray:
-    """Measure the flexion of the fingers, the inverse of `body_directions` for fingers.
+    """Measure the flexion (..., 2, 5) of the fingers, left hand first, of directions (..., bones, 3): 0 straight, 1
+    closed.
 
-    The flexion of a finger is the sum of the angles at its two joints, divided by the sum of their full ranges.
-
-    Returns:
-        (..., 2, 5) flexions of both hands' fingers, left hand first, of directions (..., bones, 3); 0 is straight, 1 is
-        closed.
+    The inverse of `body_directions`: the sum of the angles at the two joints of a finger over the sum of their full
+    ranges.
     """
     unit = skeletons.normalize(directions)
     flexions = np.zeros((*directions.shape[:-2], 2, len(lexicon.FINGERS)), directions.dtype)

@@ -126,11 +126,9 @@ def num_unseen(num_speakers: int) -> int:
 
 
 def draw_speakers(seen: int, unseen: int, seed: int, synthesiser: str) -> list[Speaker]:
-    """Draw the speakers of training, then the unseen ones, each from a seed of its own.
+    """Draw the speakers of training, then the unseen ones, whose styles lie between two styles of training.
 
-    Args:
-        seen: number of speakers of training.
-        unseen: number of unseen speakers, whose styles lie between two styles of training.
+    Each has a seed of its own.
     """
     speakers: list[Speaker] = []
     for number in range(seen + unseen):

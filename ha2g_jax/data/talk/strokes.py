@@ -108,13 +108,8 @@ def _pauses(loudness: np.ndarray) -> np.ndarray:
 
 
 class Beat(NamedTuple):
-    """A beat of the hands.
-
-    Attributes:
-        apex: time at which the hand is highest, in seconds.
-        hit: time at which the hand is lowest, in seconds.
-        loudness: loudness of the syllable that causes the beat.
-        pitch: pitch of this syllable, in semitones above the speaker's middle pitch.
+    """A beat of the hands, highest at the apex and lowest at the hit, in seconds, with the loudness of the syllable
+    that causes it and its pitch, in semitones above the speaker's middle pitch.
     """
 
     apex: float
@@ -124,14 +119,8 @@ class Beat(NamedTuple):
 
 
 class WordGesture(NamedTuple):
-    """A gesture of a word; times in seconds.
-
-    Attributes:
-        start: start of the preparation.
-        ready: end of the preparation.
-        peak: start of the hold.
-        release: end of the hold.
-        end: end of the retraction.
+    """A gesture of a word, in seconds: the preparation from start to ready, the hold from peak to release, and the end
+    of the retraction.
     """
 
     word_class: str
@@ -145,12 +134,8 @@ class WordGesture(NamedTuple):
 def track(times: np.ndarray, keys: Sequence[tuple[float, Sequence[float] | float]]) -> np.ndarray:
     """Interpolate key poses by minimum-jerk movement, x = a + (b - a)(10 u^3 - 15 u^4 + 6 u^5).
 
-    Args:
-        times: (T,) seconds.
-        keys: (time, value) pairs in order of time; values are numbers or (D,) vectors.
-
-    Returns:
-        (T,) or (T, D) values, at rest at each key; the first and the last key are held outside their times.
+    The keys are (time, value) pairs in order of time, whose values are numbers or (D,) vectors. The result at times
+    (T,) in seconds, (T,) or (T, D), is at rest at each key; the first and the last key are held outside their times.
     """
     moments = np.array([moment for moment, _ in keys])
     values = np.array([value for _, value in keys], float)
@@ -214,9 +199,7 @@ def plan_word_gestures(words: Sequence[Word], latency: float) -> tuple[WordGestu
 def gesture_keys(gestures: Sequence[WordGesture], ready: Sequence, peak: Sequence) -> tuple[list, list]:
     """Return the keys, for `track`, of the weight of the gestures (0 or 1) and of their value.
 
-    Args:
-        ready: value of each gesture at the end of its preparation.
-        peak: value of each gesture while it is held.
+    The value of each gesture is `ready` at the end of its preparation, and `peak` while it is held.
     """
     weight: list[tuple[float, float]] = [(-1.0, 0.0)]
     value: list[tuple[float, Sequence[float]]] = []
