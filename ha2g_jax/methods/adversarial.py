@@ -64,12 +64,8 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
 
         non_saturating: -log D(G)        minimax: log(1 - D(G))        least_squares: (1 - D(G))^2
 
-    Args:
-        fake_logits: (B, ...) outputs of the discriminator for generated poses, before the sigmoid, which the least
-            squares (Mao et al. 2017) do not use.
-
-    Returns:
-        () loss.
+    where D(G) are outputs (B, ...) of the discriminator, given before the sigmoid, which the least squares (Mao et al.
+    2017) do not use.
 
     Raises:
         ValueError: unknown `kind`.
@@ -86,12 +82,7 @@ def gan_generator(fake_logits: jax.Array, *, kind: str = "non_saturating") -> ja
 def gan_discriminator(real_logits: jax.Array, fake_logits: jax.Array, *, kind: str = "non_saturating") -> jax.Array:
     """Return the loss of the discriminator, -log D(p) - log(1 - D(G)), or (1 - D(p))^2 + D(G)^2 for least squares.
 
-    Args:
-        real_logits, fake_logits: (B, ...) outputs of the discriminator for true and generated poses, before the
-            sigmoid.
-
-    Returns:
-        () loss, the mean over the batch.
+    It is the mean over the batch; the logits are those of `gan_generator`.
     """
     if kind == "least_squares":
         return jnp.mean(jnp.square(1 - real_logits)) + jnp.mean(jnp.square(fake_logits))

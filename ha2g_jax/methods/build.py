@@ -19,10 +19,8 @@ from ha2g_jax.skeleton import Skeleton
 def build(config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
     """Build the networks of a config; `config.loss` and `config.train` are not read.
 
-    Args:
-        skeleton: skeleton with the statistics of the training split.
-        num_speakers: number of speakers of the training split. Where windows are mirrored, a table of speakers has
-            as many rows again for their mirror images, in the same order.
+    Skeleton, vocabulary and speakers are those of the training split. Where windows are mirrored, a table of speakers
+    has as many rows again for their mirror images, in the same order.
 
     Raises:
         UserError: a setting that is not possible, or that the method cannot use.
@@ -52,11 +50,8 @@ def generating_method_of(spec: Spec) -> GeneratingMethod:
 
 @functools.partial(jax.jit, static_argnums=0)
 def encode_identity(spec: Spec, variables: Variables, identity: jax.Array) -> jax.Array:
-    """Return the style (style_dim,) of one person: the mean of f_id.
-
-    Args:
-        spec: static; of a method with identities.
-        identity: images (num_images, S, S, 3), or the index () of a speaker, see `Spec.identity`.
+    """Return the style (style_dim,) of one person, the mean of f_id: of images (num_images, S, S, 3), or of the index
+    () of a speaker, see `Spec.identity`.
     """
     return generating_method_of(spec).encode_identity(spec, variables, identity[None])[0]
 

@@ -126,15 +126,11 @@ class JointEmbedding(nn.Module):
     def infer(
         self, features: tuple[jax.Array, jax.Array], noise: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Samples the latent of the speech and decodes it.
+        """Samples the latent of the speech, mean and log-variance of `encode_speech`, and decodes it.
 
-        Args:
-            features: mean and log-variance of `encode_speech`.
-            noise: (B, 32) noise; from N(0, I) it gives a sample, zeros give the mean.
-            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
-
-        Returns:
-            One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
+        The noise (B, 32) from N(0, I) gives a sample, zeros give the mean. The seed (B, M, pose_dim) are the true poses
+        of the first M frames. The only level (B, N, pose_dim) has the seed frames predicted as well. Poses are
+        mean-subtracted.
         """
         return (self.decode(sample_latent(features, noise), seed, train=train),)
 
@@ -154,10 +150,8 @@ def _linear(values: int, name: str) -> nn.Dense:
 
 
 def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """The sum over the batch of each window's mean absolute difference, as its authors' code has it.
-
-    Args:
-        poses, targets: (B, N, pose_dim), mean-subtracted.
+    """The sum over the batch of each window's mean absolute difference of poses (B, N, pose_dim), as its authors' code
+    has it.
     """
     return jnp.sum(jnp.mean(jnp.abs(poses - targets), axis=(1, 2)))
 

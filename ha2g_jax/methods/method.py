@@ -120,12 +120,7 @@ class Method(Protocol):
     def has_parts(self) -> bool: ...
 
     def build(self, config: Config, skeleton: Skeleton, vocabulary_size: int, num_speakers: int) -> Spec:
-        """Build the networks that `config.model` and `config.data` describe.
-
-        Args:
-            config: settings, see `ha2g_jax.config.settings.paper`; `config.loss` and `config.train` are not read.
-            skeleton: skeleton with the statistics of the training split.
-            num_speakers: number of speakers of the training split.
+        """Build the networks that `config.model` and `config.data` describe, see `ha2g_jax.methods.build.build`.
 
         Raises:
             UserError: a setting that the method cannot use.
@@ -146,13 +141,10 @@ class Method(Protocol):
         train: bool = True,
         compute: Compute = FLOAT32,
     ) -> Run[Any, Any]:
-        """Run the generator on a training batch.
+        """Run the generator on a training batch, in training or evaluation mode, in the precision and parts of
+        `compute`.
 
-        Args:
-            batch: arrays as in `ha2g_jax.train.step.train_step`.
-            keys: a key for each name in `keys`.
-            train: whether to run in training mode; False is evaluation mode.
-            compute: precision and number of parts.
+        The batch has arrays as in `ha2g_jax.train.step.train_step`; `keys` has a key for each name in `Method.keys`.
         """
         ...
 
@@ -163,9 +155,8 @@ class Method(Protocol):
     def terms(self, spec: Spec, settings: Any, outputs: Any, contrast: Any, targets: jax.Array, gan: Any) -> Any:
         """Return the unweighted `Terms` of the objective.
 
-        Args:
-            targets: (B, N, pose_dim) true poses, mean-subtracted.
-            gan: () value of the adversarial term; None for a method without a discriminator.
+        The targets are the true poses (B, N, pose_dim), mean-subtracted. `gan` is the value () of the adversarial term;
+        None for a method without a discriminator.
         """
         ...
 
@@ -178,13 +169,9 @@ class GeneratingMethod(Method, Protocol):
     """Functions of a method that generates motion from speech; generation calls nothing else of it."""
 
     def encode_speech(self, spec: Spec, variables: Variables, speech: Batch) -> Any:
-        """Encode the speech of B windows.
+        """Encode the speech of B windows, arrays with a leading batch axis by the names in `spec.inputs`.
 
-        Args:
-            speech: arrays with a leading batch axis, by the names in `spec.inputs`.
-
-        Returns:
-            Features as a tree of arrays with a leading axis (B, ...).
+        The features are a tree of arrays with a leading axis (B, ...).
         """
         ...
 
@@ -198,15 +185,10 @@ class GeneratingMethod(Method, Protocol):
     def sample(
         self, spec: Spec, variables: Variables, features: Any, style: jax.Array, seed_pose: jax.Array, key: jax.Array
     ) -> jax.Array:
-        """Generate the poses of B windows.
+        """Generate the poses (B, N, pose_dim) of B windows, mean-subtracted, from the result of `encode_speech`.
 
-        Args:
-            style: (B, style_dim) styles.
-            seed_pose: (B, M, pose_dim) poses of the first M frames, mean-subtracted.
-            key: key of all noise; a method without noise ignores it.
-
-        Returns:
-            (B, N, pose_dim) poses, mean-subtracted.
+        Styles are (B, style_dim); seed poses (B, M, pose_dim) are those of the first M frames, mean-subtracted. A
+        method without noise ignores the key.
         """
         ...
 
@@ -220,11 +202,8 @@ def make_spec(
     inputs: tuple[str, ...],
     training_inputs: tuple[str, ...] | None = None,
 ) -> Spec:
-    """Return the spec of networks that a method has built, with the sizes that `config.data` states.
-
-    Args:
-        skeleton: skeleton with the statistics of the training split.
-        training_inputs: names of the speech inputs of a training example, `inputs` by default.
+    """Return the spec of networks that a method has built, with the sizes that `config.data` states; `training_inputs`
+    are `inputs` by default.
     """
     identity = config.model.identity
     return Spec(

@@ -100,16 +100,11 @@ def apply(
     compute: Compute,
     method: Any = None,
 ) -> tuple[Any, Any]:
-    """Run a module, or one of its methods.
+    """Run a module of a spec, or one of its methods.
 
-    Args:
-        key: key of the random stream "dropout".
-        train: whether to run in training mode, in which statistics move.
-        compute: precision of the activations, and whether oneDNN computes them.
-        method: function that takes the bound module first; `__call__` by default.
-
-    Returns:
-        The result in float32, and the batch statistics afterwards.
+    `train` tells whether to run in training mode, in which statistics move, and `key` is that of the random stream
+    "dropout". `method` is a function that takes the bound module first; `__call__` by default. The result is float32,
+    and with it come the batch statistics afterwards.
     """
     rounded = variables | {"params": _cast(variables["params"], compute.dtype)}
     with choosing(compute.onednn):

@@ -143,16 +143,12 @@ class Seq2Seq(nn.Module):
         return self.text(inputs["plain_words"], train=train)
 
     def infer(self, sentence: Sentence, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
-        """The roll-out, the same in training and in synthesis.
+        """The roll-out, the same in training and in synthesis, from the true poses (B, M, pose_dim) of the first M
+        frames.
 
-        Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the
-        pose decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames.
-
-        Args:
-            seed: (B, M, pose_dim) true poses of the first M frames.
-
-        Returns:
-            The only level: (B, N, pose_dim).
+        Frame 0 is copied from the seed. Frame t is decoded from the true pose t - 1 while t - 1 < M, then from the pose
+        decoded before. BatchNorm normalises each frame by itself; its running averages mix all frames. The only level
+        is (B, N, pose_dim).
         """
         words, states = sentence
         keys = self.attention_words(words)
@@ -186,28 +182,19 @@ _MIN_SQUARE = 1e-12
 
 
 def mse(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """Mean squared error over batch, frames and dimensions.
-
-    Args:
-        poses, targets: (B, N, pose_dim), mean-subtracted.
-    """
+    """Mean squared error over batch, frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
     return jnp.mean(jnp.square(poses - targets))
 
 
 def continuity(poses: jax.Array) -> jax.Array:
-    """How much poses change from frame to frame: sum |y_t - y_(t-1)| / (B N pose_dim).
-
-    Args:
-        poses: (B, N, pose_dim), mean-subtracted.
-    """
+    """How much poses (B, N, pose_dim) change from frame to frame: sum |y_t - y_(t-1)| / (B N pose_dim)."""
     return jnp.sum(jnp.abs(poses[:, 1:] - poses[:, :-1])) / poses.size
 
 
 def variance(poses: jax.Array) -> jax.Array:
-    """Minus how far poses are from the mean pose: - sum_(b, d) ||y_(b, :, d)||_2 / (B N pose_dim).
+    """Minus how far poses y (B, N, pose_dim) are from the mean pose: - sum_(b, d) ||y_(b, :, d)||_2 / (B N pose_dim).
 
-    Args:
-        poses: (B, N, pose_dim) y, mean-subtracted; the norm is taken along time.
+    They are mean-subtracted, and the norm is taken along time.
     """
     square = jnp.sum(jnp.square(poses), axis=1)
     return -jnp.sum(jnp.sqrt(jnp.maximum(square, _MIN_SQUARE))) / poses.size

@@ -51,18 +51,11 @@ def _conv(channels: int, kernel: tuple[int, ...], stride: int = 1, padding: str 
 
 
 def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> jax.Array:
-    """Resizes the axes of frequency and time to (1, N), bilinearly and with corners not aligned.
+    """Resizes (B, frequencies, times, channels) to (B, N, channels), bilinearly and with corners not aligned.
 
     So time lies on the frames, as in the original work, and of the frequencies the mean of the two in the middle is
-    taken.
-
-    Args:
-        x: (B, frequencies, times, channels).
-        swapped: whether to resize to (N, 1), as the authors of HA2G did: frequency lies on the frames, and all hear
-            the same moment, the one in the middle.
-
-    Returns:
-        (B, N, channels).
+    taken. If `swapped`, as the authors of HA2G did, frequency lies on the frames, and all hear the same moment, the one
+    in the middle.
     """
     if swapped:
         x = jnp.swapaxes(x, 1, 2)
@@ -160,14 +153,9 @@ class Speech2Gesture(nn.Module):
         return self.unet(self.audio(inputs["mel"], train=train), train=train)
 
     def infer(self, features: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array]:
-        """Decodes features and seed poses.
+        """Decodes features (B, N, channels) and the true poses (B, M, pose_dim) of the first M frames.
 
-        Args:
-            features: (B, N, channels) of `encode_speech`.
-            seed: (B, M, pose_dim) true poses of the first M frames.
-
-        Returns:
-            The only level: (B, N, pose_dim), the seed frames predicted as well.
+        The only level (B, N, pose_dim) has the seed frames predicted as well.
         """
         start = nn.relu(self.seed_norm(self.seed_in(seed.reshape(len(seed), -1)), train=train))
         start = jnp.repeat(self.seed_out(start)[:, None], features.shape[1], axis=1)
@@ -201,11 +189,7 @@ class PatchDiscriminator(nn.Module):
 
 
 def l1(poses: jax.Array, targets: jax.Array) -> jax.Array:
-    """Mean absolute error over batch, all frames and dimensions.
-
-    Args:
-        poses, targets: (B, N, pose_dim), mean-subtracted.
-    """
+    """Mean absolute error over batch, all frames and dimensions of mean-subtracted poses (B, N, pose_dim)."""
     return jnp.mean(jnp.abs(poses - targets))
 
 

@@ -64,13 +64,9 @@ class Trimodal(nn.Module):
     def infer(self, features: jax.Array, style: jax.Array, seed: jax.Array, *, train: bool) -> tuple[jax.Array, ...]:
         """Every frame sees its seed pose or zeros, a bit that marks seeds, the speech and the style.
 
-        Args:
-            features: (B, N, features) of `encode_speech`.
-            style: (B, style_dim), z.
-            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
-
-        Returns:
-            One level, (B, N, pose_dim), mean-subtracted, the seed frames predicted as well.
+        Features (B, N, features) of `encode_speech`, a style z (B, style_dim) and the true poses (B, M, pose_dim) of
+        the first M frames give one level (B, N, pose_dim), the seed frames predicted as well. Poses are
+        mean-subtracted.
         """
         (batch, num_frames), num_seed_frames = features.shape[:2], seed.shape[1]
         marked = jnp.concatenate([seed, jnp.ones_like(seed[..., :1])], axis=-1)

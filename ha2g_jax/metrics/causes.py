@@ -51,14 +51,10 @@ class Predictions(NamedTuple):
 def shown_flexions(
     flexions: np.ndarray, time: float, fps: float, window: tuple[float, float] = SHAPE_WINDOW
 ) -> np.ndarray:
-    """Return the mean flexion of the fingers over a short window around a word.
+    """Return the mean flexion (hands, 5) of the fingers over a short window around the time of a word, in seconds.
 
-    Args:
-        flexions: (T, hands, 5) flexion of the fingers, 0 straight and 1 closed, of the hands that should gesture.
-        window: seconds before and after `time`; the nearest frame counts where none lies in it.
-
-    Returns:
-        (hands, 5) flexions.
+    The flexions (T, hands, 5), 0 straight and 1 closed, are those of the hands that should gesture. The nearest frame
+    counts where none lies in the window.
     """
     frames = np.arange(len(flexions)) / fps - time
     seen = (frames >= window[0]) & (frames <= window[1])
@@ -68,11 +64,8 @@ def shown_flexions(
 
 
 def hand_shape(shown: np.ndarray, shapes: np.ndarray) -> int:
-    """Return the index of the shape that hands take: the template with the least Euclidean distance, summed over hands.
-
-    Args:
-        shown: (hands, 5) flexions, see `shown_flexions`.
-        shapes: (classes, 5) flexions of each template.
+    """Return the index of the shape (classes, 5) that hands (hands, 5) take: the template with the least Euclidean
+    distance, summed over hands.
     """
     return int(np.argmin(np.linalg.norm(shown[None] - shapes[:, None], axis=-1).sum(axis=-1)))
 
@@ -86,25 +79,20 @@ def expected_match(predicted: np.ndarray, true: np.ndarray) -> float:
 def finger_correlation(flexions: np.ndarray) -> float:
     """Return the correlation over words and fingers of the flexion that is shown with that of the word's class.
 
-    The mean of each finger is subtracted first, so that a pose that is the same at all words has no correlation. It
-    sees hands that move a part of the way to a shape, where the nearest shape is still that of a resting hand.
-
-    Args:
-        flexions: (words, 2, 5) flexion that is shown and that of the word's class.
+    The mean of each finger of the flexions (words, 2, 5), shown and of the class, is subtracted first, so that a pose
+    that is the same at all words has no correlation. It sees hands that move a part of the way to a shape, where the
+    nearest shape is still that of a resting hand.
     """
     centred = flexions - flexions.mean(axis=0, keepdims=True)
     return correlation(centred.swapaxes(1, 2).reshape(-1, 2))
 
 
 def movement(wrists: np.ndarray, fps: float) -> tuple[float, float]:
-    """Measure amplitude and handedness of a motion, as they can be seen.
+    """Measure amplitude and handedness of a motion, as they can be seen, from positions (T, 2, 3) of the left and right
+    wrist.
 
-    Args:
-        wrists: (T, 2, 3) positions of the left and the right wrist in metres.
-
-    Returns:
-        Mean speed of the faster wrist in m/s, and (right - left) / (right + left) of the mean speeds, 0 at rest. (Of
-        simple measures of amplitude this one follows the style of the teacher of the Talk corpus best: r = 0.79.)
+    They are the mean speed of the faster wrist in m/s, and (right - left) / (right + left) of the mean speeds, 0 at
+    rest. (Of simple measures of amplitude this one follows the style of the teacher of the Talk corpus best: r = 0.79.)
     """
     speeds = np.linalg.norm(np.diff(wrists, axis=0), axis=-1) * fps
     left, right = speeds.mean(axis=0)
@@ -116,11 +104,8 @@ def gain(
 ) -> Estimate:
     """Compute a score less the chance level, with the standard error of the paired difference, by clip.
 
-    Args:
-        own: (clips, 4) rows of `strokes.Matches`.
-        mismatched: (k clips, 4) the same of k motions for other clips, clip by clip; without any the result is NaN.
-        clips: (clips,) ids of the clips.
-        statistic: `strokes.f1` or another function of such rows.
+    The rows (clips, 4) of `strokes.Matches` are compared with those (k clips, 4) of k motions for other clips, clip by
+    clip; without any the result is NaN. The statistic is a function of such rows.
     """
     if not len(mismatched):
         return Estimate(np.nan, np.nan)

@@ -30,14 +30,8 @@ def diversity(
     """Compute the mean distance between gestures of different recordings, in random draws of pairs (Tables 1 and 12).
 
     Pairs are unordered and distinct within a draw, and never of one recording, whose overlapping windows differ little.
-    All pairs are equally likely. Where there are no more than `num_pairs`, each draw has them all.
-
-    Args:
-        latents: (n, d) latent of each window.
-        recordings: (n,) label of the recording that each window is cut from.
-
-    Returns:
-        L1 and L2 distances, (num_draws,) each, in units of the latents.
+    All pairs are equally likely. Where there are no more than `num_pairs`, each draw has them all. The latents are (n,
+    d), the labels of their recordings (n,), and the L1 and L2 distances (num_draws,) each.
     """
     latents = np.asarray(latents, np.float64)
     _, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
@@ -60,14 +54,8 @@ def diversity(
 def multimodality(latents: np.ndarray, *, order: int = 1) -> float:
     """Compute the mean distance between the gestures that a method makes for one and the same speech, over all speech.
 
-    Unlike diversity it shows the variety for one input: 0 for a method without randomness.
-
-    Args:
-        latents: (inputs, samples, d) latents of several samples for each input.
-        order: 1 for L1 distances, 2 for L2.
-
-    Returns:
-        The mean over inputs and pairs of samples; NaN with fewer than two samples or no input.
+    Unlike diversity it shows the variety for one input: 0 for a method without randomness. The latents are (inputs,
+    samples, d), the distances L1, or L2 with `order` 2; NaN with fewer than two samples or no input.
     """
     latents = np.asarray(latents, np.float64)
     first, second = np.triu_indices(latents.shape[1], k=1)

@@ -84,12 +84,8 @@ def is_too_few(count: int, latent_dim: int) -> bool:
 def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
     """Compute the distances (num_draws,) between halves of a set, below which no FGD can be expected to fall.
 
-    Whole recordings go to either half, in random order until about half of the latents are dealt. NaN with fewer than
-    two recordings or where a half has fewer than two latents.
-
-    Args:
-        latents: (n, d) latents of real motion.
-        recordings: (n,) label of each latent's recording.
+    Whole recordings, the labels (n,) of the latents (n, d), go to either half, in random order until about half of the
+    latents are dealt. NaN with fewer than two recordings or where a half has fewer than two latents.
     """
     labels, members, sizes = np.unique(np.asarray(recordings), return_inverse=True, return_counts=True)
     if len(labels) < 2:

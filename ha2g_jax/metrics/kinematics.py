@@ -25,14 +25,10 @@ _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training
 
 
 def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
-    """Compute the mean length of the second difference of joint positions x fps^2 (GENEA's average acceleration).
+    """Compute the mean length of the second difference of joint positions (T, joints, 3) x fps^2 (GENEA).
 
-    Args:
-        positions: (T, joints, 3).
-        first_frame: first frame that is scored; those before it were given to the model.
-
-    Returns:
-        A number in units of the positions per s^2; NaN where fewer than 3 frames are scored.
+    It is in units of the positions per s^2; NaN where fewer than 3 frames are scored. Frames before `first_frame` were
+    given to the model.
     """
     return _mean_difference(positions, 2, fps, first_frame)
 
@@ -45,11 +41,7 @@ def jerk(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
 def l1_diversity(values: np.ndarray, *, first_frame: int = 4) -> float:
     """Compute the spread of a sequence around the mean, (1/T) sum_t sum_d |x_td - mean_t x_d| (Audio2Gestures, 2021).
 
-    Args:
-        values: (T, ...) positions or directions.
-
-    Returns:
-        A number in units of the values, 0 for motion that stands still; NaN without a scored frame.
+    It is in units of the values (T, ...), 0 for motion that stands still; NaN without a scored frame.
     """
     scored = np.asarray(values, np.float64)[first_frame:]
     scored = scored.reshape(len(scored), -1) if len(scored) else scored
@@ -103,13 +95,11 @@ def speed_edges(
 
 
 def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_frame: int = 4) -> np.ndarray:
-    """Count the speeds of each joint in one clip; the counts of clips add up.
+    """Count the speeds of each joint of one clip (T, joints, 3); the counts of clips add up.
 
-    Args:
-        edges: (bins,) or (joints, bins) ascending upper edges, each within its bin, in units of the positions a second.
-
-    Returns:
-        (joints, 1 + bins + 1) counts of standing still, of each bin, and of what lies beyond the last.
+    The edges, (bins,) or (joints, bins), are ascending upper edges, each within its bin, in units of the positions a
+    second. The counts (joints, 1 + bins + 1) are those of standing still, of each bin, and of what lies beyond the
+    last.
     """
     speeds = _speeds(positions, fps, first_frame)
     num_joints, num_bins = speeds.shape[1], edges.shape[-1]
@@ -124,11 +114,8 @@ def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_
 def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
     """Compute the mean over joints of the Hellinger distance sqrt(1 - sum_i sqrt(p_i q_i)) of speeds (GENEA).
 
-    Args:
-        counts, reference: (joints, 1 + bins + 1) sums of `speed_counts`.
-
-    Returns:
-        The distance; a joint that moves on neither side is left out. NaN where either side has no counts.
+    Both sides are sums (joints, 1 + bins + 1) of `speed_counts`. A joint that moves on neither side is left out. NaN
+    where either side has no counts.
     """
     # Standing still belongs to the first bin, which holds the slowest; it is counted apart only to find dead joints.
     parts = []
@@ -218,11 +205,8 @@ def training_limits(angles: np.ndarray) -> Limits:
 def violation_counts(angles: np.ndarray, limits: Limits, *, first_frame: int = SEED_FRAMES) -> np.ndarray:
     """Count the violations of one clip, from which the ratios of any set of clips follow.
 
-    Args:
-        angles: (T, pairs) radians, from `skeleton.joint_angles` of float64 directions.
-
-    Returns:
-        (2 + pairs,) numbers of frames, of frames with any angle outside, and of frames with each angle outside.
+    The angles (T, pairs) in radians are those of float64 directions. The counts (2 + pairs,) are numbers of frames, of
+    frames with any angle outside, and of frames with each angle outside.
     """
     scored = np.asarray(angles, np.float64)[first_frame:]
     is_outside = (scored < limits.low - _ROUNDING) | (scored > limits.high + _ROUNDING)

@@ -76,15 +76,10 @@ def legacy_feature_distance(generated: np.ndarray, real: np.ndarray) -> float:
 def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int | np.random.Generator) -> float:
     """Compute the diversity by the rules of the release: whole batches against whole batches.
 
-    The first 500 batches, in order, meet the first 500 of a random permutation of all batches, row by row. The value
-    depends on the batch size, and a batch may meet itself. The last, partial batch is dropped.
-
-    Args:
-        latents: (n, d) latents in the order of the loader.
-        seed: seed, or a generator whose `permutation(num_batches)` is the second order.
-
-    Returns:
-        Mean L1 distance over the rows; NaN without a whole batch.
+    The first 500 batches of the latents (n, d), in the order of the loader, meet the first 500 of a random permutation
+    of all batches, row by row. The value, the mean L1 distance over the rows, depends on the batch size, and a batch
+    may meet itself. The last, partial batch is dropped; NaN without a whole one. A generator may take the place of the
+    seed.
     """
     num_batches = len(latents) // batch_size
     if not num_batches:
@@ -195,10 +190,8 @@ def legacy_bc(
 
 
 def legacy_motion_beats(rate: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
-    """Return the times t / 15 of the frames t = 2 to 32 whose rate is below its neighbours, once by the threshold.
-
-    Args:
-        rate: (33,) rates of the changes from frame t - 1 to frame t = 1 to 33.
+    """Return the times t / 15 of the frames t = 2 to 32 whose rate (33,) is below its neighbours, once by the
+    threshold.
     """
     return (1 + low_samples(rate, threshold)) / FPS
 

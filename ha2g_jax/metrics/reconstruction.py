@@ -16,14 +16,9 @@ _RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repea
 
 
 def joint_mae(generated: np.ndarray, real: np.ndarray, *, first_frame: int = SEED_FRAMES) -> float:
-    """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates.
+    """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates (..., T, joints, 3).
 
-    Args:
-        generated, real: (..., T, joints, 3) positions.
-        first_frame: first frame that is scored; those before it were given to the model.
-
-    Returns:
-        The error in units of the positions; NaN where no frame is scored.
+    It is in units of the positions; NaN where no frame is scored. Frames before `first_frame` were given to the model.
     """
     return _mean_absolute(_difference(generated, real, first_frame))
 

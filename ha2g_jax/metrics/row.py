@@ -116,9 +116,7 @@ class Row(_Remembers):
 def mean_over_clips(row: Row, values: Sequence[float] | np.ndarray, weights: np.ndarray | None = None) -> Statistic:
     """Return the mean of one value of each motion of a row, for any draw of recordings.
 
-    Args:
-        values: (n,) values; NaN where a motion has none, which is left out.
-        weights: (n,) weights of the motions, such as `row.num_scored`; all alike by default.
+    A motion whose value is NaN is left out; the weights (n,), such as `row.num_scored`, are all alike by default.
     """
     return mean_by_recording(values, row.members, row.reference.num_recordings, weights)
 

@@ -27,15 +27,10 @@ SANITY_ROWS = (TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED)
 def rows(
     clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0, first_frame: int = 4
 ) -> dict[str, list[np.ndarray]]:
-    """Make the rows whose motion is made from the real one.
+    """Make the rows whose motion is made from the real one, clips of direction vectors (T, bones, 3).
 
-    Args:
-        clips: real direction vectors (T, bones, 3) of each clip.
-        mean_directions: (bones, 3) mean of the training motion; need not be of unit length.
-        first_frame: first frame that is not given to a model.
-
-    Returns:
-        Name of the row -> a motion (T, bones, 3) of unit vectors, float64, for each clip.
+    The mean directions (bones, 3) of the training motion need not be of unit length. Each row has a motion (T, bones,
+    3) of unit vectors, float64, for each clip. Frames before `first_frame` are given to a model.
     """
     spread = difference_spread(clips, first_frame=first_frame)
     rng = np.random.default_rng(seed)
@@ -70,9 +65,7 @@ def white_jitter(
 ) -> np.ndarray:
     """Return the mean pose plus N(0, s^2) per channel and frame, normalised again, as long as `directions`.
 
-    Args:
-        mean_directions: (bones, 3) mean pose.
-        spread: (bones, 3) standard deviations s from `difference_spread`.
+    The spread s (bones, 3) is that of `difference_spread`.
     """
     pose = mean_pose(directions, mean_directions)
     return normalize(pose + rng.standard_normal(pose.shape) * spread)
@@ -94,14 +87,8 @@ def derangement(
     """Choose for each clip a clip of another recording, whose speech is then mismatched with the motion.
 
     Among clips of equal length each is used once where no recording has more than half of them. A clip without another
-    of equal length from another recording gets the one of the nearest length, drawn where there are several.
-
-    Args:
-        recordings: (n,) recording of each clip; clips of one recording are never paired.
-        lengths: (n,) lengths of the clips; all equal by default.
-
-    Returns:
-        (n,) indices of the other clips.
+    of equal length from another recording gets the one of the nearest length, drawn where there are several. The
+    lengths are all equal by default; the result is the index (n,) of each other clip.
 
     Raises:
         UserError: all clips are of one recording.

@@ -76,16 +76,11 @@ def seam_score(
 
 
 def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_frame: int = 4) -> np.ndarray:
-    """Compute the greatest velocity and acceleration of each stretch of `width` frames.
+    """Compute the greatest velocity and acceleration of each stretch of `width` frames of directions (T, bones, 3).
 
     Velocity at t is the mean over bones of |d(t) - d(t-1)| fps, acceleration that of |d(t) - 2 d(t-1) + d(t-2)| fps^2.
-
-    Args:
-        directions: (T, bones, 3) unit direction vectors.
-        first_frame: stretches that look at a frame before it are undefined.
-
-    Returns:
-        (T, 2), row t the stretch [t, t + width); NaN where it is undefined or reaches past the end.
+    Row t of the result (T, 2) is the stretch [t, t + width); NaN where it looks at a frame before `first_frame` or
+    reaches past the end.
     """
     directions = np.asarray(directions, np.float64)
     rates = np.full((len(directions), 2), np.nan)
@@ -102,12 +97,8 @@ def stretch_jumps(directions: np.ndarray, fps: float, width: int = WIDTH, first_
 def border_groups(jumps: np.ndarray, borders: np.ndarray, width: int = WIDTH) -> list[np.ndarray]:
     """Return the jump at each border of a clip, then those of the insides, as many before the border as after it.
 
-    Args:
-        jumps: (T, 2) jumps from `stretch_jumps`.
-        borders: (k,) first frames of windows.
-
-    Returns:
-        An array (1 + insides, 2) for each border that is defined and has insides on both sides.
+    The jumps (T, 2) are those of `stretch_jumps`, the borders (k,) first frames of windows. There is an array (1 +
+    insides, 2) for each border that is defined and has insides on both sides.
     """
     defined = np.flatnonzero(np.logical_not(np.isnan(jumps).any(axis=1)))
     if not len(defined):

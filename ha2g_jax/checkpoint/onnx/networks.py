@@ -119,7 +119,10 @@ class Graph:
 
 
 def add_encoder(graph: Graph, encoder: AudioEncoder, params: Tree, stats: Tree, mel: str) -> list[str]:
-    """Add the encoder of a mel (B, 128, columns) in dB; return the names of f_low, f_mid and f_high, each (B, N, 32)."""
+    """Add the encoder of a mel (B, 128, columns) in dB to a graph.
+
+    The result has the names of f_low, f_mid and f_high, each (B, N, feature_dim).
+    """
     x = graph.add("Unsqueeze", mel, graph.constant([1]))
     x = graph.add("Add", graph.add("Div", x, graph.constant(MEL_RANGE)), graph.constant(1.0))  # D3
     kernel, bias = params["stem"]["conv"]["kernel"], params["stem"]["conv"]["bias"]

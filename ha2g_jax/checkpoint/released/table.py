@@ -105,7 +105,7 @@ def trimodal(config: Config, tensors: Mapping[str, Any]) -> list[Row]:
 
 
 def autoencoder(part: str, encoder: str, *, has_mean: bool) -> list[Row]:
-    """Return the rows of a pose auto-encoder; with `has_mean` a further linear map gives the latent, as on TED-Gesture."""
+    """Return the rows of a pose auto-encoder; a further linear map may give the latent, as on TED-Gesture."""
     rows = _rows(part, f"{encoder}.", "encoder", _pose_encoder(has_mean=has_mean))
     return rows + _rows(part, "decoder.", "decoder", _pose_decoder())
 

@@ -30,16 +30,10 @@ def huber(predictions: Sequence[jax.Array], targets: Sequence[jax.Array], delta:
         h(x) = x^2 / (2 delta)  for |x| <= delta
                |x| - delta / 2  otherwise
 
-    Each level counts equally, whatever its number of dimensions. D8: delta is 0.1, and the line has slope 1 (Huber's
-    function divided by delta, also called smooth L1). D14: the levels are added and not averaged, so that a weight is
-    that of one level, as in the public code, and the last level alone is fitted as strictly with 3 levels as with 6.
-
-    Args:
-        predictions, targets: H arrays (B, N, d^h) of mean-subtracted direction vectors.
-        delta: absolute difference at which the parabola becomes a line.
-
-    Returns:
-        () loss.
+    of H arrays (B, N, d^h) of mean-subtracted direction vectors. Each level counts equally, whatever its number of
+    dimensions. D8: delta is 0.1, and the line has slope 1 (Huber's function divided by delta, also called smooth L1).
+    D14: the levels are added and not averaged, so that a weight is that of one level, as in the public code, and the
+    last level alone is fitted as strictly with 3 levels as with 6.
     """
     levels = [jnp.mean(smooth_l1(p - t, delta)) for p, t in zip(predictions, targets, strict=True)]
     return jnp.sum(jnp.stack(levels))
@@ -52,14 +46,11 @@ def physical(angles: jax.Array, mean: jax.Array, variance: jax.Array) -> jax.Arr
 
     over the pairs j that move, including the normalising constant, so that the value may be negative. D13: rigid pairs
     are left out (`is_rigid`). Divided by a variance near 0, their gradient would be many times that of all other terms,
-    and the Huber term fits their bones anyway.
+    and the Huber term fits their bones anyway. If all pairs are rigid, it is 0.
 
     Args:
         angles: (B, N, pairs) angles of restored poses in units of pi (`skeleton.joint_angles` / pi).
         mean, variance: (pairs,) statistics of the training split in the same unit.
-
-    Returns:
-        () loss; 0 if all pairs are rigid.
     """
     is_moving = ~is_rigid(variance)
     variance = jnp.where(is_moving, variance, 1.0)
@@ -87,19 +78,11 @@ def style(
 
         - min(Huber(p(f_1), p(f_2)) / ||f_1 - f_2||_1, epsilon)
 
-    D15: the scale is that of the public code. Huber's function, divided by delta as in `huber`, is summed over frames
-    and dimensions; the distance of the styles is the mean over their values, which makes the term 18 times stronger
-    than their sum. No gradient passes through `other_poses` and the styles. If both the styles and the outputs are
-    equal, ratio and gradient are zero; if only the styles are equal, the ratio is clipped.
-
-    Args:
-        poses, other_poses: (B, N, pose_dim) outputs for the two styles.
-        f_id, other_f_id: (B, 18) styles.
-        delta: absolute difference at which the Huber distance becomes linear.
-        clip: epsilon.
-
-    Returns:
-        () loss.
+    of outputs (B, N, pose_dim) for two styles (B, 18), with `clip` for epsilon. D15: the scale is that of the public
+    code. Huber's function, divided by delta as in `huber`, is summed over frames and dimensions; the distance of the
+    styles is the mean over their values, which makes the term 18 times stronger than their sum. No gradient passes
+    through `other_poses` and the styles. If both the styles and the outputs are equal, ratio and gradient are zero; if
+    only the styles are equal, the ratio is clipped.
     """
     other_poses, f_id, other_f_id = jax.lax.stop_gradient((other_poses, f_id, other_f_id))
     distance = jnp.sum(smooth_l1(poses - other_poses, delta), axis=(1, 2))
@@ -112,14 +95,8 @@ def kld(mean: jax.Array, log_variance: jax.Array) -> jax.Array:
 
         -1/2 (1 + log s^2 - m^2 - s^2)
 
-    D16: the mean over the values, as in the public code, which the weight of 0.1 belongs to. With the sum of 18 values
-    at this weight all styles become the prior.
-
-    Args:
-        mean, log_variance: (B, 18) mean and log-variance of the Gaussians that the styles are drawn from.
-
-    Returns:
-        () loss.
+    for means m and log-variances log s^2 (B, 18). D16: the mean over the values, as in the public code, which the
+    weight of 0.1 belongs to. With the sum of 18 values at this weight all styles become the prior.
     """
     return jnp.mean(-0.5 * (1 + log_variance - mean**2 - jnp.exp(log_variance)))
 
@@ -137,17 +114,11 @@ def contrastive(
 
         - log( exp(sim(f_t, f_high) / tau) / sum_i sum_l exp(sim(f_t, f_l(i)) / tau) )
 
-    where sim is the cosine, i runs over all frames of all windows of the batch (including the positive) and l over the
-    three levels. The sum is computed in blocks of candidates, forward and backward, so that the memory grows with B N
-    and not with its square. A zero vector, which silence may cause, has cosine 0.
-
-    Args:
-        text, low, mid, high: (B, N, 32) features aligned in time.
-        temperature: tau.
-        negatives: levels l of the sum; two rows of Table 3 leave some out. The positive is always part of the sum.
-
-    Returns:
-        () loss.
+    of features (B, N, 32) aligned in time, where sim is the cosine, i runs over all frames of all windows of the batch
+    (including the positive) and l over the three levels. The sum is computed in blocks of candidates, forward and
+    backward, so that the memory grows with B N and not with its square. A zero vector, which silence may cause, has
+    cosine 0. `negatives` are the levels l of the sum; two rows of Table 3 leave some out. The positive is always part
+    of the sum.
     """
     dim = text.shape[-1]
     text, low, mid, high = (_unit(features.reshape(-1, dim)) for features in (text, low, mid, high))

@@ -183,15 +183,7 @@ class ReleaseHA2G(nn.Module):
     def infer(
         self, features: SpeechFeatures, f_id: jax.Array, seed: jax.Array, *, train: bool
     ) -> tuple[jax.Array, ...]:
-        """Pose inferer, coarse to fine.
-
-        Args:
-            f_id: (B, 16 (1 + H)) identity, sampled or the mean.
-            seed: (B, M, pose_dim) true poses of the first M frames, mean-subtracted.
-
-        Returns:
-            Per level (B, N, d^h), mean-subtracted, the seed frames predicted as well.
-        """
+        """Pose inferer, coarse to fine, as `model.HA2G.infer`; the identity f_id is (B, 16 (1 + H))."""
         low, mid, high, texts = features
         blended = jnp.einsum("blh,blnf->hbnf", self.coordinate(f_id), jnp.stack([low, mid, high], axis=1))  # Eq. 3
         styles = jnp.split(f_id[:, self.identity.feature_dim :], len(self.level_channels), axis=-1)

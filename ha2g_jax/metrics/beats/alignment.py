@@ -73,12 +73,9 @@ class Times(NamedTuple):
 
 
 def align(clips: Sequence[Clip], *, sigma: float = SIGMA) -> Alignment:
-    """Compute recall, precision and F of each clip with its own sound.
+    """Compute recall, precision and F of each clip with its own sound, by the kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
 
     A clip with onsets and no motion beats scores 0. A clip without onsets is silent and not scored.
-
-    Args:
-        sigma: width in seconds of the kernel exp(-d^2 / (2 sigma^2)) (Eq. 11).
     """
     seconds = durations(clips)
     return score(inside(clips, "beats"), inside(clips, "onsets"), seconds, sigma)
@@ -127,13 +124,11 @@ def _kernel_sums(times: Times, others: Times, sigma: float) -> np.ndarray:
 def partners(
     clips: Sequence[Clip], recordings: Sequence[str | int] | np.ndarray, *, num: int = 5, seed: int = 0
 ) -> np.ndarray:
-    """Draw other clips for each clip from those with sound, of another recording, that last as long.
+    """Draw `num` other clips for each clip from those with sound, of another recording (n,), that last as long.
 
     A clip is drawn once at most. Where fewer than `num` last as long, the longest of the shorter ones make up for them.
-    The draw does not depend on the motion, so methods that are compared on the same clips get the same partners.
-
-    Returns:
-        (n, num) indices of clips, -1 where there are fewer of another recording.
+    The draw does not depend on the motion, so methods that are compared on the same clips get the same partners. The
+    result (n, num) has the indices of clips, -1 where there are fewer of another recording.
     """
     rng = np.random.default_rng(seed)
     _, codes = np.unique(np.asarray(recordings), return_inverse=True)
@@ -168,13 +163,9 @@ def mismatched(
     """Compute the F of each clip (n,) with the sound of other clips, as the mean over `num` of them.
 
     The other clips are of another recording, have sound, and last as long or longer, cut to the clip's length (where
-    there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean.
-
-    Args:
-        seed: seed of the draw, which also depends on the times and onsets of the clips, not on the motion.
-
-    Returns:
-        (n,) values, NaN where there is no sound of another recording.
+    there are too few, a shorter one is repeated). Those that are silent for that length are left out of the mean; NaN
+    where there is no sound of another recording. The draw also depends on the times and onsets of the clips, not on the
+    motion.
     """
     return with_partners(clips, partners(clips, recordings, num=num, seed=seed), sigma=sigma)
 

@@ -144,10 +144,7 @@ class Beat2Row:
 def beat_consistency(joints: np.ndarray, onsets: np.ndarray, speeds: np.ndarray) -> float:
     """Compute BC of a sequence by EMAGE: `beat_align` without the first and the last 2 seconds.
 
-    Args:
-        joints: (T, 13, 3) metres of the joints of `UPPER_BODY`.
-        onsets: (n,) seconds.
-        speeds: (13,) mean speeds over the data set.
+    The joints (T, 13, 3) in metres and their mean speeds (13,) over the data set are those of `UPPER_BODY`.
     """
     return beat_align(joints[: len(joints) - EDGE], onsets, speeds, FPS, first_frame=EDGE)
 

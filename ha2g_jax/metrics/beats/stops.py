@@ -36,11 +36,8 @@ def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.nda
 
         sum_s sum_t |theta_j,s(t + 1) - theta_j,s(t)| / sum_s (T_s - 1)
 
-    Args:
-        clips: direction vectors (T, bones, 3) of each clip, of any positive length; clips may differ in T.
-
-    Returns:
-        (pairs,) over pi and per frame, at the fps of the clips; 0 where no clip has two frames.
+    of clips (T, bones, 3) of any positive length that may differ in T. It is (pairs,) over pi and per frame, at the fps
+    of the clips; 0 where no clip has two frames.
     """
     total, count = np.zeros(len(skeleton.angle_pairs)), 0
     for changes in _changes(skeleton, clips):
@@ -147,15 +144,12 @@ def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
 def stop_beats(
     rate: np.ndarray, fps: float, first_frame: int = FIRST_FRAME, threshold: float = THRESHOLD
 ) -> np.ndarray:
-    """Return the times in seconds, (n,), at which a motion stops: the local minima of its angle change rate.
+    """Return the times in seconds, (n,), at which a motion stops: the local minima of its angle change rate (T - 1,).
 
-    The rate rises on both sides, to the nearest local maximum there, by at least the threshold. A parabola through the
-    minimum and its neighbours places it between frames. Minima are strict, but for two equal samples, as a stop right
-    on a frame makes them. A pose held without any change for longer is no motion beat.
-
-    Args:
-        rate: (T - 1,) angle change rate of the whole motion.
-        threshold: least rise; the rate has no unit and is about 1 on average.
+    The rate, which is about 1 on average, rises on both sides, to the nearest local maximum there, by at least the
+    threshold. A parabola through the minimum and its neighbours places it between frames. Minima are strict, but for
+    two equal samples, as a stop right on a frame makes them. A pose held without any change for longer is no motion
+    beat. Only frames from `first_frame` on are looked at.
     """
     times, _, rise = find_stops([rate], fps, first_frame)
     return times[rise >= threshold]
@@ -169,13 +163,10 @@ def make_clips(
     first_frame: int = FIRST_FRAME,
     threshold: float = THRESHOLD,
 ) -> list[Clip]:
-    """Find the motion beats of all clips at once, in the frames from first_frame to T - 1.
+    """Find the motion beats of all clips at once, in the frames from first_frame to T - 1, as `stop_beats` does.
 
-    Args:
-        rates: (T - 1,) rate of each clip, from `angle_change_rates`.
-        onsets: (k,) onsets of each clip in seconds from frame 0.
-        fps: frames per second, of all clips or (n,).
-        first_frame, threshold: as for `stop_beats`.
+    The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0, and fps is one of
+    all clips or (n,).
     """
     times, owners, rise = find_stops(rates, fps, first_frame)
     is_beat = rise >= threshold
@@ -217,11 +208,8 @@ def consistency(
 ) -> Alignment:
     """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
 
-    Args:
-        rates: (T - 1,) angle change rate of each clip, from `angle_change_rates`.
-        onsets: (k,) onsets of each clip in seconds from frame 0.
-        fps: frames per second, of all clips or (n,).
-        threshold: least rise of the rate to the next frame, on either side of a motion beat.
+    The arguments are those of `make_clips`, but the threshold is the least rise of the rate to the next frame, on
+    either side of a motion beat.
     """
     clips = []
     for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):

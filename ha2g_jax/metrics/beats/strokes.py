@@ -72,13 +72,10 @@ def stroke_beats(positions: np.ndarray, fps: float, rise: float = RISE) -> np.nd
 
 
 def match(strokes: np.ndarray, causes: np.ndarray, beats: np.ndarray, tolerance: float = TOLERANCE) -> Matches:
-    """Count the strokes and motion beats of one clip that meet.
+    """Count the strokes and motion beats of one clip that meet, at most `tolerance` seconds apart.
 
-    Args:
-        strokes: (n,) ascending times in seconds of the strokes to be found.
-        causes: (m,) ascending times in seconds of all true movements that may cause a beat, strokes among them.
-        beats: (k,) ascending times in seconds of the motion beats.
-        tolerance: greatest distance of a pair in seconds.
+    All times are ascending, in seconds: of the strokes to be found, of all true movements that may cause a beat,
+    strokes among them, and of the motion beats.
     """
     met, known = (matched_pairs(times, beats, tolerance) for times in (strokes, causes))
     return Matches(len(strokes), met, len(beats), known)
@@ -141,8 +138,7 @@ def kernels(
 ) -> Kernels:
     """Sum the kernel exp(-d^2 / (2 sigma^2)) of the distance d to the nearest on the other side, from start to end.
 
-    Args:
-        onset_times, beats: (n,) and (m,) times in seconds; the nearest may lie outside of start and end.
+    The times (n,) and (m,), the bounds and sigma are in seconds; the nearest may lie outside of start and end.
     """
     onset_times, beats = np.sort(onset_times), np.sort(beats)
     counts, sums = [], []
@@ -179,14 +175,10 @@ class RecordingRow(NamedTuple):
 
 
 def recording_row(audio: np.ndarray, wrists: np.ndarray, fps: float, first_frame: int = 4) -> RecordingRow:
-    """Compare the strokes of the hands with the onsets of a recording and of its shifts.
+    """Compare the strokes of the hands with the onsets of a recording (samples,) at 16 kHz and of its shifts.
 
     The mismatched sound is the recording itself, rotated in time by 4, 6, 8, ... seconds: the rhythm is the same, the
-    onsets are elsewhere.
-
-    Args:
-        audio: (samples,) sound at 16 kHz.
-        wrists: (T, 2, 3) positions of the wrists in metres, y down.
+    onsets are elsewhere. The wrists are (T, 2, 3) in metres, y down; `first_frame` is the first that is scored.
     """
     start, end = first_frame / fps, min(len(audio) / ONSET_RATE, len(wrists) / fps)
     onsets, moves = (x[(x >= start) & (x < end)] for x in (audio_onsets(audio, end), stroke_beats(wrists, fps)))

@@ -199,11 +199,8 @@ class Sweep(NamedTuple):
 
 
 def summary(alignment: Alignment, floor: np.ndarray) -> Summary:
-    """Compute means over clips, pooled values, counts and rates.
-
-    Args:
-        alignment: alignment of n clips.
-        floor: (n,) F of the clips with mismatched speech. The number to report is the mean of `alignment.f - floor`.
+    """Compute means over clips, pooled values, counts and rates of an alignment of n clips and their F (n,) with
+    mismatched speech.
     """
     is_silent = alignment.is_silent
     used, silent = alignment.take(~is_silent), alignment.take(is_silent)
@@ -243,10 +240,7 @@ def sweep(
 ) -> Sweep:
     """Compute BC (Figure 3), and F with the own and with mismatched speech, for a range of thresholds.
 
-    Args:
-        rates, onsets, fps, first_frame: arguments of `make_clips`.
-        recordings, num, seed: arguments of `mismatched`; the other clips are the same for all thresholds.
-        thresholds: (k,) least rises of the angle change rate on both sides of a motion beat.
+    The arguments are those of `make_clips` and `mismatched`; the other clips are the same for all thresholds.
     """
     others, paper, own, floor, summaries = None, [], [], [], []
     for threshold in thresholds:
