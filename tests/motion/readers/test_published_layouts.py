@@ -60,10 +60,8 @@ def _segments():
     return [{"start": 0.1, "end": SECONDS - 0.4, "transcript": "hands " * SECONDS, "words": words}]
 
 
-@pytest.fixture
-def seamless(poses, tmp_path):
-    """A folder of Seamless Interaction with a person whom a camera saw: y down, centimetres."""
-    folder, name = tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005", SEAMLESS
+def write_seamless(folder, poses, name=SEAMLESS):
+    """Write a person whom a camera saw: y down, centimetres."""
     _sound(folder / f"{name}.wav")
     turned = poses.copy()
     turned[:, 0] = (Rotation.from_rotvec([np.pi, 0, 0]) * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
@@ -81,13 +79,10 @@ def seamless(poses, tmp_path):
     )
     content = {"id": name, "metadata:transcript": _segments(), "metadata:vad": [{"start": 0.1, "end": 11}]}
     (folder / f"{name}.json").write_text(json.dumps(content))
-    return tmp_path / "seamless"
 
 
-@pytest.fixture
-def embody(poses, tmp_path):
-    """A folder of Embody 3D with a capture of two people, of whom the second has no audio."""
-    section = tmp_path / "datasets" / "acting"
+def write_embody(section, poses, people=("BWW760", "DXG448"), silent=("DXG448",)):
+    """Write a capture of some people, of whom some have no audio."""
     arrays = {
         "body_pose": poses[:, 1:22].reshape(FRAMES, -1),
         "global_orient": poses[:, 0],
@@ -96,14 +91,27 @@ def embody(poses, tmp_path):
         "transl": np.linspace([0, 0, 0], [0.1, 0, 0], FRAMES),
         "betas": np.zeros((FRAMES, 300)),
     }
-    for person in ("BWW760", "DXG448"):
+    for person in people:
         folder = section / CAPTURE / person
         for name, array in [*((f"smplx_mesh_{name}", array) for name, array in arrays.items()), ("missing", _good())]:
             (folder / name).mkdir(parents=True)
             np.save(folder / name / f"{CAPTURE}.npy", array)
-        if person == "BWW760":
+        if person not in silent:
             _sound(folder / "separated_audio" / f"{CAPTURE}.wav")
     (section / "dataset.json").write_text("{}")
+
+
+@pytest.fixture
+def seamless(poses, tmp_path):
+    """A folder of Seamless Interaction."""
+    write_seamless(tmp_path / "seamless" / "improvised" / "dev" / "0000" / "0005", poses)
+    return tmp_path / "seamless"
+
+
+@pytest.fixture
+def embody(poses, tmp_path):
+    """A folder of Embody 3D."""
+    write_embody(tmp_path / "datasets" / "acting", poses)
     return tmp_path / "datasets"
 
 
