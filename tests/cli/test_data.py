@@ -97,13 +97,3 @@ def test_the_folder_that_one_is_in_is_inspected(private_data, tmp_path, capsys, 
     monkeypatch.chdir(tmp_path / "ted")
     assert run("inspect", ".", "--samples", "0") == 0
     assert (tmp_path / "ted.html").exists()
-
-
-def test_corpora_of_two_skeletons_are_not_merged(private_data, tmp_path, capsys):
-    for name in ("gesture", "expressive"):
-        assert run("import-ted", private_data / "ted_format" / name, tmp_path / name) == 0
-    capsys.readouterr()
-    assert run("merge", tmp_path / "gesture", tmp_path / "expressive", tmp_path / "both") == 2
-    error = capsys.readouterr().err
-    assert "ted_gesture" in error and "ted_expressive" in error and error.count("\n") == 1
-    assert not (tmp_path / "both").exists()

@@ -140,13 +140,3 @@ def test_a_mistake_is_one_line_and_leaves_nothing(files, tmp_path, name):
     assert what in str(error.value)
     assert "\n" not in str(error.value)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
-
-
-def test_the_real_speech_makes_a_strip_with_its_words(private_data, tmp_path):
-    """A transcript and a length as people have them."""
-    folder = private_data / "zeroeggs_067"
-    skeleton = load_skeleton("ted_expressive")
-    turning = skeleton.mean_directions + np.random.default_rng(0).normal(0, 0.1, (1032, 42, 3)).cumsum(axis=0) / 30
-    Motion.from_directions(skeleton, turning, 15).save(tmp_path / "m.npz")
-    run("export", tmp_path / "m.npz", "--words", folder / "words.tsv", "-o", tmp_path / "s.svg", "--count", 4)
-    assert (tmp_path / "s.svg").read_text().count("<tspan") > 8

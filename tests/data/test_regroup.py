@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from fixtures.corpora import edit, make_clip, write_corpus
+from fixtures.corpora import make_clip, write_corpus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -137,12 +137,6 @@ def test_what_does_not_fit_is_refused(corpora, tmp_path):
     with pytest.raises(UserError, match="exists already"):
         regroup.merge(corpora, corpora[0])
     assert not (tmp_path / "all").exists()
-
-
-def test_a_damaged_import_report(corpora, tmp_path):
-    edit(corpora[0], lambda data: data.update({"import": {"train": {"kilos": 3}}}))
-    with pytest.raises(UserError, match="damaged import report"):
-        regroup.merge(corpora, tmp_path / "all")
 
 
 SKELETON = load_skeleton("ted_gesture")

@@ -60,10 +60,6 @@ def test_talk_is_well(tiny_talk):
     assert validation.examine(tiny_talk) == ([], [])
 
 
-def test_a_sound_corpus_with_an_empty_split_is_well(tmp_path):
-    assert validation.examine(write(tmp_path / "corpus", train=[plausible("a"), plausible("b")], val=[])) == ([], [])
-
-
 CLIP = plausible("bad")
 BENT = CLIP.positions.copy()
 BENT[7, 3, 1] = np.nan
@@ -197,12 +193,3 @@ def test_positions_of_another_skeleton(tmp_path):
     bent = plausible("bent", positions=CLIP.positions[:, :5], confidence=None)
     path = write(tmp_path / "corpus", val=[plausible("a"), bent])
     assert "positions of shape (45, 5, 3), expected (T, 10, 3)" in validation.validate(path)[0]
-
-
-def test_what_cannot_be_examined(tmp_path):
-    with pytest.raises(UserError, match="no corpus in"):
-        validation.validate(tmp_path)
-    path = write(tmp_path / "corpus", train=[plausible("a")])
-    edit(path, lambda data: data.update(fps=0))
-    with pytest.raises(UserError, match="fps is 0"):
-        validation.validate(path)

@@ -101,10 +101,6 @@ def test_what_cannot_be_scored():
         frechet.moments(rows)
 
 
-def test_too_few_is_below_ten_samples_a_dimension():
-    assert frechet.is_too_few(319, 32) and not frechet.is_too_few(320, 32)
-
-
 def test_floor_compares_halves_of_disjoint_sources():
     """Protects the split by source: with every source at its own place, a split by window would be near zero."""
     sources = np.repeat([f"talk {i}" for i in range(8)], 25)

@@ -24,11 +24,6 @@ def test_no_two_columns_of_a_section_have_one_heading():
         assert headings and len(set(headings)) == len(headings)
 
 
-def test_a_heading_has_the_unit():
-    headings = {name: metrics.METRICS[name].heading for name in ("beats_per_second", "acceleration", "beat_f")}
-    assert headings == {"beats_per_second": "beats/s", "acceleration": "acc. m/s²", "beat_f": "F"}
-
-
 def test_a_name_that_is_not_registered_is_an_error():
     assert metrics.lookup("fgd").title == "FGD"
     with pytest.raises(UserError, match="no metric is registered as 'hand_speed'; add it to _REGISTERED"):

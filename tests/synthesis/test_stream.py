@@ -241,11 +241,8 @@ BAD_ARGUMENTS = {
     "long hop": ({"hop": 28}, "the hop is 28"),
     "hop": ({"hop": 1.0}, "the hop is 1.0"),
     "reference": ({"reference": float("nan")}, "0 dB is nan"),
-    "speaker": ({"style": Style(speaker="eve")}, "expected one of: ada, ben"),
-    "seed": ({"seed": -1}, "negative"),
     "pins": ({"controls": Controls(pins=(Pin(1, 2),))}, "pins are at times of a whole motion"),
     "mutes": ({"controls": Controls(mutes=(Span(1, 2),))}, "mutes are .* set `muted`"),
-    "energy": ({"controls": Controls(energy=3)}, "the energy is 3"),
 }
 
 
