@@ -5,8 +5,6 @@ the clips. Therefore a checkpoint stores only the number of batches taken.
 """
 
 import functools
-import multiprocessing
-import os
 import pathlib
 import shutil
 import signal
@@ -20,6 +18,7 @@ import numpy as np
 from absl import flags
 
 from ha2g_jax.data.augment import Augmentation, augment
+from ha2g_jax.data.processes import end_with_parent
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 
@@ -165,12 +164,4 @@ def _stop_signals_blocked() -> Iterator[None]:
 
 def _start_worker(index: int, count: int) -> None:
     """Start the watch over the parent, as the first thing in each worker."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this worker when its parent was killed, which would otherwise leave it waiting for ever."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(0)
+    threading.Thread(target=end_with_parent, daemon=True).start()

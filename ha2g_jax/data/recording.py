@@ -160,18 +160,13 @@ def choose_windows(
 ) -> WindowChoice:
     """Apply the filters to the windows of a clip; the verdict on a window is the first filter that it fails.
 
-    The filters in order: too few words, then as in the TED data (HA2G, Appendix A) pose, spine angle and motion.
+    The filters in order: too few words, then as in the TED data (HA2G, Appendix A) pose, spine angle and motion. Length
+    and stride of windows are at 15 fps; at other rates they take as much time. A clip shorter than a window has none.
 
     Args:
         positions: (T, joints, 3) in metres, y down, finite; not recentred.
-        words: in the clock of `start_time`. Without any, `min_words` drops every window: importers that have no
-            transcript switch it off.
-        skeleton: gives the joints and, for the distance from it, the mean pose.
-        start_time: time of the first frame in the clock of the words, in seconds.
-        filters: the filters, and the length and stride of windows at 15 fps; at other rates they take as much time.
-
-    Returns:
-        The windows; none if the clip is shorter than a window.
+        words: in the clock of `start_time`, the time of the first frame in seconds. Without any, `min_words` drops
+            every window: importers that have no transcript switch it off.
     """
     length, stride = (frames_at(frames, fps) for frames in (filters.num_frames, filters.stride))
     filters = filters._replace(num_frames=length, stride=stride)
@@ -274,15 +269,11 @@ def to_clips(
     max_seconds: float = MAX_SECONDS,
     first: int = 0,
 ) -> tuple[list[Clip], SplitReport]:
-    """Cut a recording into clips at its longest pauses, and keep the clips that have a window.
+    """Cut a recording, up to the end of its motion or audio, into clips at its longest pauses, and keep those with a
+    window.
 
-    Args:
-        recording: recording, used up to the end of the shorter of its motion and its audio.
-        skeleton, fps: those of the positions.
-        first: number of the first clip, for a recording of several shots; clips are named NAME-NUMBER.
-
-    Returns:
-        The clips in order of time, and the counts of one recording. The numbers of clips that are left out stay unused.
+    The clips, in order of time, are named NAME-NUMBER from number `first` on, for a recording of several shots; the
+    numbers of clips that are left out stay unused. With them come the counts of one recording.
     """
     num_frames = min(len(recording.positions), int(len(recording.audio) / SAMPLE_RATE * fps + 0.5))
     pieces = _pieces(recording.words, 0, num_frames, fps, max_seconds * fps)

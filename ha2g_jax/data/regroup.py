@@ -35,18 +35,15 @@ _NEAR = 0.005  # tolerance of the duration of a split, as a fraction of the whol
 
 
 def merge(paths: Sequence[str | os.PathLike], dst: str | os.PathLike, *, same_speakers: bool = False) -> None:
-    """Write the clips of several corpora into one, split by split, in the order of the paths.
+    """Write the clips of at least two corpora into one, split by split, in the order of the paths.
 
     Names of clips and recordings that occur in more than one corpus are prefixed with the name of the corpus' folder.
-    So are names of speakers, because the same name in two corpora most often means two people. Two people mistaken for
-    one would get a mixed style, while one person mistaken for two only has less data for each.
+    So are names of speakers unless `same_speakers`, because the same name in two corpora most often means two people.
+    Two people mistaken for one would get a mixed style, while one person mistaken for two only has less data for each.
 
     The description joins the distinct sources, states the licence of each corpus, adds up the import reports, and keeps
     the other entries of each corpus under "merged". Statistics and vocabulary are those of the new training split.
-
-    Args:
-        paths: folders of at least two corpora.
-        dst: folder to make; nothing is left of it if the work is interrupted.
+    Nothing is left of `dst` if the work is interrupted.
 
     Raises:
         UserError: `dst` exists, there are fewer than two corpora or one is given twice, a corpus cannot be read, or
@@ -213,14 +210,9 @@ def divide(
 ) -> None:
     """Write the clips of all splits of a corpus into new splits.
 
-    A recording is never divided; with `by="speaker"` no speaker is in two splits. Durations match the fractions as
-    closely as whole recordings or speakers allow. The result depends only on the seed, the durations and the names.
-
-    Args:
-        src: folder of the corpus.
-        dst: folder to make; nothing is left of it if the work is interrupted.
-        by: unit that is never divided, "recording" or "speaker".
-        fractions: fraction of the whole duration by name of the split, in any unit; a split with 0 is left out.
+    A recording is never divided; with `by="speaker"` no speaker is in two splits. Durations match the fractions, in any
+    unit, as closely as whole recordings or speakers allow; a split with 0 is left out. The result depends only on the
+    seed, the durations and the names. Nothing is left of `dst` if the work is interrupted.
 
     Raises:
         UserError: `dst` exists, `src` cannot be read, there are fewer recordings or speakers than splits, or the

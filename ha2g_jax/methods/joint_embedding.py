@@ -76,10 +76,8 @@ class JointEmbedding(nn.Module):
     """Speech audio, its words and M seed poses to N poses, by way of one latent a window.
 
     Every method can be the `method=` of `apply`. Poses are flat, mean-subtracted direction vectors (D1). All methods
-    use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training.
-
-    Attributes:
-        context_dim, context_layers: of the GRU that reads the speech features.
+    use "batch_stats"; `encode_speech`, `decode` and `infer` draw from the stream "dropout" in training. `context_dim`
+    and `context_layers` are of the GRU that reads the speech features.
     """
 
     audio: WaveformEncoder

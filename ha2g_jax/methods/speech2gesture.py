@@ -64,10 +64,8 @@ def lay_on_frames(x: jax.Array, num_frames: int, *, swapped: bool = False) -> ja
 
 
 class SpectrogramEncoder(nn.Module):
-    """The two-dimensional part: frequencies are drawn together, time is laid on frames.
-
-    Attributes:
-        channels: of the stages, each of which halves both axes.
+    """The two-dimensional part: frequencies are drawn together, each stage halves both axes, and time is laid on
+    frames.
     """
 
     channels: tuple[int, ...]
@@ -89,11 +87,7 @@ class SpectrogramEncoder(nn.Module):
 
 
 class UNet(nn.Module):
-    """The one-dimensional part: frames are halved a few times and doubled again, with sums across.
-
-    Attributes:
-        downs: how often frames are halved.
-    """
+    """The one-dimensional part: frames are halved `downs` times and doubled again, with sums across."""
 
     channels: int
     downs: int
@@ -116,13 +110,8 @@ class UNet(nn.Module):
 class Speech2Gesture(nn.Module):
     """The mel of a window and M seed poses to N poses; neither words nor identity.
 
-    Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats".
-
-    Attributes:
-        audio_channels: of the stages on the spectrogram.
-        channels: of every block on frames.
-        downs: how often the U-Net halves the frames.
-        swapped_axes: whether frequency lies on the frames, as in the published comparison; see `lay_on_frames`.
+    Poses are flat, mean-subtracted direction vectors (D1). Both methods use "batch_stats". The stages on the
+    spectrogram have `audio_channels`, blocks on frames `channels`; for `swapped_axes` see `lay_on_frames`.
     """
 
     pose_dim: int

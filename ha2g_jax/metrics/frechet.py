@@ -108,17 +108,10 @@ def extrapolate(
     """Estimate the distance of sets without end, as the intercept of a line through FGD against 1/n.
 
     Chong and Forsyth 2020 (FID infinity): the bias of the distance falls as 1/n, so that it can be read off subsets of
-    several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the smaller set.
-    The bias that comes of few recordings stays. May be slightly negative.
-
-    Args:
-        generated: (n, d) latents.
-        real: (m, d) latents; where m = n, both sets lose the same rows, as they may be two motions to one speech.
-        num_sizes: number of sizes, at least 2.
-        num_draws: number of lines, each through its own random subsets, of which the mean intercept is returned.
-
-    Returns:
-        The intercept in squared units of the latents; NaN with fewer than 4 latents in a set.
+    several sizes n, evenly spaced from a tenth (but at least 2 d, and at most a half) to the whole of the smaller set
+    of latents (n, d) and (m, d). Where m = n, both sets lose the same rows, as they may be two motions to one speech.
+    The mean intercept of lines through random subsets is returned. The bias that comes of few recordings stays. May be
+    slightly negative; NaN with fewer than 4 latents in a set.
     """
     generated, real = np.asarray(generated), np.asarray(real)
     most = min(len(generated), len(real))

@@ -186,13 +186,11 @@ class Violations(NamedTuple):
     Attributes:
         mean: ratio of frames with an angle outside of its limits, mean over angles.
         worst: the same ratio of the angle that is outside most often.
-        worst_pair: index of that angle.
         any: ratio of frames with any angle outside.
     """
 
     mean: float
     worst: float
-    worst_pair: int
     any: float
 
 
@@ -217,10 +215,9 @@ def violations(counts: np.ndarray) -> Violations:
     """Return the violations of clips from the sum (2 + pairs,) of their `violation_counts`."""
     frames, any_outside, *outside = counts
     if not frames:
-        return Violations(np.nan, np.nan, 0, np.nan)
+        return Violations(np.nan, np.nan, np.nan)
     each = np.array(outside) / frames
-    worst = int(each.argmax())
-    return Violations(float(each.mean()), float(each[worst]), worst, float(any_outside / frames))
+    return Violations(float(each.mean()), float(each.max()), float(any_outside / frames))
 
 
 def _usual_limits(reference: Reference) -> Limits:

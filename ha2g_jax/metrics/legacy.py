@@ -16,7 +16,7 @@ from ha2g_jax.features.audio import window_samples
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats.stops import angle_change_rates, low_samples
 from ha2g_jax.metrics.beats.times import detect_onsets, kernel, nearest
-from ha2g_jax.metrics.metric import LEGACY, Metric
+from ha2g_jax.metrics.metric import LEGACY, Direction, Metric
 from ha2g_jax.metrics.row import Cut, Reference, Row, cut_windows, places
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
@@ -282,34 +282,21 @@ def _error(name: str) -> Callable[[Row], float | None]:
     return measure
 
 
+def _metric(name: str, title: str, direction: Direction, digits: int, measure: Callable, unit: str = "") -> Metric:
+    return Metric(f"legacy_{name}", title, unit, direction, LEGACY, digits, measure, "legacy_v1")
+
+
+_fgd = _latent_score(lambda own, true, seed: legacy_distance(_whole(own), _whole(true)))
+_diversity = _latent_score(lambda own, true, seed: legacy_diversity(own, BATCH, seed))
+
 LEGACY_METRICS = (
-    Metric(
-        "legacy_fgd",
-        "FGD",
-        "",
-        "lower",
-        LEGACY,
-        3,
-        _latent_score(lambda own, true, seed: legacy_distance(_whole(own), _whole(true))),
-        "legacy_v1",
-    ),
-    Metric(
-        "legacy_feature_distance", "feature L1", "", "lower", LEGACY, 3, _latent_score(_feature_distance), "legacy_v1"
-    ),
-    Metric("legacy_bc_paper", "BC paper", "", "higher", LEGACY, 3, _beat_consistency("paper"), "legacy_v1"),
-    Metric("legacy_bc_fixed", "BC fixed", "", "higher", LEGACY, 3, _beat_consistency("fixed"), "legacy_v1"),
-    Metric(
-        "legacy_diversity",
-        "Diversity",
-        "",
-        "higher",
-        LEGACY,
-        2,
-        _latent_score(lambda own, true, seed: legacy_diversity(own, BATCH, seed)),
-        "legacy_v1",
-    ),
-    Metric("legacy_joint_mae", "joint MAE", "m", "lower", LEGACY, 4, _error("joint_mae"), "legacy_v1"),
-    Metric("legacy_acceleration", "acc. error", "m/frame²", "lower", LEGACY, 4, _error("acceleration"), "legacy_v1"),
+    _metric("fgd", "FGD", "lower", 3, _fgd),
+    _metric("feature_distance", "feature L1", "lower", 3, _latent_score(_feature_distance)),
+    _metric("bc_paper", "BC paper", "higher", 3, _beat_consistency("paper")),
+    _metric("bc_fixed", "BC fixed", "higher", 3, _beat_consistency("fixed")),
+    _metric("diversity", "Diversity", "higher", 2, _diversity),
+    _metric("joint_mae", "joint MAE", "lower", 4, _error("joint_mae"), "m"),
+    _metric("acceleration", "acc. error", "lower", 4, _error("acceleration"), "m/frame²"),
 )
 
 

@@ -103,14 +103,12 @@ def detect_onsets(audio: np.ndarray) -> np.ndarray:
 
 
 def audio_onsets(audio: np.ndarray, duration: float) -> np.ndarray:
-    """Return the times in seconds, (n,), of the onsets of a clip's sound, without those of silence.
+    """Return the times in seconds, (n,), of the onsets of a clip's sound (samples,) at 16 kHz, without those of
+    silence.
 
-    There are none where the sound stays under -60 dB: the root mean square of 64 ms, re full scale. This is much slower
-    than all scores together and depends on the sound alone: find the onsets once per clip and keep them.
-
-    Args:
-        audio: (samples,) at 16 kHz.
-        duration: length of the motion in seconds; later sound is left out.
+    There are none where the sound stays under -60 dB: the root mean square of 64 ms, re full scale. Sound after the
+    duration of the motion in seconds is left out. This is much slower than all scores together and depends on the sound
+    alone: find the onsets once per clip and keep them.
     """
     sound = audio[: math.ceil(duration * ONSET_RATE)]
     blocks = np.pad(np.asarray(sound, np.float64), (0, -len(sound) % _LOUDNESS_BLOCK)).reshape(-1, _LOUDNESS_BLOCK)
