@@ -1,8 +1,10 @@
-"""Model folders from elsewhere are loaded or refused in one line, before their networks are traced or read.
+"""Models and archives of PyTorch from elsewhere are loaded or refused in one line, before they are traced or read.
 
 No test runs a network, and shapes of equal networks are traced once.
 """
 
+import argparse
+import collections
 import functools
 import hashlib
 import json
@@ -20,8 +22,10 @@ from hypothesis import strategies as st
 from ha2g_jax.checkpoint import loading, model_folder
 from ha2g_jax.checkpoint import whisper as whisper_weights
 from ha2g_jax.checkpoint.assets import Assets
+from ha2g_jax.checkpoint.released.importing import import_weights
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.files.torch_archive import read_torch
 from ha2g_jax.limits import MAX_ASSETS_BYTES, MAX_CONFIG_BYTES, MAX_HEADER_BYTES, MAX_WEIGHTS_BYTES
 from ha2g_jax.synthesis import Style, choose_style
 
@@ -225,3 +229,31 @@ def test_names_of_speakers_stay_on_one_line(debug_model):
     with pytest.raises(UserError, match="9960 more") as error:
         choose_style(debug_model.spec, debug_model.variables, assets, Style(speaker="eve"))
     assert "\n" not in str(error.value) and len(str(error.value)) < 1000
+
+
+@pytest.fixture(scope="module")
+def archive(torch_files):
+    """An archive with tensors, objects and plain values."""
+    state = {f"layer.{index}.weight": torch_files.Tensor(np.ones((index, 3), np.float32)) for index in range(5)}
+    settings = argparse.Namespace(rate=0.5, numbers=[[1.0]] * 5, vectors=np.ones(4))
+    names = {"words": {f"word {index}": index for index in range(30)}}
+    return torch_files.Archive(
+        {"args": settings, "gen_dict": collections.OrderedDict(state), "pose_dim": 27, "lang_model": names}
+    )
+
+
+@FUZZ
+@given(data=st.data())
+def test_pickles(answered, torch_files, archive, tmp_path, data):
+    """The pickle is damaged and the archive around it is whole."""
+    damaged = object.__new__(torch_files.Archive)
+    pickle = data.draw(damaged_bytes(archive.files["archive/data.pkl"]))
+    damaged.files = archive.files | {"archive/data.pkl": pickle}
+    answered(read_torch, damaged.save(tmp_path / "made.bin").read_bytes(), "best.bin")
+
+
+@FUZZ
+@given(data=st.data())
+def test_archives(answered, archive, tmp_path, data):
+    content = archive.save(tmp_path / "made.bin").read_bytes()
+    answered(lambda path: import_weights(path, tmp_path / "out"), data.draw(damaged_bytes(content)), "best.bin")

@@ -1,4 +1,4 @@
-"""Convolutions and their gradients are those of XLA; batch normalisation has PyTorch's numbers."""
+"""Convolutions and their gradients are those of XLA, by whatever program; batch normalisation has PyTorch's numbers."""
 
 import functools
 
@@ -9,10 +9,11 @@ import pytest
 from fixtures.convolutions import ANY_SHAPE, SHAPES, direct_conv
 from flax import linen as nn
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from jax.sharding import NamedSharding, PartitionSpec
 
 from ha2g_jax.layers.conv import BatchNorm, Conv, conv
-from ha2g_jax.layers.cpu import convolution
+from ha2g_jax.layers.cpu import convolution, winograd
 from ha2g_jax.layers.cpu.convolution import kernel_gradient
 from ha2g_jax.train import sharding
 
@@ -31,9 +32,9 @@ def expected(x, cotangent, kernel, stride, padding):
     return jax.vjp(lambda kernel: convolution._native(x, kernel, stride, padding), zeros)[1](cotangent)[0]
 
 
-def assert_equal(found, true):
+def assert_equal(found, true, tolerance=1e-5):
     assert found.shape == true.shape
-    np.testing.assert_allclose(found, true, rtol=0, atol=1e-5 * np.abs(true).max())
+    np.testing.assert_allclose(found, true, rtol=0, atol=tolerance * np.abs(true).max())
 
 
 @pytest.mark.parametrize("devices", [1, 8])
@@ -91,17 +92,66 @@ def test_first_and_second_derivatives_are_those_of_xla(program, stride, request)
     jax.tree.map(assert_equal, ours, xla)
 
 
-def test_a_batch_over_eight_devices_gives_the_gradient_of_one_and_is_not_gathered():
+# Height, width and inputs of the map, channels and padding of convolutions of the networks at the size of the paper.
+WINOGRAD_SHAPES = [
+    (128, 70, 32, 32, 1),
+    (64, 35, 64, 64, 1),
+    (16, 9, 256, 256, 1),
+    (64, 36, 32, 32, 0),  # head
+    (7, 7, 64, 64, 1),  # E_ID
+]
+
+
+def check_winograd(height, width, inputs, channels, padding, batch=2):
+    """Compare with direct convolutions in float64: in float32 those of XLA err by up to 2e-5."""
+    x, cotangent = arrays(height, width, inputs, channels, (3, 3), (1, 1), padding, batch)
+    kernel = jnp.asarray(np.random.default_rng(1).normal(size=(3, 3, inputs, channels)), jnp.float32)
+    with jax.enable_x64(True):
+        exact = [np.asarray(array, np.float64) for array in (x, kernel, cotangent)]
+        out, transpose = jax.vjp(lambda kernel: convolution._native(exact[0], kernel, (1, 1), padding), exact[1])
+        out, (gradient,) = np.asarray(out), map(np.asarray, transpose(exact[2]))
+    assert_equal(winograd.conv(x, kernel, padding), out, 3e-6)
+    assert_equal(winograd.kernel_gradient(x, cotangent, padding), gradient, 3e-6)
+
+
+@pytest.mark.parametrize("devices", [1, 8])
+@pytest.mark.parametrize("shape", WINOGRAD_SHAPES, ids=str)
+def test_winograd_of_each_shape_of_the_networks(shape, devices, monkeypatch):
+    """The number of devices decides how many images are transformed at a time."""
+    monkeypatch.setattr(jax, "device_count", lambda: devices)
+    check_winograd(*shape)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    batch=st.integers(1, 9),
+    edges=st.tuples(st.integers(3, 12), st.integers(3, 12)),
+    values=st.tuples(st.integers(1, 5), st.integers(1, 5)),
+    padding=st.integers(0, 2),
+)
+def test_winograd_of_any_shape(batch, edges, values, padding):
+    check_winograd(*edges, *values, padding, batch)
+
+
+@pytest.mark.parametrize(
+    ("program", "is_gradient"),
+    [
+        (functools.partial(kernel_gradient, size=(3, 3), stride=(1, 1), padding=1), True),
+        (functools.partial(winograd.kernel_gradient, padding=1), True),
+        (functools.partial(winograd.conv, padding=1), False),
+    ],
+    ids=["gradient by products", "gradient by Winograd", "Winograd"],
+)
+def test_a_batch_over_eight_devices_gives_the_values_of_one_and_is_not_gathered(program, is_gradient):
     x, cotangent = arrays(8, 6, 3, 4, (3, 3), (1, 1), 1, batch=16)
-    split = NamedSharding(sharding.data_mesh(), PartitionSpec(sharding.AXIS))
-    whole = NamedSharding(sharding.data_mesh(), PartitionSpec())
-    gradient = jax.jit(
-        functools.partial(kernel_gradient, size=(3, 3), stride=(1, 1), padding=1),
-        in_shardings=(split, split),
-        out_shardings=whole,
-    )
-    assert_equal(gradient(x, cotangent), expected(x, cotangent, (3, 3), (1, 1), 1))
-    assert "all-gather" not in (gradient.lower(x, cotangent).compile().as_text() or "")
+    kernel = cotangent[0, :3, :3, None, :] * jnp.ones((3, 1))
+    mesh = sharding.data_mesh()
+    split, whole = NamedSharding(mesh, PartitionSpec(sharding.AXIS)), NamedSharding(mesh, PartitionSpec())
+    places, out = ((split, split), whole) if is_gradient else ((split, whole), split)
+    arguments = (x, cotangent if is_gradient else kernel)
+    run = jax.jit(program, in_shardings=places, out_shardings=out)
+    assert_equal(run(*arguments), program(*arguments))
+    assert "all-gather" not in (run.lower(*arguments).compile().as_text() or "")
 
 
 def test_parameters_and_results_are_those_of_flax():

@@ -2,8 +2,6 @@
 
 import os
 import pathlib
-import runpy
-import types
 from typing import Any
 
 import jax
@@ -11,14 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.special
+from layers import ctranslate2_weights
 
 from ha2g_jax.features.spectrum import asr_columns
 from ha2g_jax.layers.resnet_se import Features
 from ha2g_jax.layers.whisper import AsrAudioEncoder, EncoderBlock, WhisperEncoder, feature_blocks, resample, sinusoids
 
-ctranslate2_weights = types.SimpleNamespace(
-    **runpy.run_path(str(pathlib.Path(__file__).with_name("ctranslate2_weights.py")))
-)
 SMALL: dict[str, Any] = {"num_mels": 5, "d_model": 12, "layers": 3, "heads": 3, "ffn_dim": 20}
 
 

@@ -88,20 +88,16 @@ def test_evaluation_samples_the_latent_of_the_speech(objective, state, make_moti
 FRAMES, SEEDS = 34, 4
 
 
-def arguments(pose_dim, batch=2):
-    speech = {"audio": jnp.zeros((batch, 36_267)), "words": jnp.zeros((batch, FRAMES), jnp.int32)}
-    return speech, None, jnp.zeros((batch, SEEDS, pose_dim))
-
-
-def small(pose_dim=6):
+def small():
     text = TextEncoder(5, embedding_dim=4, channels=4, layers=1, feature_dim=3, receptive_field="causal")
     audio = WaveformEncoder(feature_dim=3)
-    return JointEmbedding(audio, text, pose_dim, context_dim=8, hidden_dim=8, layers=2, dropout=0.0)
+    return JointEmbedding(audio, text, pose_dim=6, context_dim=8, hidden_dim=8, layers=2, dropout=0.0)
 
 
 def test_style_is_the_noise_of_the_latent(oracles):
     model = small()
-    speech, _, seed = arguments(6, 3)
+    speech = {"audio": jnp.zeros((3, 36_267)), "words": jnp.zeros((3, FRAMES), jnp.int32)}
+    seed = jnp.zeros((3, SEEDS, 6))
     shapes = jax.eval_shape(lambda key: model.init(key, speech, None, seed, train=False), jax.random.key(0))
     rng = np.random.default_rng(0)  # compiling the initialisation takes long
     variables = {

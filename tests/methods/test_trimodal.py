@@ -7,13 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ha2g_jax.config import presets
 from ha2g_jax.layers.identity import SpeakerIdentity
 from ha2g_jax.layers.tcn import TextEncoder
 from ha2g_jax.layers.waveform import WaveformEncoder
 from ha2g_jax.methods import trimodal
 from ha2g_jax.methods.trimodal import Trimodal, kld, style
-from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.train.step import step_keys, validation_step
 
 
@@ -99,30 +97,12 @@ def test_validation_of_one_window_is_finite_and_has_all_terms(objective, state, 
 FRAMES, SEEDS = 34, 4
 
 
-def arguments(pose_dim, batch=2):
-    speech = {"audio": jnp.zeros((batch, 36_267)), "words": jnp.zeros((batch, FRAMES), jnp.int32)}
-    return speech, jnp.arange(batch), jnp.zeros((batch, SEEDS, pose_dim))
-
-
-def small(pose_dim=6, layers=1):
-    text = TextEncoder(5, embedding_dim=4, channels=4, layers=1, feature_dim=3, receptive_field="causal")
-    audio, identity = WaveformEncoder(feature_dim=3), SpeakerIdentity(3, feature_dim=2, has_hidden=True)
-    return Trimodal(audio, text, identity, pose_dim, hidden_dim=8, layers=layers, dropout=0.0)
-
-
-def test_without_words_the_features_are_those_of_the_sound():
-    config = presets.make("talk", "debug", "trimodal", {"model.text.kind": "none"})
-    spec = trimodal.build(config, load_skeleton("ted_expressive"), vocabulary_size=5, num_speakers=3)
+def test_without_words_the_features_are_those_of_the_sound(make_objective):
+    spec = make_objective("trimodal", model__text__kind="none").spec
     assert spec.inputs == ("audio",) and spec.generator.text is None
-    speech, speaker, seed = arguments(126)
-    del speech["words"]
-
-    def run(key):
-        variables = spec.generator.init(key, speech, speaker, seed, train=False)
-        return spec.generator.apply(variables, speech, train=False, method=Trimodal.encode_speech)
-
-    features = jax.eval_shape(run, jax.random.key(0))
-    assert features.shape == (2, FRAMES, config.model.audio.feature_dim)
+    encode = functools.partial(spec.generator.init_with_output, train=False, method=Trimodal.encode_speech)
+    features, _ = jax.eval_shape(encode, jax.random.key(0), {"audio": jnp.zeros((2, 36_267))})
+    assert features.shape[:2] == (2, FRAMES)
 
 
 @pytest.mark.torch
@@ -142,7 +122,10 @@ def test_inference_equals_pytorch(oracles):
 
     params = {f"linear_{index}": oracles.dense(layer) for index, layer in enumerate(linears, 1)}
     variables = {"params": {"decoder": params | {"gru": oracles.gru(gru)}}}
-    run = jax.jit(lambda *args: small(layers=2).apply(variables, *args, train=False, method=Trimodal.infer))
+    text = TextEncoder(5, embedding_dim=4, channels=4, layers=1, feature_dim=3, receptive_field="causal")
+    audio, identity = WaveformEncoder(feature_dim=3), SpeakerIdentity(3, feature_dim=2, has_hidden=True)
+    ours = Trimodal(audio, text, identity, pose_dim=6, hidden_dim=8, layers=2, dropout=0.0)
+    run = jax.jit(lambda *args: ours.apply(variables, *args, train=False, method=Trimodal.infer))
     (poses,) = run(*(oracles.value(array) for array in (features, style, seed)))
     oracles.assert_close(poses, oracles.value(out))
 

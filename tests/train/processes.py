@@ -1,7 +1,6 @@
 """Start the processes of a run for the tests; also the script that these processes run.
 
 `python processes.py COORDINATOR COUNT ID START.npz END.npz` trains on the rows of this process in batches of a file.
-The tests import the functions of this file with `runpy`.
 """
 
 import concurrent.futures
@@ -31,11 +30,7 @@ _TIMEOUT = 600  # seconds; compiling takes most of it on a busy machine without 
 
 
 def sgd_objective(method: str) -> Objective:
-    """A method on TED-Gesture at debug size, with dropout and the GAN term, under plain gradient descent.
-
-    Args:
-        method: "ha2g", whose last level is taken alone, or "trimodal", which compiles in half the time.
-    """
+    """Return HA2G of the last level, or Trimodal, which compiles in half the time, under plain gradient descent."""
     config = presets.make("ted_gesture", "debug", method)
     config.model.identity.kind = "speakers"
     config.model.inferer.levels = (3,)
@@ -96,28 +91,18 @@ def free_address() -> str:
 def finish(
     commands: Sequence[Sequence[str]], devices: int = 1, variables: Sequence[dict[str, str]] = ()
 ) -> list[tuple[int | None, str]]:
-    """Run commands at the same time; return for each the exit code (None if it did not end in time) and its output.
+    """Run commands at the same time, each on some virtual devices and with environment variables of its own.
 
-    Args:
-        commands: one command for each process.
-        devices: number of virtual CPU devices of each process.
-        variables: environment variables of each process.
+    Returns:
+        The exit code (None if it did not end in time) and the output of each.
     """
-    common = {
-        "XLA_FLAGS": f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}",
-    }
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count={devices}"
+    output: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
 
     def run(command: Sequence[str], own: dict[str, str]) -> tuple[int | None, str]:
-        environment = {**os.environ, **common, **own}
+        environment = {**os.environ, "XLA_FLAGS": flags, **own}
         try:
-            done = subprocess.run(
-                command,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                timeout=_TIMEOUT,
-                check=False,
-            )
+            done = subprocess.run(command, env=environment, timeout=_TIMEOUT, check=False, **output)
         except subprocess.TimeoutExpired as error:
             return None, (error.stdout or b"").decode()
         return done.returncode, done.stdout.decode()

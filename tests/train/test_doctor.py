@@ -1,13 +1,16 @@
-"""`ha2g doctor` names what is wrong and what to do, changes nothing, and measures a step."""
+"""`ha2g doctor` names what is wrong and changes nothing; it measures a step, gradients and the sizes of networks."""
 
 import json
 import types
 
+import jax
+import numpy as np
 import pytest
 
 from ha2g_jax import cli
 from ha2g_jax.config import presets
-from ha2g_jax.train import doctor, measure
+from ha2g_jax.config import settings as configs
+from ha2g_jax.train import describe, doctor, gradients, measure
 from ha2g_jax.train.measure import Memory
 
 
@@ -42,30 +45,29 @@ def test_all_is_well_with_a_config_that_fits_its_data(config):
 
 
 @pytest.fixture
-def a_step(quick_step, tmp_path, tiny_talk):
-    """The arguments of a command that finds no trouble, with a step that is not compiled."""
+def config_file(tmp_path, tiny_talk):
+    """The path of a config of Seq2Seq, which compiles fastest, on a corpus that fits it."""
+    changes = {"data.path": str(tiny_talk)}
     path = tmp_path / "config.py"
     path.write_text(
         "from ha2g_jax.config import presets\n"
-        "def get_config(size):\n"
-        "    config = presets.sized('ted_expressive', size)\n"
-        f"    config.data.path = {str(tiny_talk)!r}\n"
-        "    return config\n"
+        f"def get_config(size=''): return presets.make('talk', 'debug', 'seq2seq', {changes})\n"
     )
-    return ["doctor", "--config", f"{path}:debug"]
+    return path
 
 
-def test_the_command_prints_aligned_lines_or_json_and_its_code_says_whether_all_is_well(a_step, tmp_path, capsys):
-    assert cli.main(a_step) == 0
+@pytest.mark.usefixtures("quick_step")
+def test_the_command_prints_aligned_lines_or_json_and_its_code_says_whether_all_is_well(config_file, tiny_talk, capsys):
+    command = ["doctor", "--config", str(config_file)]
+    assert cli.main(command) == 0
     lines = capsys.readouterr().out.splitlines()
     assert all(line.startswith("ok     ") for line in lines)
     assert len({line.index(line.split(maxsplit=2)[2]) for line in lines}) == 1
-    assert cli.main([*a_step, "--json"]) == 0
+    assert cli.main([*command, "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] and len(report["findings"]) == len(lines)
-    path = tmp_path / "config.py"
-    path.write_text(path.read_text().replace("config.data.path =", "config.data.path = '/nowhere' +"))
-    assert cli.main(a_step) == 1
+    config_file.write_text(config_file.read_text().replace(str(tiny_talk), "/nowhere"))
+    assert cli.main(command) == 1
     wrong = [line for line in capsys.readouterr().out.splitlines() if line.startswith("wrong")]
     assert len(wrong) == 1 and "no corpus in /nowhere" in wrong[0]
     assert cli.main(["doctor", "--config", "missing.py"]) == 2
@@ -166,3 +168,78 @@ def test_a_step_is_compiled_and_timed(capsys):
     assert memory["total"] > memory["arguments"] > 1 << 20
     assert memory["aliased"] > 0.9 * memory["outputs"]  # the state is updated in place
     assert "compiling" in capsys.readouterr().err
+
+
+def test_the_terms_and_their_sum_are_those_of_the_step(objective, step, state, batch):
+    key = jax.random.key(1)
+    after, metrics = step(state, batch, key)
+    # A step updates the discriminator before it takes the gradient of the generator.
+    found = gradients.term_gradients(objective, state.replace(discriminator=after.discriminator), batch, key)
+    names = list(objective.weights._fields)
+    terms = [float(metrics[f"loss/{name}"]) for name in (*names, "total")]
+    np.testing.assert_allclose(found.value, terms, rtol=1e-4)
+    assert found.parameters[-1] == pytest.approx(float(metrics["grad_norm/generator"]), rel=1e-3)
+    gan, huber = names.index("gan"), names.index("huber")
+    assert found.output[gan] / found.output[huber] == pytest.approx(float(metrics["gradient_ratio/gan"]), rel=1e-3)
+    has_output = dict(zip(names, found.output[:-1] > 0, strict=True))
+    assert [name for name in names if not has_output[name]] == ["kld", "contrastive"]
+    assert (found.parameters > 0).all()
+
+
+def test_the_command_prints_gradients_as_a_table(config_file, capsys):
+    assert cli.main(["doctor", "--gradients", "--config", str(config_file)]) == 0
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines()]
+    assert [row[0] for row in rows] == ["| term", "| ---", "| mse", "| continuity", "| variance", "| total"]
+    norms = [float(row[3]) for row in rows[2:4]]
+    assert rows[2][4] == "1" and float(rows[3][4]) == pytest.approx(norms[1] / norms[0], rel=0.02)
+
+
+def test_a_model_that_cannot_be_measured_is_refused(config_file, capsys):
+    assert cli.main(["doctor", "--checkpoint", "demo"]) == 2
+    assert "--checkpoint" in capsys.readouterr().err
+    assert cli.main(["doctor", "--gradients", "--config", str(config_file), "--checkpoint", "demo"]) == 2
+    assert "demo is a model of ha2g, but the config of seq2seq" in capsys.readouterr().err
+
+
+def test_a_lack_of_memory_is_one_line(config_file, capsys, monkeypatch):
+    def fail(*_):
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 38419067776 bytes.")
+
+    monkeypatch.setattr(gradients, "term_gradients", fail)
+    assert cli.main(["doctor", "--gradients", "--config", str(config_file)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("ha2g: the gradients fail (RESOURCE_EXHAUSTED") and error.endswith("a smaller batch")
+
+
+def test_a_description_lists_the_shapes_of_the_paper():
+    rows = describe.describe(configs.paper("ted_expressive"))
+    outputs = {row["module"]: row["output"] for row in rows}
+    audio = {name: outputs[f"generator.audio.{name}"] for name in ("stage_2", "stage_3", "stage_4")}
+    assert audio == {"stage_2": "64x64x35", "stage_3": "128x32x18", "stage_4": "256x16x9"}
+    assert [outputs[f"generator.audio.{name}"] for name in ("low", "mid", "high")] == ["32x34"] * 3
+    widths = (24, 30, 36, 66, 96, 126)
+    assert [outputs[f"generator.pose_{level}"] for level in range(1, 7)] == [f"34x{width}" for width in widths]
+    assert outputs["generator.coordinator"] == "3x6"
+    assert outputs["generator.identity.resnet"] == "512x7x7"
+    assert outputs["discriminator.gru"] == "28x64"
+    assert outputs["autoencoder.encoder"] == "128"
+    stage = next(row for row in rows if row["module"] == "generator.audio.stage_2")
+    assert stage["output_shapes"] == [[64, 64, 35]]
+    assert stage["input"] == "32x128x70"
+    json.dumps(rows)
+
+
+def test_parts_of_a_description_add_up_and_tables_that_grow_with_data_are_left_out():
+    rows = describe.describe(presets.sized("ted_expressive", "debug"))
+    counts = {row["module"]: row["parameters"] for row in rows}
+    for whole in ("generator", "generator.audio", "generator.pose_1", "discriminator", "autoencoder.encoder"):
+        depth = whole.count(".") + 1
+        parts = [count for name, count in counts.items() if name.startswith(whole + ".") and name.count(".") == depth]
+        assert sum(parts) == counts[whole], whole
+    assert "generator.text.embedding" not in counts
+
+    table = describe.as_table(rows).splitlines()
+    assert table[0].split() == ["module", "input", "output", "parameters"]
+    total = next(line for line in table if line.startswith("total"))
+    networks = counts["generator"] + counts["discriminator"] + counts["autoencoder"]
+    assert total.split()[-1] == f"{networks:,}"

@@ -1,20 +1,20 @@
-"""Processes find each other by flags, Slurm or Kubernetes, and all end when one fails."""
+"""Processes find each other by flags, Slurm or Kubernetes, all end when one fails, and each keeps its programs."""
 
+import os
 import pathlib
 import re
-import runpy
+import subprocess
 import sys
 import threading
-import types
 
 import jax
 import pytest
+from train import processes
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import hosts
 from ha2g_jax.train.workdir import read_metrics
 
-processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 SLURM = {
     "SLURM_JOB_ID": "1234",
     "SLURM_STEP_NODELIST": "node[07-08]",
@@ -34,10 +34,6 @@ def joined(monkeypatch):
     calls = []
     monkeypatch.setattr(jax.distributed, "initialize", lambda **settings: calls.append(settings))
     return calls
-
-
-def _place(call):
-    return call["coordinator_address"], call["num_processes"], call["process_id"]
 
 
 ALONE = {
@@ -72,7 +68,8 @@ def test_flags_go_before_variables(joined, monkeypatch):
     hosts.start(None, None, None)
     hosts.start(None, None, 2)
     hosts.start("node1:1", 2, 0)
-    assert [_place(call) for call in joined] == [
+    names = ("coordinator_address", "num_processes", "process_id")
+    assert [tuple(call[name] for name in names) for call in joined] == [
         ("ha2g-0.ha2g:8476", 4, 3),
         ("ha2g-0.ha2g:8476", 4, 2),
         ("node1:1", 2, 0),
@@ -99,7 +96,6 @@ WRONG = {
     "no port": (("node1", 2, 0), "HOST:PORT, such as"),
     "one too far": (("node1:1", 2, 2), "process_id is 2 of 2 processes"),
     "negative": (("node1:1", 2, -1), "process_id is -1"),
-    "none at all": (("node1:1", 0, 0), "process_id is 0 of 0"),
     "the second of one": (("node1:1", 1, 1), "process_id is 1 of 1"),
 }
 
@@ -166,19 +162,16 @@ hosts.stop()  # stands for a step: it waits for the other
 """
 
 
-@pytest.mark.parametrize("failing", ["0", "1"])
-def test_a_process_that_fails_ends_the_others(failing):
+@pytest.mark.parametrize("failing", ["0", "1", "01"])
+def test_a_process_that_fails_ends_the_others_and_two_keep_their_exit_codes(failing):
     address = processes.free_address()
     results = processes.finish([[sys.executable, "-c", FAIL, address, number, failing] for number in "01"])
+    if failing == "01":
+        assert [code for code, _ in results] == [2, 2]
+        return
     (code, output), (waiting, _) = results[int(failing)], results[1 - int(failing)]
     assert code == 1 and output.splitlines()[-1] == "failed"
     assert waiting not in (0, None)
-
-
-def test_processes_that_all_fail_keep_their_exit_code():
-    address = processes.free_address()
-    results = processes.finish([[sys.executable, "-c", FAIL, address, number, "01"] for number in "01"])
-    assert [code for code, _ in results] == [2, 2]
 
 
 def test_a_run_of_two_processes_through_the_launcher(tiny_talk, tmp_path):
@@ -191,3 +184,33 @@ def test_a_run_of_two_processes_through_the_launcher(tiny_talk, tmp_path):
     assert str(workdir) in first[1].splitlines() and str(workdir) not in second[1].splitlines()
     assert [line["step"] for line in read_metrics(workdir / "metrics.jsonl")] == [1, 2, 2]
     assert [path.name for path in (workdir / "latest").iterdir() if path.is_dir()] == ["2"]
+
+
+ROOT = pathlib.Path(__file__).parents[2]
+PROGRAM = """
+import runpy, sys
+script, *sys.argv[1:] = sys.argv[1:]
+try:
+    runpy.run_path(script, run_name="__main__")
+except SystemExit:
+    pass
+import jax
+print(jax.config.jax_compilation_cache_dir)
+"""
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments"),
+    [("ha2g", ["train", "--config=none"]), ("ha2g", ["doctor", "--config=none"]), ("launch", ["--config=none"])],
+)
+def test_a_process_that_trains_keeps_its_programs(script, arguments, tmp_path):
+    path = {"ha2g": pathlib.Path(sys.executable).with_name("ha2g"), "launch": ROOT / "experiments" / "launch.py"}
+    environment = {name: value for name, value in os.environ.items() if "COMPILATION_CACHE" not in name}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(path[script]), *arguments],
+        env=environment | {"HA2G_CACHE": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split()[-1:] == [str(tmp_path / "programs")], done.stderr

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
@@ -194,6 +195,8 @@ def _scalars(folder):
 
 
 def test_lines_have_six_digits_and_tensorboard_has_the_same(write, tmp_path):
+    write(0, 1, is_first=False)  # only the first host writes
+    assert not list(tmp_path.iterdir())
     write(0, 1, 2)
     assert (tmp_path / METRICS).read_text().splitlines()[1] == '{"step": 2, "loss/huber": 4.0}'
     assert _scalars(tmp_path) == [(1, 2.0), (2, 4.0)]
@@ -218,46 +221,20 @@ def test_a_run_that_goes_on_hides_what_it_writes_again(write, tmp_path):
     assert _scalars(tmp_path) == [(1, 2.0)]
 
 
-def test_only_the_first_host_writes(write, tmp_path):
-    write(0, 1, is_first=False)
-    assert not list(tmp_path.iterdir())
-
-
-class _Wandb:
-    """Replacement of the package that records the calls."""
-
-    class Settings(dict):
-        pass
-
-    def __init__(self):
-        self.begun, self.lines, self.is_finished = [], [], False
-
-    def init(self, **arguments):
-        self.begun.append(arguments)
-        return self
-
-    def define_metric(self, name, step_metric):
-        self.axis = (name, step_metric)
-
-    def log(self, line):
-        self.lines.append(line)
-
-    def finish(self):
-        self.is_finished = True
-
-
 def test_every_start_reports_to_one_wandb_run(write, tmp_path, config, monkeypatch):
-    wandb = _Wandb()
-    monkeypatch.setitem(sys.modules, "wandb", wandb)
-    monkeypatch.setitem(sys.modules, "wandb.errors", wandb)
+    wandb = mock.MagicMock()
+    for name in ("wandb", "wandb.errors"):
+        monkeypatch.setitem(sys.modules, name, wandb)
     config.train.wandb = "gestures"
     write(0, 1, 2)
     write(1, 2)
-    first, second = wandb.begun
+    first, second = (call.kwargs for call in wandb.init.call_args_list)
     assert first["id"] == second["id"] == json.loads((tmp_path / "run.json").read_text())["wandb_id"]
     assert (first["project"], first["config"]["train"]["wandb"]) == ("gestures", "gestures")
-    assert wandb.axis == ("*", "step") and [line["step"] for line in wandb.lines] == [1, 2, 2]
-    assert wandb.is_finished
+    run = wandb.init.return_value
+    run.define_metric.assert_called_with("*", step_metric="step")
+    assert [call.args[0]["step"] for call in run.log.call_args_list] == [1, 2, 2]
+    assert run.finish.call_count == 2
 
 
 def test_without_tensorboard_the_metrics_are_written_and_one_line_says_so(write, tmp_path, monkeypatch, capsys):

@@ -1,6 +1,5 @@
 """A run in its own process that is killed or asked to stop continues as if it had not been stopped."""
 
-import importlib.util
 import json
 import os
 import pathlib
@@ -9,25 +8,15 @@ import signal
 import time
 
 import pytest
+import soak_resume as soak
 
-SOAK = pathlib.Path(__file__).parent.parent / "soak_resume.py"
 ENDLESS = 1_000_000  # steps
 # The method that starts fastest; tests/train/test_loop.py resumes Trimodal with its discriminator.
 CONFIG = "seq2seq:talk:debug"
 
 
 @pytest.fixture(scope="module")
-def soak():
-    """The script tests/soak_resume.py as a module."""
-    spec = importlib.util.spec_from_file_location("soak_resume", SOAK)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def soaked(soak, tiny_talk, tmp_path_factory):
+def soaked(tiny_talk, tmp_path_factory):
     """A folder with the runs "whole" and "broken", the second killed three times, and their differences."""
     folder = tmp_path_factory.mktemp("soak")
     return folder, soak.soak(tiny_talk, folder, kills=3, steps=25, config=CONFIG)
@@ -37,7 +26,7 @@ def test_a_run_that_is_killed_three_times_ends_as_one_left_alone(soaked):
     assert soaked[1] == []
 
 
-def test_the_soak_notices_what_differs(soak, soaked, tmp_path):
+def test_the_soak_notices_what_differs(soaked, tmp_path):
     whole = soaked[0] / "whole"
     other = shutil.copytree(whole, tmp_path / "other")
     shutil.rmtree(other / "latest" / "25")
@@ -50,7 +39,7 @@ def test_the_soak_notices_what_differs(soak, soaked, tmp_path):
         assert any(part in problem for problem in problems)
 
 
-def test_sigterm_ends_a_run_in_time_with_a_checkpoint(soak, tiny_talk, tmp_path):
+def test_sigterm_ends_a_run_in_time_with_a_checkpoint(tiny_talk, tmp_path):
     workdir, log = tmp_path / "run", tmp_path / "log"
     with soak.training(soak.command(tiny_talk, workdir, ENDLESS, config=CONFIG), log) as run:
         soak.until(lambda: len(soak.lines(workdir)) > 1, run)
@@ -63,7 +52,7 @@ def test_sigterm_ends_a_run_in_time_with_a_checkpoint(soak, tiny_talk, tmp_path)
     assert step - soak.LOG_EVERY < soak.lines(workdir)[-1]["step"] <= step
 
 
-def test_sigterm_while_the_first_step_is_compiled_ends_a_run_in_time(soak, tiny_talk, tmp_path):
+def test_sigterm_while_the_first_step_is_compiled_ends_a_run_in_time(tiny_talk, tmp_path):
     workdir, log, cache = tmp_path / "run", tmp_path / "log", tmp_path / "cache"
     cache.mkdir()
     for path in pathlib.Path(os.environ["JAX_COMPILATION_CACHE_DIR"]).glob("jit_init_state-*"):  # all but the step

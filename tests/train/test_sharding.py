@@ -1,19 +1,16 @@
 """The results do not depend on the number of devices and processes."""
 
-import pathlib
-import runpy
-import types
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from train import processes
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.train import sharding
 
-processes = types.SimpleNamespace(**runpy.run_path(str(pathlib.Path(__file__).with_name("processes.py"))))
 NUM_STEPS, BATCH_SIZE = 5, 8
 
 
