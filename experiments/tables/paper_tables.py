@@ -147,10 +147,8 @@ def table(name: str, data: str) -> Table:
         The table.
 
     Raises:
-        UserError: there is no such table, or it does not fit the data.
+        UserError: the table does not fit the data.
     """
-    if name not in TABLES:
-        raise UserError(f"no table {name!r}; expected one of {', '.join(TABLES)}")
     skeleton = presets.DATA[data].skeleton
     if _SKELETONS.get(name, skeleton) != skeleton:
         raise UserError(

@@ -22,23 +22,17 @@ def run(monkeypatch, capsys):
     return call
 
 
-def test_names_the_extra_that_installs_pytorch(run, monkeypatch):
+@pytest.mark.parametrize(
+    ("has_torch", "backend", "sizes", "message"),
+    [
+        (False, "cpu", ["2"], "PyTorch is not installed; install the extra: pip install 'ha2g-jax[torch]'"),
+        (True, "cpu", ["2", "4"], "--against compares one variant, not 2; give each setting one value"),
+        (True, "tpu", ["2"], "JAX computes on tpu, where PyTorch has no step; set JAX_PLATFORMS=cpu"),
+    ],
+)
+def test_what_cannot_be_compared_is_one_line(run, monkeypatch, has_torch, backend, sizes, message):
     find_spec = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *_: None if name == "torch" else find_spec(name))
-    code, error = run("--against", "torch")
-    assert code == 2
-    assert error == "train_step: PyTorch is not installed; install the extra: pip install 'ha2g-jax[torch]'\n"
-
-
-def test_compares_one_variant(run, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda *_: True)
-    code, error = run("--against", "torch", "--batch-size", "2", "4")
-    assert (code, error) == (2, "train_step: --against compares one variant, not 2; give each setting one value\n")
-
-
-def test_needs_a_device_that_pytorch_has(run, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda *_: True)
-    monkeypatch.setattr("jax.default_backend", lambda: "tpu")
-    code, error = run("--against", "torch")
-    expected = "train_step: JAX computes on tpu, where PyTorch has no step; set JAX_PLATFORMS=cpu\n"
-    assert (code, error) == (2, expected)
+    torch = object() if has_torch else None
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *_: torch if name == "torch" else find_spec(name))
+    monkeypatch.setattr("jax.default_backend", lambda: backend)
+    assert run("--against", "torch", "--batch-size", *sizes) == (2, f"train_step: {message}\n")

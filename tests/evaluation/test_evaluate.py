@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import json
 
 import numpy as np
 import pytest
@@ -49,10 +48,6 @@ def test_sanity_rows_stand_beside_every_method(results):
         assert results["rows"][name], name
     for name in {"late", *SANITY_ROWS} - {HALF}:
         assert {"beat_gain", "fgd", "diversity_l1", "speed_hellinger", "jerk_ratio"} <= results["rows"][name].keys()
-
-
-def test_results_are_json(results):
-    assert json.loads(json.dumps(results, allow_nan=False)) == results
 
 
 def test_ground_truth_is_at_no_distance_from_itself(results):
@@ -114,19 +109,15 @@ def test_an_angle_that_never_bends_has_no_limits(skeleton, perform):
     assert value(results, "folded", "limits_worst") > 0.9
 
 
-def test_only_rows_with_a_counterpart_have_errors_of_reconstruction(results):
-    assert "joint_mae" not in results["rows"][MISMATCHED]
-    assert value(results, "late", "joint_mae") > 0
-
-
-def test_only_rows_with_known_borders_have_seams(results):
+def test_a_row_has_the_scores_that_its_motion_allows(results):
+    assert "joint_mae" not in results["rows"][MISMATCHED] and value(results, "late", "joint_mae") > 0
+    assert "seam_velocity" not in results["rows"][TRUTH]  # whose windows have no borders
     assert value(results, "late", "seam_velocity") == pytest.approx(1, abs=0.3)
-    assert "seam_velocity" not in results["rows"][TRUTH]
 
 
 def test_values_lie_in_the_intervals_of_means(results):
     for name in ("late", TRUTH, JITTER):
-        for metric in ("beat_gain", "beat_f", "beats_per_second", "acceleration", "l1_diversity"):
+        for metric in ("beat_gain", "beat_f", "beats_per_second", "acceleration", "l1_diversity", "diversity_l1"):
             score = results["rows"][name][metric]
             assert score["low"] <= score["value"] <= score["high"]
 
@@ -205,6 +196,7 @@ def test_windows_leave_the_seed_pose_out_where_clips_are_long_enough(skeleton, p
         assert name in results["rows"]["same"]
         assert results["data"]["windows"] == windows
     assert "FGD (seeded)" not in " ".join(results["warnings"])
+    assert list(Cut("fgd", 4, 34).starts(72)) == [4, 38] and choose_cut([33, 20], 34) is None
 
 
 def test_few_windows_are_warned_of(skeleton, perform, features):
@@ -288,20 +280,9 @@ def test_moments_of_drawn_sources_are_those_of_their_latents():
     np.testing.assert_allclose(pooled.scatter, direct.scatter, rtol=1e-9)
 
 
-def test_diversity_is_of_ten_draws_and_near_all_pairs(skeleton, features, results):
-    score = results["rows"][TRUTH]["diversity_l1"]
-    assert score["sd"] >= 0
-    assert score["low"] < score["value"] < score["high"]
-
-
 def test_mismatched_speech_is_another_sources(skeleton, perform, reference):
     rows = make_rows({"a": reference}, reference, skeleton)
     for number, onsets in enumerate(rows.rows[MISMATCHED].onsets):
         others = [other for other, own in enumerate(rows.truth.onsets) if own is onsets]
         assert others and rows.reference.recordings[others[0]] != rows.reference.recordings[number]
         assert rows.rows[MISMATCHED].directions[number] is rows.truth.directions[number]
-
-
-def test_windows_do_not_overlap():
-    assert list(Cut("fgd", 4, 34).starts(72)) == [4, 38]
-    assert choose_cut([33, 20], 34) is None

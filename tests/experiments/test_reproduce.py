@@ -168,7 +168,7 @@ def test_a_signal_stops_and_the_same_request_continues(request_):
     ("change", "message"),
     [
         ({"table": "gesture_ablation"}, "choose table4"),
-        ({"path": ""}, "needs the folder of a corpus"),
+        ({"table": "table4", "data": "ted_gesture"}, "choose gesture_ablation"),
         ({"changes": {"train.stps": 3}}, "no setting 'train.stps'"),
         ({"changes": {"train.steps": "many"}}, "train.steps cannot be 'many'"),
         ({"data": "talk"}, "no clips in the split test_unseen_speakers"),
@@ -184,18 +184,8 @@ def test_a_request_that_cannot_be_met_starts_nothing(request_, change, message):
 
 def test_flags_are_read():
     assert parse_seeds("3") == (0, 1, 2) and parse_seeds("0,5,7") == (0, 5, 7) and parse_seeds("4,") == (4,)
-    for text in ("", "three", "1;2", "-1"):
-        with pytest.raises(UserError, match="number of seeds"):
-            parse_seeds(text)
-    for text in ("0", "0,0"):
-        with pytest.raises(UserError, match="each once"):
-            parse_seeds(text)
     found = parse_changes(["train.steps=300", "loss.ha2g.gan=minimax", "train.betas=(0.5,0.9)"])
     assert found == {"train.steps": 300, "loss.ha2g.gan": "minimax", "train.betas": (0.5, 0.9)}
-    with pytest.raises(UserError, match="not KEY=VALUE"):
-        parse_changes(["train.steps"])
-    with pytest.raises(UserError, match="cannot set seed; give --seeds"):
-        parse_changes(["seed=7"])
 
 
 class Asked:
@@ -221,17 +211,8 @@ def asked(monkeypatch):
 
 def test_flags_become_a_request(asked, tmp_path, capsys):
     argv = ["table3", "--data", "bvh:corpora/x", "--size", "debug", "--seeds", "4,6", "--workdir", str(tmp_path)]
-    argv += [
-        "--jobs",
-        "2",
-        "--no-train",
-        "--legacy",
-        "--changes",
-        "train.steps=3",
-        "--changes",
-        "loss.ha2g.gan=minimax",
-    ]
-    argv += ["--keep", "kept"]
+    argv += ["--jobs", "2", "--no-train", "--legacy", "--keep", "kept"]
+    argv += ["--changes", "train.steps=3", "--changes", "loss.ha2g.gan=minimax"]
     assert command.main(argv) == 0
     ((request, out, line, _, _, keep),) = asked.calls
     assert keep == pathlib.Path("kept")
@@ -264,7 +245,6 @@ def test_the_defaults_are_three_seeds_of_the_small_size(asked):
     [
         (False, 1, ""),
         (UserError("the disk is full; make room"), 2, "reproduce: the disk is full; make room\n"),
-        (Stopped(signal.SIGINT), 130, "stopped; the same command continues\n"),
     ],
 )
 def test_the_exit_code_says_how_it_ended(asked, capsys, answer, code, printed):
@@ -279,8 +259,13 @@ def test_the_exit_code_says_how_it_ended(asked, capsys, answer, code, printed):
         (["--data", "tedd"], "no data 'tedd'; expected one of talk"),
         (["--data", "bvh:a", "--path", "b"], "give one of them"),
         (["--data", "talk", "--seeds", "some"], "neither a number of seeds nor a list"),
+        (["--data", "talk", "--seeds=-1"], "neither a number of seeds nor a list"),
+        (["--data", "talk", "--seeds", ""], "neither a number of seeds nor a list"),
+        (["--data", "talk", "--seeds", "0"], "gives no seed"),
+        (["--data", "talk", "--seeds", "0,0"], "gives a seed twice"),
         (["--data", "talk", "--changes", "steps"], "not KEY=VALUE"),
         (["--data", "talk", "--changes", "data.path=a"], "give --data NAME:DIR"),
+        (["--data", "talk", "--changes", "seed=7"], "cannot set seed; give --seeds"),
         (["--data", "talk", "--out", "a.svg"], "a file beside the report"),
         (["--data", "talk", "--out", "."], "is a folder"),
         (["--data", "bvh"], "needs the folder of a corpus"),

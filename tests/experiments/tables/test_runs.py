@@ -82,17 +82,13 @@ def test_each_worker_has_its_share_of_the_cores(monkeypatch):
     assert runs._cores(0, 1) == []
 
 
-def test_several_processes_share_an_accelerator(tmp_path):
-    found = runs._environment(_request(tmp_path, jobs=3), 0, {})
-    assert found["XLA_PYTHON_CLIENT_MEM_FRACTION"] == "0.30"
-
-
-def test_the_products_of_numpy_take_the_cores_of_the_worker(tmp_path):
+def test_processes_at_once_share_an_accelerator_and_the_threads_of_numpy(tmp_path):
     """NumPy starts a thread for each core of the machine, and they wait for work in a loop."""
-    name = "OPENBLAS_NUM_THREADS"
-    assert runs._environment(_request(tmp_path, jobs=2), 4, {})[name] == "4"
-    assert runs._environment(_request(tmp_path, jobs=2), 4, {name: "1"})[name] == "1"
-    assert name not in runs._environment(_request(tmp_path, jobs=1), 0, {})
+    threads = "OPENBLAS_NUM_THREADS"
+    found = runs._environment(_request(tmp_path, jobs=3), 4, {})
+    assert (found["XLA_PYTHON_CLIENT_MEM_FRACTION"], found[threads]) == ("0.30", "4")
+    assert runs._environment(_request(tmp_path, jobs=2), 4, {threads: "1"})[threads] == "1"
+    assert threads not in runs._environment(_request(tmp_path, jobs=1), 0, {})
 
 
 def test_the_last_step_is_read_from_whole_lines(run):
