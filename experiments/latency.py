@@ -29,15 +29,7 @@ from ha2g_jax.files.writing import whole_file
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
-    """Run the script.
-
-    Args:
-        argv: command-line arguments; by default those of this process.
-        perform: function that trains and scores one run; by default in a process of its own.
-
-    Returns:
-        Exit code: 0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
-    """
+    """Run the script and return its exit code, see `run_script`; `perform` trains and scores one run."""
     argv = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(argv)
 
@@ -54,12 +46,7 @@ def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_proces
 def study_latency(
     request: Request, out: pathlib.Path, command: str, stop: Stop, perform: Perform = perform_in_process
 ) -> bool:
-    """Train and score the missing runs and write the page, with an SVG and all numbers beside it.
-
-    Args:
-        out: Markdown file of the page.
-        stop: signal that ends the work; the same request then continues it.
-        perform: function that trains and scores one run.
+    """Train and score the missing runs and write the page to `out`, with an SVG and all numbers beside it.
 
     Returns:
         Whether every run has all scores.

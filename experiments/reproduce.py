@@ -10,7 +10,6 @@ table5 and table10 are statistics of the data, for which nothing is trained.
 """
 
 import argparse
-import functools
 import os
 import pathlib
 import shlex
@@ -54,15 +53,7 @@ _TABLE_5 = {
 
 
 def main(argv: Sequence[str] | None = None, perform: Perform = perform_in_process) -> int:
-    """Run the script.
-
-    Args:
-        argv: command-line arguments; by default those of this process.
-        perform: function that trains and scores one run.
-
-    Returns:
-        Exit code: 0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
-    """
+    """Run the script and return its exit code, see `run_script`; `perform` trains and scores one run."""
     argv = list(sys.argv[1:] if argv is None else argv)
     arguments = _parser().parse_args(argv)
 
@@ -85,12 +76,10 @@ def reproduce(
     perform: Perform = perform_in_process,
     keep: pathlib.Path | None = None,
 ) -> bool:
-    """Train and score the missing runs of a table and write its page, with all numbers beside it.
+    """Train and score the missing runs of a table and write its page to `out`, with all numbers beside it.
 
     Args:
-        out: Markdown file of the page.
         stop: signal that ends the work; the same request then continues it.
-        perform: function that trains and scores one run.
         keep: folder of a table to which each finished run is added, see `kept_runs`; None for none.
 
     Returns:
@@ -115,7 +104,13 @@ def reproduce(
     if keep is not None:
         for run in runs:
             _keep(run, plan, request, keep)
-    failures = _fill(request, plan, functools.partial(_perform_and_keep, plan, keep, perform, request), stop)
+
+    def perform_and_keep(run: Run, worker: int, stop: Stop) -> None:
+        perform(request, run, worker, stop)
+        if keep is not None:
+            _keep(run, plan, request, keep)
+
+    failures = _fill(request, plan, perform_and_keep, stop)
     records = {row: {run.seed: read_record(run, plan, request) for run in mine} for row, mine in plan.rows.items()}
     reasons = {
         row: {
@@ -156,14 +151,6 @@ def _fill(request: Request, plan: TablePlan, perform: Callable[[Run, int, Stop],
     runs = [run for name, run in missing.items() if name not in failures]
     tqdm.tqdm.write(f"runs to train or score: {len(runs)}; there already: {there}", file=sys.stderr)
     return failures | run_all(runs, perform, stop, request.table, request.jobs)
-
-
-def _perform_and_keep(
-    plan: TablePlan, keep: pathlib.Path | None, perform: Perform, request: Request, run: Run, worker: int, stop: Stop
-) -> None:
-    perform(request, run, worker, stop)
-    if keep is not None:
-        _keep(run, plan, request, keep)
 
 
 def _keep(run: Run, plan: TablePlan, request: Request, folder: pathlib.Path) -> None:

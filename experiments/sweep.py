@@ -33,15 +33,7 @@ Scores = dict[str, float]
 
 
 def main(argv: Sequence[str] | None = None, train: Sequence[str] = TRAIN) -> int:
-    """Run a sweep.
-
-    Args:
-        argv: command-line arguments; by default those of this process.
-        train: command that trains one run, without its arguments.
-
-    Returns:
-        Exit code: 0, 1 if a run failed, 2 for a mistake of the user, 128 + the number of the signal that stopped it.
-    """
+    """Run a sweep and return its exit code, as `run_script` does; `train` is a command that trains one run."""
     try:
         arguments, overrides = _parser().parse_known_args(argv)
         runs = plan_grid(arguments.config, arguments.workdir, arguments.grid, overrides)

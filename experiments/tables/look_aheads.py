@@ -75,8 +75,7 @@ def measured(scores: Scores, name: str, row: str = MODEL_SCORES) -> Measured | N
 def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> Spread | None:
     """Compute the mean of a score over seeds, None where no seed has it.
 
-    Args:
-        row: `MODEL_SCORES` or `TRUTH_SCORES`; the truth is the same for all seeds, and its value has no interval.
+    The truth is the same for all seeds, and its value has no interval.
     """
     found = [each for one in scores.values() if (each := measured(one, name, row)) is not None]
     if found and row == TRUTH_SCORES:
@@ -85,12 +84,7 @@ def level(scores: Mapping[int, Scores], name: str, row: str = MODEL_SCORES) -> S
 
 
 def difference(first: Mapping[int, Scores], second: Mapping[int, Scores], name: str) -> Spread | None:
-    """Compute the mean of first less second over the seeds that both have, None without such seeds.
-
-    Args:
-        first: seed -> scores.
-        second: seed -> scores, on the same recordings.
-    """
+    """Compute the mean of first less second, by seed on the same recordings, over the seeds that both have, or None."""
     pair = ({seed: found for seed, one in each.items() if (found := measured(one, name))} for each in (first, second))
     found = paired(*pair)
     return None if found is None else interval(found)
@@ -118,23 +112,14 @@ def all_of(verdicts: Sequence[str]) -> str:
 
 
 def losses(curve: Mapping[int | None, Mapping[int, Scores]], name: str) -> dict[int | None, Spread | None]:
-    """Compute how much less a score of a setting is at each look-ahead than with the whole file.
-
-    Args:
-        curve: look-ahead -> seed -> scores of the setting.
-    """
+    """Compute how much less a score of a setting is at each look-ahead than with the whole file."""
     return {at: difference(curve.get(None, {}), curve.get(at, {}), name) for at in LOOK_AHEADS if at is not None}
 
 
 def smallest_within(found: Mapping[int | None, Spread | None], margin: float) -> tuple[int | None, int | None]:
     """Return the smallest look-aheads with a loss of at most a margin: in the mean, and with the whole interval.
 
-    Args:
-        found: look-ahead -> loss, in ascending order, as of `losses`.
-        margin: greatest loss.
-
-    Returns:
-        The two look-aheads, each None where there is none.
+    Each is None where there is none; the losses are those of `losses`, in ascending order of look-aheads.
     """
     there = {at: spread for at, spread in found.items() if spread is not None}
     means = [at for at, spread in there.items() if spread.mean <= margin]

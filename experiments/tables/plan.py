@@ -219,12 +219,6 @@ def read_record(run: Run, plan: TablePlan, request: Request) -> Record:
     return record_of(run, read_stored(scores_path(run, plan, request)) if is_scored else None)
 
 
-def retrieval_path(plan: TablePlan, request: Request) -> pathlib.Path:
-    """Return the path of the training windows that sound most like the clips of the splits, the same for all runs."""
-    causes = [EVALUATION_VERSION, list(plan.splits), plan.digest]
-    return request.workdir / f"retrieval-{digest(causes)}.json"
-
-
 def check_report(out: pathlib.Path) -> None:
     """Check the path of a report before hours of work.
 

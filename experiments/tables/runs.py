@@ -78,12 +78,9 @@ def run_logged(
     given: bytes = b"",
     environment: Mapping[str, str] | None = None,
 ) -> str | None:
-    """Run a command to its end, or until a stop is requested.
+    """Run a command to its end, or until a stop is requested, and append its output to `log`.
 
     Args:
-        command: program and arguments.
-        log: file to which the output of the command is appended.
-        stop: request to stop, which ends the command.
         given: standard input of the command.
         environment: environment variables of the command, by default those of this process.
 
@@ -164,7 +161,6 @@ def run_all(
     Args:
         runs: runs in the order in which they start.
         perform: function that carries out one run: (run, number of the worker, stop), see `Perform`.
-        stop: signal that ends the runs.
         title: title of the progress bar.
 
     Returns:
@@ -203,10 +199,6 @@ def run_all(
 
 def perform_in_process(request: Request, run: Run, worker: int, stop: Stop) -> None:
     """Train and score one run in a process of its own, whose output goes to RUN.log beside the workdir.
-
-    Args:
-        run: run to train and score.
-        stop: signal that ends the process.
 
     Raises:
         UserError: the process failed; the message is its last line of output.

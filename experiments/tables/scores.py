@@ -19,7 +19,6 @@ from ha2g_jax.evaluation.clip_result import (
     clip_identity,
     from_corpus,
     generate_clip,
-    model_windows,
     split_limits,
     training_motion,
     true,
@@ -38,9 +37,9 @@ from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
 from tables import look_aheads
 from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
-from tables.plan import Plan, Request, TablePlan, retrieval_path, scores_path
+from tables.plan import EVALUATION_VERSION, Plan, Request, TablePlan, scores_path
 from tables.tables import MODEL, TRUTH
-from tables.workdirs import Run, read_stored
+from tables.workdirs import Run, digest, read_stored
 
 _SEED = 0  # seed of all random draws, so that all rows, runs and look-aheads are scored alike
 _TRAINING_CLIPS = 200  # whose motion gives the usual changes and limits of angles
@@ -95,7 +94,8 @@ def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
 
 def _retrieve(plan: TablePlan, request: Request) -> dict[str, list[ClipResult]]:
     """Return the motion that is retrieved for the clips of each split; what was found is stored for the other runs."""
-    path, corpus = retrieval_path(plan, request), plan.corpus
+    corpus, causes = plan.corpus, [EVALUATION_VERSION, list(plan.splits), plan.digest]
+    path = request.workdir / f"retrieval-{digest(causes)}.json"
     nearest = read_stored(path)
     if nearest is None:
         library = retrieval.make_library(corpus)
@@ -158,10 +158,10 @@ def score_look_aheads(run: Run, plan: Plan, split: str) -> None:
     training = training_motion(corpus, TRAIN, limit=_TRAINING_CLIPS)
     truth = true(corpus, split)[::EVERY]
     performed = [positions_to_directions(corpus.skeleton, clip.positions) for clip in clips]
-    known = _causes(corpus, clips, performed, model_windows(model).seed_frames)
+    known = _causes(corpus, clips, performed, model.spec.num_seed_frames)
     for look_ahead, path in missing.items():
         motions = _generate(model, clips, look_ahead)
-        causes = _causes(corpus, clips, motions, model_windows(model).seed_frames)
+        causes = _causes(corpus, clips, motions, model.spec.num_seed_frames)
         results = [
             ClipResult(clip.id, clip.recording or clip.id, directions, corpus.fps)
             for clip, directions in zip(clips, motions, strict=True)

@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -125,7 +125,8 @@ def generated(
             a stream.
     """
     check_fit(model, corpus)
-    seed_frames, stride = model_windows(model)
+    seed_frames = model.spec.num_seed_frames
+    stride = model.spec.num_frames - seed_frames
 
     def read(clips: Clips, index: int) -> ClipResult:
         clip = clips[index]
@@ -212,18 +213,6 @@ def clip_identity(model: "Model", clip: Clip) -> np.ndarray:
         raise UserError(f"clip {clip.id} has no reference images, which this model needs; give a corpus that has them")
     images = resize_images(clip.reference_images[: spec.num_reference_images], spec.image_size)
     return np.asarray(encode_identity(spec, model.variables, images))
-
-
-class Windows(NamedTuple):
-    """Windows that a model joins a long motion from: frames that are given to it, and between two first frames."""
-
-    seed_frames: int
-    stride: int
-
-
-def model_windows(model: "Model") -> Windows:
-    """Return the windows of a model."""
-    return Windows(model.spec.num_seed_frames, model.spec.num_frames - model.spec.num_seed_frames)
 
 
 def generate_clip(

@@ -12,7 +12,7 @@ from ha2g_jax import __version__, metrics
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.talk import build
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.clip_result import from_corpus, model_windows, split_limits, training_motion
+from ha2g_jax.evaluation.clip_result import from_corpus, split_limits, training_motion
 from ha2g_jax.evaluation.evaluate import LEVEL, evaluate, measure, score_as_json
 from ha2g_jax.evaluation.motion_folders import BEAT2, from_folders, score_beat2
 from ha2g_jax.evaluation.table import PARTS
@@ -154,7 +154,7 @@ def evaluate_checkpoint(
             autoencoder=features,
             legacy=legacy,
             seed=seed,
-            notes=_given(model_windows(model).seed_frames) if look_ahead is None else (),
+            notes=_given(model.spec.num_seed_frames) if look_ahead is None else (),
         )
     if has_known_causes(corpus):
         known = score_known_causes(model, corpus, limits, seed, look_ahead)
@@ -188,7 +188,8 @@ def evaluate_recording(
         seed: seed of the style and the start pose.
 
     Returns:
-        As `make_results`, with one section under the name of the file, see `score_recording`.
+        As `make_results`, with one section under the name of the file. It has no "rows", which need true motion: the
+        scores of the strokes are in "recording", {"rows": {"model": {metric: {"value", "low", "high", "error"}}}}.
 
     Raises:
         UserError: the checkpoint, the speech or the speaker cannot be used, or there are less than 10 s of speech.
@@ -197,7 +198,7 @@ def evaluate_recording(
 
     audio = read_audio(pathlib.Path(speech))
     model = synthesis.load(checkpoint)
-    section = score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
+    section = _score_recording(model, audio, shown(speech), speaker=speaker, seed=seed)
     inputs = {"checkpoint": str(checkpoint), "model": model.assets.hash, "speech": shown(speech)}
     return make_results(inputs, {shown(pathlib.Path(speech).name): section})
 
@@ -207,7 +208,7 @@ def make_results(inputs: Mapping[str, str], sections: Mapping[str, Mapping[str, 
 
     Args:
         inputs: name of each input -> what was given.
-        sections: name of a split, a folder or a file -> what `evaluate` or `score_recording` returns.
+        sections: name of a split, a folder or a file -> what `evaluate` returns.
 
     Returns:
         {"version", "inputs", "metrics": {name: {"title", "unit", "direction"}} of all scores, "sections"}.
@@ -271,31 +272,13 @@ def _features(autoencoder: str | os.PathLike | None):
     return PoseFeatures(autoencoder)
 
 
-def score_recording(
-    model: "Model", audio: np.ndarray, name: str, *, speaker: str | None = None, seed: int = 0
-) -> dict[str, Any]:
-    """Score the strokes of the hands in the motion that a model makes for a recording.
-
-    Args:
-        model: model that makes the motion.
-        audio: (samples,) speech at 16 kHz.
-        name: name of the recording, for messages.
-        speaker: speaker of the model for the style; drawn with `seed` by default.
-        seed: seed of the style and the start pose.
-
-    Returns:
-        One section of results, as those of `evaluate`, without "rows" that need true motion: the scores are in
-        "recording", {"rows": {"model": {metric: {"value", "low", "high", "error"}}}}.
-
-    Raises:
-        UserError: the speaker is unknown, or there are less than 10 s of speech.
-    """
+def _score_recording(model: "Model", audio: np.ndarray, name: str, *, speaker: str | None, seed: int) -> dict[str, Any]:
     if len(audio) < MIN_SECONDS * SAMPLE_RATE:
         raise UserError(f"{name} has {len(audio) / SAMPLE_RATE:.1f} s of sound; expected at least {MIN_SECONDS:g} s")
     from ha2g_jax.synthesis import Style
 
     motion = model.generate(audio, style=Style(speaker=speaker, variation=0), seed=seed)
-    first_frame, skeleton = model_windows(model).seed_frames, model.spec.skeleton
+    first_frame, skeleton = model.spec.num_seed_frames, model.spec.skeleton
     wrists = strokes.wrist_positions(skeleton, motion.directions)
     row = strokes.recording_row(audio, wrists, motion.fps, first_frame)
     return {

@@ -56,10 +56,9 @@ def number(value: float | None) -> str:
 
 
 def markdown(rows: Iterable[Sequence[str]], *, has_numbers: bool = False) -> str:
-    """Write a Markdown table whose first row is its header.
+    """Write a Markdown table of plain text whose first row is its header.
 
     Args:
-        rows: cells of each row, plain text.
         has_numbers: whether all columns but the first are aligned to the right.
     """
     head, *body = ([cell.replace("|", "\\|") or " " for cell in row] for row in rows)
@@ -68,11 +67,7 @@ def markdown(rows: Iterable[Sequence[str]], *, has_numbers: bool = False) -> str
 
 
 def html_table(rows: Sequence[Sequence[str]]) -> str:
-    """Write an HTML table whose first row and first column are headings, and which scrolls if it is too wide.
-
-    Args:
-        rows: cells of each row, plain text.
-    """
+    """Write an HTML table of plain text with headings in its first row and column, which scrolls if too wide."""
     head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in rows[0])
     body = "".join(
         f'<tr><th scope="row">{html.escape(title)}</th>'

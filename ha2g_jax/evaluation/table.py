@@ -18,10 +18,7 @@ PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
 
 
 def as_table(results: Mapping[str, Any]) -> str:
-    """Return results as text for a terminal, section by section.
-
-    Args:
-        results: return value of `inputs.make_results`.
+    """Return results of `inputs.make_results` as text for a terminal, section by section.
 
     Raises:
         UserError: a section lacks a sanity row, or has a score that is not registered.
@@ -33,10 +30,7 @@ def as_table(results: Mapping[str, Any]) -> str:
 
 
 def as_markdown(results: Mapping[str, Any]) -> str:
-    """Return results as Markdown, section by section.
-
-    Args:
-        results: return value of `inputs.make_results`.
+    """Return results of `inputs.make_results` as Markdown, section by section.
 
     Raises:
         UserError: a section lacks a sanity row, or has a score that is not registered.
@@ -49,9 +43,6 @@ def as_markdown(results: Mapping[str, Any]) -> str:
 
 def section_table(section: Mapping[str, Any]) -> str:
     """Return one section as text for a terminal: value [95 % interval] in each cell.
-
-    Args:
-        section: return value of `evaluate.evaluate` or `recording.score_recording`.
 
     Raises:
         UserError: a sanity row is missing, or a score is not registered.
@@ -69,9 +60,6 @@ def section_table(section: Mapping[str, Any]) -> str:
 
 def section_markdown(section: Mapping[str, Any]) -> str:
     """Return one section as Markdown.
-
-    Args:
-        section: return value of `evaluate.evaluate` or `recording.score_recording`.
 
     Raises:
         UserError: a sanity row is missing, or a score is not registered.

@@ -13,7 +13,7 @@ from ha2g_jax.data.talk import lexicon, teacher
 from ha2g_jax.data.talk.speakers import Style
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import talk_trials
-from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, model_windows, sample
+from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_clip, sample
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_trials import Trial, Truth
 from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, Predictions
@@ -99,7 +99,7 @@ def _check_causes(corpus: Corpus, chosen: Mapping[str, Sequence[Clip]]) -> None:
 def _score_split(
     model: Model, corpus: Corpus, clips: Sequence[Clip], seed: int, look_ahead: int | None, progress: tqdm
 ) -> dict[str, Any]:
-    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model_windows(model).seed_frames
+    skeleton, fps, first_frame = corpus.skeleton, corpus.fps, model.spec.num_seed_frames
     trials: dict[str, list[Trial]] = {name: [] for name in (MODEL, WORDLESS, TEACHER, STILL)}
 
     def add(name: str, truth: Truth, directions: np.ndarray) -> None:
