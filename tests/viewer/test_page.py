@@ -92,7 +92,7 @@ def test_three_js_comes_whole():
 
 
 def test_one_page_of_several_files(tmp_path, capsys):
-    """For mistakes see tests/test_cli_motion."""
+    """For mistakes see tests/cli/test_export."""
     names = ("other", "a/talk", "b/talk")
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
