@@ -29,6 +29,16 @@ def within_limits() -> Iterator[None]:
     assert num_bytes < MAX_BYTES, f"{num_bytes / 2**30:.1f} GiB"
 
 
+@contextlib.contextmanager
+def one_line(most: int = 1_000) -> Iterator[None]:
+    """Suppress a `UserError` of one line of fewer than `most` letters; fail as `within_limits` does."""
+    with within_limits():
+        try:
+            yield
+        except UserError as error:
+            assert "\n" not in str(error) and len(str(error)) < most
+
+
 def _peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
@@ -40,11 +50,8 @@ def answered(tmp_path: pathlib.Path) -> Callable:
     def answered(read: Callable[[pathlib.Path], object], content: bytes, name: str) -> None:
         path = tmp_path / name
         path.write_bytes(content)
-        with within_limits():
-            try:
-                read(path)
-            except UserError as error:
-                assert "\n" not in str(error) and len(str(error)) < 1_000
+        with one_line():
+            read(path)
 
     return answered
 

@@ -7,6 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
+from fuzz import recordings
 from fuzz.mutation import FUZZ, damaged_bytes
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,16 +59,6 @@ def test_a_damaged_picture(answered, capfd, data, name):
     assert captured.out == captured.err == ""
 
 
-def png(width: int, height: int, pixels: bytes = b"") -> bytes:
-    """Return a PNG in RGB of 8 bits with any size in its header."""
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(pixels)), (b"IEND", b""))
-    parts = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
-
-
 def many_passes() -> bytes:
     """Return a progressive JPEG whose last pass over its 4,096 x 4,096 pixels comes a thousand times."""
     file = io.BytesIO()
@@ -87,10 +78,10 @@ def tiled(side: int) -> bytes:
 
 
 REFUSED = {
-    "30,000 x 30,000": (lambda: png(30_000, 30_000), "exceeds limit"),
-    "10,000 x 10,000": (lambda: png(10_000, 10_000), "more than 67108864 pixels"),
-    "2 G x 2 G": (lambda: png(2**31 - 1, 2**31 - 1), "exceeds limit"),
-    "no pixels": (lambda: png(0, 0), "cannot be read as an image"),
+    "30,000 x 30,000": (lambda: recordings.png(30_000, 30_000), "exceeds limit"),
+    "10,000 x 10,000": (lambda: recordings.png(10_000, 10_000), "more than 67108864 pixels"),
+    "2 G x 2 G": (lambda: recordings.png(2**31 - 1, 2**31 - 1), "exceeds limit"),
+    "no pixels": (lambda: recordings.png(0, 0), "cannot be read as an image"),
     "cut": (lambda: CONTENTS["a.jpg"][:-200], "truncated"),
     "a thousand passes": (many_passes, "passes"),
     "tiles of 60,000 x 60,000": (
@@ -130,5 +121,5 @@ def test_a_damaged_image_of_a_clip_is_a_finding(data):
 
 
 def test_an_image_of_a_clip_may_not_be_a_bomb():
-    (finding,) = clip_checks._check_images({"reference_images": [png(30_000, 30_000)]})
+    (finding,) = clip_checks._check_images({"reference_images": [recordings.png(30_000, 30_000)]})
     assert "exceeds limit of" in finding

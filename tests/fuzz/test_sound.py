@@ -161,15 +161,20 @@ def test_a_file_of_any_name_is_read_or_refused(refused, tmp_path, name):
     assert line.isprintable() and "no sound that can be read" in line
 
 
-COMMANDS = {
-    "generate": ("generate", "{sound}"),
-    "evaluate": ("evaluate", "--speech", "{sound}"),
-    "build-video": ("data", "build-video", "{sound}", "{out}"),
-}
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_name_of_300_letters_is_refused_in_one_line(refused, tmp_path, command):
-    places = {"{sound}": str(tmp_path / ("x" * 300 + ".wav")), "{out}": str(tmp_path / "out")}
-    line = refused(*[places.get(word, word) for word in COMMANDS[command]])
-    assert "xxx...xxx" in line and "too long" in line
+@pytest.mark.parametrize(
+    "command",
+    [
+        "generate {long}.wav",
+        "evaluate --speech {long}.wav",
+        "data build-video {long}.mp4 out",
+        "data stats {long}",
+        "data split {long} out",
+        "data merge {long} {long} out",
+        "data make-talk {long} --minutes 5 --speakers 4 --workers 1",
+    ],
+)
+@pytest.mark.parametrize("letters", [300, 5_000])
+def test_a_long_name_is_refused_in_one_line(refused, tmp_path, monkeypatch, command, letters):
+    monkeypatch.chdir(tmp_path)
+    line = refused(*command.format(long="x" * letters).split())
+    assert "xxx...xxx" in line and "too long" in line and len(line) < 500
