@@ -1,19 +1,49 @@
 """All thresholds and choices of the import of videos (HA2G, Appendix A), as one value."""
 
+import contextlib
 import dataclasses
-import math
 import pathlib
-import types
-import typing
+import reprlib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ha2g_jax.config.ranges import TEXT, Range, number, whole
 from ha2g_jax.data.recording import MAX_SECONDS, MOCAP, WindowFilters
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_regular, read_json, shown
 from ha2g_jax.limits import MAX_SETTINGS_BYTES
 
 _EXPECTED = 'settings in JSON, such as {"min_seconds": 3}'
+
+
+def _or_none(values: Range) -> Range:
+    return Range(f"{values.expected} or none", lambda value: value is None or values.contains(value))
+
+
+# Wide enough for any recording and narrow enough to catch a wrong unit.
+_RANGES = {
+    "fps": number(1, 120),
+    "shot_threshold": number(0.1, 255),
+    "min_seconds": number(0, 3600),
+    "min_visible": number(0, 1),
+    "min_confidence": number(0, 1),
+    "min_motion": number(0, 10),
+    "max_gap": number(0, 60),
+    "cutoff": number(0.1, 60),
+    "max_seconds": number(2, 600),
+    "num_reference_frames": whole(0, 16),
+    "image_size": whole(32, 1024),
+    "recognise": _or_none(TEXT),
+    "pose_command": _or_none(TEXT),
+    "filters.min_words": _or_none(whole(0)),
+    "filters.min_pose_distance": _or_none(number(0)),
+    "filters.max_spine_angle": _or_none(number(0, 180)),
+    "filters.max_mean_spine_angle": _or_none(number(0, 180)),
+    "filters.min_wrist_variance": _or_none(number(0)),
+    "filters.num_frames": whole(1, 10_000),
+    "filters.stride": whole(1, 10_000),
+}
+_TEXTS = ("recognise", "pose_command")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +69,7 @@ class VideoSettings:
         filters: conditions that a window of a clip must fulfil.
 
     Raises:
-        UserError: a value is of the wrong type or out of range.
+        UserError: a value is not one of those that the setting may have.
     """
 
     fps: float = 15.0
@@ -58,17 +88,15 @@ class VideoSettings:
     filters: WindowFilters = MOCAP
 
     def __post_init__(self) -> None:
-        for name, value in self._flat().items():
-            checked = _checked(name, value)
-            if "." not in name:
-                object.__setattr__(self, name, checked)
-        for name, (low, high) in _RANGES.items():
-            if not low <= getattr(self, name) <= high:
-                raise UserError(f"setting {name} is {getattr(self, name):g}; expected {low:g} to {high:g}")
-        if not all(1 <= number <= _MAX_WINDOW for number in (self.filters.num_frames, self.filters.stride)):
-            raise UserError(
-                f"settings filters.num_frames and filters.stride must be at least 1 and at most {_MAX_WINDOW}"
-            )
+        for name, values in _RANGES.items():
+            is_filter, field = name.startswith("filters."), name.removeprefix("filters.")
+            value = getattr(self.filters if is_filter else self, field)
+            if not values.contains(value):
+                raise UserError(f"setting {name} is {reprlib.repr(value)}; expected {values.expected}")
+            default = WindowFilters._field_defaults[field] if is_filter else getattr(VideoSettings, field)
+            if isinstance(value, int) and isinstance(default, float):
+                changed = self.filters._replace(**{field: float(value)}) if is_filter else float(value)
+                object.__setattr__(self, "filters" if is_filter else field, changed)
 
     def as_json(self) -> dict[str, Any]:
         """Return the values by name, ready for JSON; `filters` is a nested mapping."""
@@ -79,11 +107,13 @@ class VideoSettings:
         """Make settings of a mapping such as `as_json` returns; missing values keep their defaults.
 
         Raises:
-            UserError: a name is unknown, or a value is of the wrong type or out of range.
+            UserError: a name is unknown, or a value is not one of those that the setting may have.
         """
         filters = values.get("filters", {})
         if not isinstance(filters, Mapping):
-            raise UserError(f'setting filters is {_short(filters)}; expected names and values: {{"min_words": 2}}')
+            raise UserError(
+                f'setting filters is {reprlib.repr(filters)}; expected names and values: {{"min_words": 2}}'
+            )
         flat = {name: value for name, value in values.items() if name != "filters"}
         return cls().replaced(flat | {f"filters.{name}": value for name, value in filters.items()})
 
@@ -91,51 +121,17 @@ class VideoSettings:
         """Replace values by name; those of filters have names such as "filters.min_words".
 
         Raises:
-            UserError: a name is unknown, or a value is of the wrong type or out of range.
+            UserError: a name is unknown, or a value is not one of those that the setting may have.
         """
-        if unknown := sorted(set(values) - set(_TYPES)):
-            group = "filters." if unknown[0].startswith("filters.") else ""
-            names = [name for name in _TYPES if name.startswith("filters.") == bool(group)]
-            raise UserError(f"unknown setting {_short(unknown[0])}; expected one of {', '.join(names)}")
+        if unknown := sorted(set(values) - set(_RANGES)):
+            raise UserError(f"unknown setting {reprlib.repr(unknown[0])}; expected one of {', '.join(_RANGES)}")
         changes = {name: value for name, value in values.items() if "." not in name}
         filters = {name.removeprefix("filters."): value for name, value in values.items() if "." in name}
         return dataclasses.replace(self, **changes, filters=self.filters._replace(**filters))
 
-    def _flat(self) -> dict[str, Any]:
-        values = {name: getattr(self, name) for name in _TYPES if "." not in name}
-        return values | {f"filters.{name}": value for name, value in self.filters._asdict().items()}
-
-
-def _types(of: type, prefix: str = "") -> dict[str, tuple[type, ...]]:
-    """Return the types that each setting may have by name."""
-    hints = {prefix + name: hint for name, hint in typing.get_type_hints(of).items() if name != "filters"}
-    return {name: typing.get_args(hint) or (hint,) for name, hint in hints.items()}
-
-
-_TYPES = _types(VideoSettings) | _types(WindowFilters, "filters.")
-_MAX_WINDOW = 10_000  # frames of a window
-
-# Inclusive bounds, wide enough for any recording and narrow enough to catch a wrong unit.
-_RANGES = {
-    "fps": (1, 120),
-    "shot_threshold": (0.1, 255),
-    "min_seconds": (0, 3600),
-    "min_visible": (0, 1),
-    "min_confidence": (0, 1),
-    "min_motion": (0, 10),
-    "max_gap": (0, 60),
-    "cutoff": (0.1, 60),
-    "max_seconds": (2, 600),
-    "num_reference_frames": (0, 16),
-    "image_size": (32, 1024),
-}
-
 
 def read_settings(path: str | pathlib.Path) -> VideoSettings:
     """Read settings from a JSON file.
-
-    Args:
-        path: path of the file.
 
     Raises:
         UserError: the file is missing, is not JSON, or has an unknown name or a wrong value.
@@ -158,52 +154,21 @@ def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> Video
         base: settings of the other values; None for the defaults.
 
     Raises:
-        UserError: a pair has no "=", a name is unknown, or a value is of the wrong type or out of range.
+        UserError: a pair has no "=", a name is unknown, or a value is not one of those that the setting may have.
     """
     values: dict[str, Any] = {}
     for pair in pairs:
         name, equals, text = (part.strip() for part in pair.partition("="))
         if not equals:
-            raise UserError(f"setting {_short(pair)} has no value; write NAME=VALUE, such as min_seconds=3")
-        if name == "filters":
-            raise UserError("setting filters is a group; write filters.NAME=VALUE, such as filters.min_words=2")
-        values[name] = _parsed(name, text)
+            raise UserError(f"setting {reprlib.repr(pair)} has no value; write NAME=VALUE, such as min_seconds=3")
+        values[name] = _parsed(text, is_text=name in _TEXTS)
     return (base or VideoSettings()).replaced(values)
 
 
-def _checked(name: str, value: Any) -> Any:
-    allowed = _TYPES[name]
-    if float in allowed and isinstance(value, int) and not isinstance(value, bool):
-        try:
-            value = float(value)
-        except OverflowError:
-            value = math.inf
-    is_finite = not isinstance(value, float) or math.isfinite(value)
-    if isinstance(value, bool) or not isinstance(value, allowed) or not is_finite:
-        raise UserError(f"setting {name} is {_short(value)}; expected {_expected(allowed)}")
-    return value
-
-
-def _parsed(name: str, text: str) -> Any:
-    """Parse the text of a value; that of an unknown name is kept, and the name is refused later."""
-    allowed = _TYPES.get(name, ())
-    if types.NoneType in allowed and text.lower() == "none":
+def _parsed(text: str, *, is_text: bool) -> Any:
+    if text.lower() == "none":
         return None
-    for kind in (int, float):
-        if kind in allowed:
-            try:
-                return kind(text)
-            except ValueError:
-                raise UserError(f"setting {name} is {_short(text)}; expected {_expected(allowed)}") from None
+    for kind in () if is_text else (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
     return text
-
-
-def _short(value: Any) -> str:
-    """Return a value as text of at most 60 letters, as a settings file or the command line would have it."""
-    text = repr(value) if not isinstance(value, int) or abs(value) < 10**60 else "a number of more than 60 digits"
-    return text if len(text) <= 60 else f"{text[:60]}..."
-
-
-def _expected(allowed: tuple[type, ...]) -> str:
-    names = {int: "a whole number", float: "a number", str: "a text", types.NoneType: "none"}
-    return " or ".join(names.get(kind, kind.__name__) for kind in allowed)
