@@ -83,18 +83,23 @@ def mute_video(path: pathlib.Path) -> None:
         container.mux([*stream.encode(image), *stream.encode(None)])
 
 
+def cut_file(path: pathlib.Path) -> None:
+    soundfile.write(path, noise(32000), 16000)
+    path.write_bytes(path.read_bytes()[:20000])
+
+
 BAD_FILES = {
     "missing.wav": (lambda path: None, "no file"),
     "folder.wav": (lambda path: path.mkdir(), "a folder"),
     "empty.wav": (lambda path: path.touch(), "empty file"),
     "text.wav": (lambda path: path.write_text("these are words\n" * 40), "no sound"),
-    "text.mp3": (lambda path: path.write_text("these are words\n" * 40), "no sound"),
     "no_samples.wav": (lambda path: soundfile.write(path, np.zeros(0), 16000), "0.000 s"),
     "short.wav": (lambda path: soundfile.write(path, tone(0.19), 16000), "0.190 s"),
     "nan.wav": (lambda path: soundfile.write(path, np.full(8000, np.nan), 16000, subtype="FLOAT"), "only NaN"),
     "slow.wav": (lambda path: soundfile.write(path, tone(1), 5), "declares 5 samples per second"),
     "long.flac": (lambda path: soundfile.write(path, np.zeros(3901 * 1000, np.int16), 1000), "65 minutes"),
     "mute.mp4": (mute_video, "no sound"),
+    "cut.flac": (cut_file, "no sound that can be read"),
 }
 
 
@@ -110,20 +115,8 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
 def test_what_has_no_sound_is_told_from_what_has(tmp_path):
     (tmp_path / "text.wav").write_text("these are words\n" * 40)
     (tmp_path / "empty.wav").touch()
-    with av.open(str(tmp_path / "silent.mp4"), "w") as container:
-        stream = container.add_stream("mpeg4", rate=25)
-        stream.width = stream.height = 64
-        frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8))
-        container.mux([*stream.encode(frame), *stream.encode(None)])
+    mute_video(tmp_path / "silent.mp4")
     assert not any(audio.has_sound(tmp_path / name) for name in ("text.wav", "empty.wav", "silent.mp4"))
-
-
-def test_a_damaged_file_is_refused(tmp_path):
-    path = tmp_path / "speech.flac"
-    soundfile.write(path, noise(32000), 16000)
-    path.write_bytes(path.read_bytes()[:20000])
-    with pytest.raises(UserError, match="no sound that can be read"):
-        audio.read_audio(path)
 
 
 def test_reads_real_recordings(private_data):

@@ -18,10 +18,6 @@ from ha2g_jax.features.spectrum import (
 )
 
 
-def tone(seconds: float, rate: int = 16000, hertz: float = 440) -> np.ndarray:
-    return (0.3 * np.sin(2 * np.pi * hertz * np.arange(round(seconds * rate)) / rate)).astype(np.float32)
-
-
 def noise(num_samples: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(0, 0.1, num_samples).astype(np.float32)
 

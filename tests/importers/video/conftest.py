@@ -2,7 +2,7 @@
 
 import pathlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 import av
@@ -15,7 +15,7 @@ SOUND_RATE = 16000
 
 @pytest.fixture(scope="session")
 def make_video() -> Callable[..., pathlib.Path]:
-    """Writes a video whose image k is plain and reddish, with 10 + k % 150 of green, and a tone."""
+    """Writes a video of images of the colours given, or with a tone and reddish images with 10 + k % 150 of green."""
 
     def make(
         path: pathlib.Path,
@@ -24,18 +24,21 @@ def make_video() -> Callable[..., pathlib.Path]:
         fps: int = 10,
         with_sound: bool = True,
         times: np.ndarray | None = None,
+        colours: Sequence[tuple[int, int, int]] | None = None,
         sound_start: float = 0.0,
         **options: str,
     ) -> pathlib.Path:
         path.parent.mkdir(parents=True, exist_ok=True)
-        times = np.arange(round(seconds * fps)) / fps if times is None else times
+        count, has_sound = (round(seconds * fps), with_sound) if colours is None else (len(colours), False)
+        times = np.arange(count) / fps if times is None else times
         with av.open(str(path), "w", options=options) as container:
             images = container.add_stream("mpeg4", rate=fps, options={"qscale": "1"})
             images.width, images.height, images.pix_fmt = WIDTH, HEIGHT, "yuv420p"
             images.time_base = images.codec_context.time_base = Fraction(1, 1000)
-            sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono") if with_sound else None
+            sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono") if has_sound else None
             for number, time in enumerate(times):
-                image = np.full((HEIGHT, WIDTH, 3), np.array([60, 0, 20]) + 10 + number % 150, np.uint8)
+                colour = np.array([60, 0, 20]) + 10 + number % 150 if colours is None else colours[number]
+                image = np.full((HEIGHT, WIDTH, 3), colour, np.uint8)
                 frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format="yuv420p")
                 frame.pts, frame.time_base = round(time * 1000), Fraction(1, 1000)
                 container.mux(images.encode(frame))

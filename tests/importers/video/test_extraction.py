@@ -1,10 +1,7 @@
 """Shots are cut where the image changes; those that fulfil the three conditions of the paper become clips."""
 
-import pathlib
 import shutil
-from fractions import Fraction
 
-import av
 import numpy as np
 import pytest
 
@@ -135,40 +132,24 @@ def test_one_moving_wrist_is_motion(wrist, amplitude, is_expected):
     assert is_still(positions, SKELETON, VideoSettings().min_motion) is is_expected
 
 
-MILLISECOND = Fraction(1, 1000)
 RED, DARK, WHITE = (200, 30, 30), (20, 30, 20), (230, 230, 230)
 
 
-def write_colours(path: pathlib.Path, colours, times=None) -> pathlib.Path:
-    """A video of images of one colour each."""
-    times = np.arange(len(colours)) / 20 if times is None else times
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=20, options={"qscale": "2"})
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.time_base = stream.codec_context.time_base = MILLISECOND
-        for colour, time in zip(colours, times, strict=True):
-            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), colour, np.uint8), format="rgb24")
-            frame.pts, frame.time_base = round(time * 1000), MILLISECOND
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    return path
-
-
-def test_a_cut_lies_between_two_images(tmp_path):
-    video = write_colours(tmp_path / "cuts.mp4", [RED] * 30 + [DARK] * 25 + [WHITE] * 20)
+def test_a_cut_lies_between_two_images(tmp_path, make_video):
+    video = make_video(tmp_path / "cuts.mp4", colours=[RED] * 30 + [DARK] * 25 + [WHITE] * 20)
     assert find_shots(video) == [(0, 30), (30, 55), (55, 75)]
 
 
-def test_the_threshold_decides_what_is_a_cut(tmp_path):
-    video = write_colours(tmp_path / "faint.mp4", [(100, 100, 100)] * 20 + [(130, 130, 130)] * 20)
+def test_the_threshold_decides_what_is_a_cut(tmp_path, make_video):
+    video = make_video(tmp_path / "faint.mp4", colours=[(100, 100, 100)] * 20 + [(130, 130, 130)] * 20)
     assert find_shots(video) == [(0, 40)]
     assert find_shots(video, threshold=5.0) == [(0, 20), (20, 40)]
 
 
-def test_images_are_counted_where_the_frame_rate_varies(tmp_path):
+def test_images_are_counted_where_the_frame_rate_varies(tmp_path, make_video):
     # The first 30 images take 6 s, the other 30 take 1 s: by time the cut would be at frame 51 of 60.
     times = np.concatenate([np.arange(30) / 5, 6 + np.arange(30) / 30])
-    video = write_colours(tmp_path / "varying.mp4", [RED] * 30 + [DARK] * 30, times)
+    video = make_video(tmp_path / "varying.mp4", colours=[RED] * 30 + [DARK] * 30, times=times)
     assert len(images.image_times(video)) == 60
     assert find_shots(video) == [(0, 30), (30, 60)]
 

@@ -41,11 +41,6 @@ def made(monkeypatch) -> list[pathlib.Path]:
     return made
 
 
-def test_it_is_asked_for_where_it_is_missing():
-    with pytest.raises(UserError, match="ha2g data build-video --install"):
-        pose.holistic_command()
-
-
 def test_it_is_made_once_under_the_cache(empty_cache, made):
     folder = pose.install()
     assert folder == empty_cache / "pose-0.10.21"

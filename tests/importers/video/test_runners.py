@@ -93,12 +93,6 @@ def test_workers_do_not_outlive_a_killed_caller(tmp_path):
     assert all(_is_gone(int(number)) for number in note.read_text().split())
 
 
-def test_without_ray_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(UserError, match=r"ha2g-jax\[ray\]"):
-        list(runners.ray(str.upper, ["a"]))
-
-
 def _is_gone(process: int) -> bool:
     """Whether a process ends within some seconds; one that nobody has waited for yet counts as ended."""
     for _ in range(500):
