@@ -84,14 +84,9 @@ def fetch(name: str) -> pathlib.Path:
 
 
 def publish(folder: pathlib.Path, card: str, name: str, *, is_private: bool = False, message: str = "") -> str:
-    """Publish a model folder as one commit; the repository is made if there is none.
+    """Publish a model folder, with the text of its card, as one commit; the repository is made if there is none.
 
-    Args:
-        card: text of the model card, README.md.
-        name: OWNER/NAME or OWNER/NAME@BRANCH.
-
-    Returns:
-        The name of the published model with its commit, hf://OWNER/NAME@COMMIT.
+    The name is OWNER/NAME or OWNER/NAME@BRANCH; that of the published model, with its commit, is returned.
 
     Raises:
         UserError: the name has another form, the extra hub is not installed, the token of the user is missing or does

@@ -75,7 +75,7 @@ class WhisperWeights(NamedTuple):
 
 
 def load(folder: str | pathlib.Path) -> WhisperWeights:
-    """Read the encoder of a Whisper model, with weights in float16, bfloat16 or float32.
+    """Read the encoder of a Whisper model from its folder, with weights in float16, bfloat16 or float32.
 
     Raises:
         UserError: a file or a tensor is missing or damaged, or is not that of a Whisper model.

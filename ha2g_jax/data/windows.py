@@ -38,13 +38,10 @@ class Track(NamedTuple):
 
 
 class ClipCache:
-    """Least-recently-used cache of tracks by the number of their clip.
+    """Least-recently-used cache of tracks, which `decode` computes, by the number of their clip.
 
-    It is thread-safe. A pickled copy is empty, so a worker process starts with an empty cache.
-
-    Args:
-        decode: function that computes the track of a clip from its number.
-        max_bytes: maximum size of all tracks in memory; a larger track is computed anew on each access.
+    It is thread-safe. A pickled copy is empty, so a worker process starts with an empty cache. The tracks take at most
+    `max_bytes` together; a larger track is computed anew on each access.
     """
 
     def __init__(self, decode: Callable[[int], Track], max_bytes: int):

@@ -122,12 +122,8 @@ class Outputs(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """The same speech in the style of another speaker of the batch; no gradient flows through it.
-
-    Attributes:
-        poses: (B, N, pose_dim).
-        z: (B, 16) style of `Outputs.poses`.
-        other_z: (B, 16) style of `poses`.
+    """The same speech in the style `other_z` (B, 16) of another speaker of the batch, beside the own z; no gradient
+    flows through it.
     """
 
     poses: jax.Array

@@ -70,15 +70,11 @@ class Estimate(NamedTuple):
 
 
 def jackknife(samples: np.ndarray, statistic: Callable[[np.ndarray], float], clusters: np.ndarray) -> Estimate:
-    """Return the statistic of all samples and the delete-one-cluster standard error.
+    """Return the statistic of all samples (n, ...) and the delete-one-cluster standard error.
 
     se^2 = (G - 1) / G sum_g (s_g - mean s)^2, with s_g the statistic without cluster g (Efron and Tibshirani 1993,
-    chapter 11). No random numbers: the same samples give the same error.
-
-    Args:
-        samples: (n, ...) samples, one row each; a row may hold several quantities of the sample.
-        statistic: function of any non-empty subset of the rows to a number.
-        clusters: (n,) label of each sample's cluster (a clip or a speaker).
+    chapter 11). No random numbers: the same samples give the same error. The statistic is a function of any non-empty
+    subset of the rows; the clusters (n,) are labels, such as a clip or a speaker.
     """
     if not len(samples):
         return Estimate(np.nan, np.nan)

@@ -22,15 +22,10 @@ from ha2g_jax.methods.ha2g.model import HA2G
 def export(
     source: str | pathlib.Path, out: str | pathlib.Path, *, weights: str = "float32", license: str = ""
 ) -> pathlib.Path:
-    """Write a model as an ONNX file, completely or not at all.
+    """Write a model as an ONNX file, whose suffix is .onnx, completely or not at all, and return its path.
 
-    Args:
-        out: file to write, whose suffix is .onnx.
-        weights: form of large weights in the file, one of `networks.WEIGHTS`; the computation is float32.
-        license: licence of the model, which is stored in the file; that of the demo is known.
-
-    Returns:
-        The path of the file.
+    Large weights have the form `weights`, one of `networks.WEIGHTS`; the computation is float32. The licence of the
+    model is stored in the file; that of the demo is known.
 
     Raises:
         UserError: there is no model, it is not HA2G with the audio encoder of the paper, or the file cannot be written.

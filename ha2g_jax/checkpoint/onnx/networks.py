@@ -90,12 +90,9 @@ class Graph:
         inner: dict[str, Sequence[Any]],
         metadata: dict[str, str],
     ) -> onnx.ModelProto:
-        """Return the whole model.
+        """Return the whole model with the shapes of its inputs and outputs by name; a text is a size that is not fixed.
 
-        Args:
-            inputs: shape of each input; a text is a size that is not fixed.
-            outputs: shape of each output, which is the value of the same name.
-            inner: shape of values between the two at which a reader may divide the graph.
+        `inner` has the shapes of values between the two at which a reader may divide the graph.
         """
         sides = [
             [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in them.items()]
@@ -231,16 +228,10 @@ def _factor_and_shift(params: Tree, stats: Tree) -> tuple[np.ndarray, np.ndarray
 def add_inferer(
     graph: Graph, model: HA2G, skeleton: Skeleton, params: Tree, features: Sequence[str], style: str, seed_pose: str
 ) -> str:
-    """Add the coordinator and all stages to a graph.
+    """Add the coordinator and all stages to a graph, and return the name of the poses (B, N, bones, 3), unit vectors.
 
-    Args:
-        skeleton: skeleton, with the mean that is subtracted from poses and added to them (D1).
-        features: names of f_low, f_mid and f_high, each (B, N, features).
-        style: name of the value (B, style_dim).
-        seed_pose: name of the value (B, M, bones, 3), unit vectors.
-
-    Returns:
-        The name of the poses (B, N, bones, 3), unit vectors.
+    Features f_low, f_mid and f_high (B, N, features), style (B, style_dim) and seed pose (B, M, bones, 3), unit
+    vectors, are names of values. The mean of the skeleton is subtracted from poses and added to them (D1).
     """
     mean, free = graph.constant(skeleton.mean_directions, "mean_directions"), None
     seed = graph.add("Reshape", graph.add("Sub", seed_pose, mean), graph.constant([0, 0, skeleton.pose_dim]))

@@ -50,12 +50,9 @@ class Movement(NamedTuple):
 def perform(
     audio: np.ndarray, words: Sequence[Word], style: Style, rng: np.random.Generator, fps: float = 15
 ) -> Movement:
-    """Make gestures to speech, round(seconds * fps) frames of them.
+    """Make gestures to speech (samples,) at 16 kHz and its words, round(seconds * fps) frames of them.
 
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-        words: words of the speech in order of time, in seconds from the start of the audio.
-        rng: generator of the random part of the movement: idle sway and a few milliseconds of latency.
+    The generator is that of the random part of the movement: idle sway and a few milliseconds of latency.
     """
     skeleton = skeletons.load_skeleton(SKELETON)
     num_frames = round(len(audio) / strokes.SAMPLE_RATE * fps)

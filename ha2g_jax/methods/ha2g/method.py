@@ -79,12 +79,8 @@ class Outputs(NamedTuple):
 
 
 class Contrast(NamedTuple):
-    """The same speech with another identity of the batch; no gradient flows through it.
-
-    Attributes:
-        poses: (B, N, pose_dim) of the last level.
-        f_id: (B, 18) identity of `Outputs.poses`.
-        other_f_id: (B, 18) identity of `poses`.
+    """The same speech with another identity of the batch (B, 18), beside the own f_id, as poses (B, N, pose_dim) of the
+    last level; no gradient flows through it.
     """
 
     poses: jax.Array

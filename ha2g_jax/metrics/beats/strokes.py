@@ -27,13 +27,8 @@ SHIFT = 2.0  # seconds between the shifts that make the chance level; the first 
 
 
 class Matches(NamedTuple):
-    """Counts of one clip, from which recall, precision and F1 of any set of clips follow.
-
-    Attributes:
-        strokes: number of true strokes of the kind that is scored.
-        met: number of strokes that a motion beat meets, one to one.
-        beats: number of motion beats.
-        known: number of motion beats that meet a true movement of any kind, one to one.
+    """Counts of one clip: true strokes of the kind that is scored, those that a motion beat meets one to one, motion
+    beats, and those that meet a true movement of any kind.
     """
 
     strokes: int
@@ -121,10 +116,8 @@ def strict_f1(counts: np.ndarray) -> float:
 class Kernels(NamedTuple):
     """Sums of the kernel over one stretch of time, from which the alignment of any set of stretches follows.
 
-    Attributes:
-        onsets, beats: numbers of onsets and of motion beats.
-        onset_sum: sum over onsets of the kernel to the nearest motion beat.
-        beat_sum: sum over motion beats of the kernel to the nearest onset.
+    There are the numbers of onsets and of motion beats, and the sums of the kernel from each onset to the nearest
+    motion beat, and the other way round.
     """
 
     onsets: int

@@ -43,12 +43,10 @@ def deep_minima(curve: np.ndarray, rise: float) -> np.ndarray:
 
 
 def minima(curve: np.ndarray, *, is_first: np.ndarray | None = None, equal: bool = False) -> Minima:
-    """Find the strict local minima of one curve, or of many that lie end to end.
+    """Find the strict local minima of one curve (T,), or of many that lie end to end.
 
-    Args:
-        curve: (T,) samples.
-        is_first: (T,) whether a sample is the first of its curve; no minimum is there, at a last sample, or across.
-        equal: whether two equal lowest samples count too, as a minimum halfway.
+    `is_first` (T,) tells whether a sample is the first of its curve; no minimum is there, at a last sample, or across.
+    With `equal`, two equal lowest samples count too, as a minimum halfway.
     """
     is_joint = np.zeros(max(len(curve) - 1, 0), bool) if is_first is None else is_first[1:]
     steps = np.diff(curve)
