@@ -66,8 +66,6 @@ def from_corpus(
     """Return the motion that a model generates for a split, and the true motion.
 
     Args:
-        model: model of the skeleton and the frame rate of the corpus.
-        corpus, split: corpus and name of the split with the clips.
         seed: seed of the sample of clips and of everything that the model draws.
         limit: greatest number of clips, drawn at random; all by default.
         with_audio: whether the sound is kept, which the legacy scores need.
@@ -228,8 +226,6 @@ def generate_clip(
     """Generate the direction vectors (T, bones, 3) of a motion for the speech of a clip.
 
     Args:
-        model: model that makes the motion.
-        clip: clip with sound and words.
         style: (style_dim,) style of the motion.
         seed: seed of everything that the model draws.
         start: (seed frames, bones, 3) poses to begin with; drawn by the model by default, and in a stream always.

@@ -77,7 +77,6 @@ def write_report(path: str | os.PathLike, out: str | os.PathLike, *, num_samples
     """Write a self-contained HTML page with videos. Equal corpora give equal pages.
 
     Args:
-        path: folder of the corpus.
         out: path of the page, an `.html`.
         num_samples: number of clips to watch, of different speakers if possible; 0 for none.
 
@@ -323,7 +322,6 @@ def write_talk_report(
     """Write a self-contained HTML page that compares the motion of a Talk corpus with TED's angles and a recording.
 
     Args:
-        path: folder of a Talk corpus.
         out: path of the page, whose suffix becomes .html.
         recording: path of a BVH motion capture of a real speaker.
 

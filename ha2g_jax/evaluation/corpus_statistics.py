@@ -49,9 +49,6 @@ _TITLE_WIDTH, _MIN_WIDTH = 34, 10
 def summarise(path: str | os.PathLike) -> dict[str, Any]:
     """Compute the statistics of a corpus, without decoding audio and images.
 
-    Args:
-        path: folder of the corpus.
-
     Returns:
         A dict ready for JSON. "splits" and "total": clips, recordings, speakers, hours, windows, words,
         words_per_minute, vocabulary (number of different words), unknown_words (fraction of words that training does

@@ -62,7 +62,6 @@ class Intervals:
         return self.of_statistic(score) if callable(score) else score_as_json(score)
 
     def of_statistic(self, statistic: Statistic) -> dict[str, float | None]:
-        """Return {"value", "low", "high"} of a statistic, None where undefined."""
         return _as_json(bootstrap(statistic, self._recordings, draws=self._draws, seed=self._seed, level=LEVEL))
 
 

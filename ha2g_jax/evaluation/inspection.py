@@ -1,4 +1,7 @@
-"""What the parts of a trained HA2G compute: blend of the audio levels, words beside the audio, poses of each stage."""
+"""What the parts of a trained HA2G compute: blend of the audio levels, words beside the audio, poses of each stage.
+
+All functions take a model of HA2G with the networks of the paper.
+"""
 
 import functools
 from collections.abc import Sequence
@@ -23,7 +26,6 @@ def audio_blend(model: Model, styles: np.ndarray) -> np.ndarray:
     """Return the style coordinator C of Eq. 3: how much each audio level counts in each level of the motion.
 
     Args:
-        model: HA2G with the networks of the paper.
         styles: (S, style_dim) styles f_id.
 
     Returns:
@@ -40,7 +42,6 @@ def text_features(model: Model, words: Sequence[Word], num_frames: int) -> np.nd
     """Return the text features f_t (T, 32) of a clip of T frames, which serve the contrastive loss alone.
 
     Args:
-        model: HA2G with the networks of the paper.
         words: words of the clip in order of time.
         num_frames: length T of the clip in frames.
 
@@ -59,7 +60,6 @@ def word_similarities(model: Model, audio: np.ndarray, words: Sequence[Word]) ->
     the diagonal of the high level large beside everything else.
 
     Args:
-        model: HA2G with the networks of the paper.
         audio: (samples,) float32 mono samples at 16 kHz.
         words: n words of the clip in order of time.
 
@@ -85,7 +85,6 @@ def stage_poses(
     """Return the poses of every stage of the pose inferer for one window of a clip (Eq. 4).
 
     Args:
-        model: HA2G with the networks of the paper.
         audio: (samples,) float32 mono samples at 16 kHz.
         style: (style_dim,) style f_id.
         seed_pose: (M, bones, 3) unit vectors, the poses before the window.

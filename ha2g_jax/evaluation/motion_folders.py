@@ -106,8 +106,6 @@ def from_folders(
     motion is brought to 15 frames per second, see `motion.readers`.
 
     Args:
-        motion: folder of the motion to be evaluated.
-        reference: folder of the true motion.
         skeleton: "ted_expressive" or "ted_gesture"; by default the first of them that the first reference file fits.
         joint_map: names of the joints of the files, see `motion.readers.read_motion`.
         source_fps: frames per second of files that do not say it.
@@ -284,7 +282,6 @@ def score_beat2(
         body_model: path of an SMPL-X body model (.npz), as the papers use; None for the neutral template.
         source_fps: frames per second of files that do not say it.
         seed: seed of the bootstrap and of the pairs of mismatched speech.
-        draws: number of draws of the bootstrap.
 
     Returns:
         {"rows": {row: {metric: {"value", "low", "high"}}}, "notes"}; rows are the methods, their paired differences

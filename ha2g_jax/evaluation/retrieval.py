@@ -57,10 +57,6 @@ def make_library(corpus: Corpus) -> Library:
 def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, list[tuple[int, int]]]:
     """Find the training window that sounds most like each window of the clips of a split.
 
-    Args:
-        library: library of the same corpus.
-        corpus: corpus of the clips.
-
     Returns:
         Id of each clip -> index of the training clip and its first frame, for each window of the clip.
     """
@@ -80,9 +76,7 @@ def nearest_windows(library: Library, corpus: Corpus, split: str) -> dict[str, l
 def join_motion(corpus: Corpus, split: str, nearest: Mapping[str, Sequence[Sequence[int]]]) -> list[ClipResult]:
     """Return the motion of training windows as that of the clips of a split, joined as the windows of a model are.
 
-    Args:
-        corpus: corpus of the clips.
-        nearest: return value of `nearest_windows`.
+    `nearest` is the return value of `nearest_windows`.
     """
     clips, training = corpus.clips(split), corpus.clips(TRAIN)
     length, _ = _window(corpus)

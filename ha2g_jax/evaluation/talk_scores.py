@@ -56,8 +56,6 @@ def score_known_causes(
     The model takes the style of each clip from the clip's own reference frames, or from the speaker's name.
 
     Args:
-        model: model of the skeleton and the frame rate of the corpus.
-        corpus: a corpus with known causes.
         limits: name of each split to score -> greatest number of clips, drawn at random; None for all.
         seed: seed of start poses, of the teacher's noise and of the samples of clips.
         look_ahead: frames of speech that a stream hears beyond each frame; None for motion of whole clips.
@@ -162,7 +160,6 @@ def rows_with_chance(trials: Sequence[Trial], fps: float, first_frame: int, seed
 
     Args:
         trials: motion of each clip, scored against its own clip.
-        fps: frames per second of the motions.
         first_frame: first frame that is scored.
         seed: seed of the choice of the other clips.
 
