@@ -107,6 +107,7 @@ def test_a_page_of_its_own(corpus, tmp_path):
     assert text.count("Table 10 of the paper") == 4
     assert "60.0%" in page.text  # windows kept
     assert "both wrists almost still" in page.text
+    assert "<video" not in report.write_report(corpus, tmp_path / "a.html", num_samples=0).read_text()
 
 
 def test_clips_to_watch(corpus, tmp_path):
@@ -124,10 +125,6 @@ def test_clips_to_watch(corpus, tmp_path):
         with av.open(io.BytesIO(base64.b64decode(data))) as container:
             assert container.streams.video[0].frames == 90
             assert len(container.streams.audio) == 1
-
-
-def test_without_samples(corpus, tmp_path):
-    assert "<video" not in report.write_report(corpus, tmp_path / "a.html", num_samples=0).read_text()
 
 
 def test_refusals(corpus, tmp_path):

@@ -233,13 +233,6 @@ def test_flags_become_a_request(asked, tmp_path, capsys):
     assert line.startswith("python experiments/reproduce.py table3 --data bvh:corpora/x --size debug --seeds 4,6")
 
 
-def test_the_defaults_are_three_seeds_of_the_small_size(asked):
-    assert command.main(["table1", "--data", "talk"]) == 0
-    ((request, out, *_),) = asked.calls
-    assert (request.seeds, request.size, request.path, request.jobs) == ((0, 1, 2), "small", "", 1)
-    assert request.has_training and out == pathlib.Path("runs/reproduce/talk-small/table1.md")
-
-
 @pytest.mark.parametrize(
     ("answer", "code", "printed"),
     [
@@ -251,6 +244,9 @@ def test_the_exit_code_says_how_it_ended(asked, capsys, answer, code, printed):
     asked.answer = answer
     assert command.main(["table1", "--data", "talk"]) == code
     assert capsys.readouterr().err == printed
+    ((request, out, *_),) = asked.calls  # by default three seeds of the small size
+    assert (request.seeds, request.size, request.path, request.jobs) == ((0, 1, 2), "small", "", 1)
+    assert request.has_training and out == pathlib.Path("runs/reproduce/talk-small/table1.md")
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tables.claims import (
     HELD,
-    LEVEL,
     NOT_HELD,
     NOTHING_FOUND,
     UNDECIDED,
@@ -79,7 +78,6 @@ def test_a_claim_of_likeness_is_refuted_by_either_side():
     for reference, row in ((far, zero), (zero, far)):
         assert _verdict(reference, row, is_comparable=True).verdict == NOT_HELD
     assert _verdict(near, zero, is_comparable=True).verdict == NOTHING_FOUND
-    assert LEVEL == 0.95
 
 
 def test_more_claims_need_larger_differences():
