@@ -87,10 +87,6 @@ class Skeleton:
         return 3 * self.num_bones
 
     @property
-    def level_dims(self) -> tuple[int, ...]:
-        return tuple(3 * len(level) for level in self.levels)
-
-    @property
     def level_channels(self) -> tuple[tuple[int, ...], ...]:
         """Indices of the channels of each level in the flat pose of `pose_dim` values."""
         return tuple(tuple(3 * bone + axis for bone in level for axis in range(3)) for level in self.levels)

@@ -157,8 +157,6 @@ def mismatched(
     recordings: Sequence[str | int] | np.ndarray,
     num: int = 5,
     seed: int = 0,
-    *,
-    sigma: float = SIGMA,
 ) -> np.ndarray:
     """Compute the F of each clip (n,) with the sound of other clips, as the mean over `num` of them.
 
@@ -167,15 +165,15 @@ def mismatched(
     where there is no sound of another recording. The draw also depends on the times and onsets of the clips, not on the
     motion.
     """
-    return with_partners(clips, partners(clips, recordings, num=num, seed=seed), sigma=sigma)
+    return with_partners(clips, partners(clips, recordings, num=num, seed=seed))
 
 
-def with_partners(clips: Sequence[Clip], others: np.ndarray, *, sigma: float = SIGMA) -> np.ndarray:
+def with_partners(clips: Sequence[Clip], others: np.ndarray) -> np.ndarray:
     """Compute the mean F (n,) of each clip with the sound of the clips (n, num) that `partners` drew for it."""
     moves, sounds, seconds = inside(clips, "beats"), inside(clips, "onsets"), durations(clips)
     total, count = np.zeros(len(clips)), np.zeros(len(clips), int)
     for other in others.T:
-        f = score(moves, _sounds_of(other, sounds, seconds), seconds, sigma).f
+        f = score(moves, _sounds_of(other, sounds, seconds), seconds, SIGMA).f
         is_scored = ~np.isnan(f)
         total[is_scored] += f[is_scored]
         count += is_scored

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from ha2g_jax.metrics.beats.alignment import Alignment, Clip, align
-from ha2g_jax.metrics.beats.times import SIGMA, minima
+from ha2g_jax.metrics.beats.times import minima
 from ha2g_jax.skeleton import Skeleton
 
 CHANGE_FPS = 15  # frames per second at which `Skeleton.angle_change` was measured
@@ -204,7 +204,6 @@ def consistency(
     *,
     first_frame: int = FIRST_FRAME,
     threshold: float = THRESHOLD,
-    sigma: float = SIGMA,
 ) -> Alignment:
     """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
 
@@ -215,7 +214,7 @@ def consistency(
     for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):
         samples = first_frame + low_samples(curve[first_frame:], threshold)
         clips.append(Clip((samples + 0.5) / rate, sounds, first_frame / rate, (len(curve) + 1) / rate))
-    return align(clips, sigma=sigma)
+    return align(clips)
 
 
 def beat_consistency(alignment: Alignment) -> float:

@@ -15,7 +15,6 @@ from ha2g_jax.metrics.beats.stops import (
     make_clips,
     mean_angle_change,
 )
-from ha2g_jax.metrics.beats.times import SIGMA
 from ha2g_jax.metrics.metric import BEATS, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row, mean_by_recording, mean_over_clips, ratio_of_sums
 from ha2g_jax.skeleton import directions_to_positions
@@ -179,14 +178,13 @@ class Summary(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Scores by the threshold of the motion beats (Figure 3), of k thresholds and n clips.
+    """Scores by the threshold of the motion beats (Figure 3), of k thresholds.
 
     Attributes:
         thresholds: (k,) least rises of the angle change rate.
         consistency: (k,) BC of the paper (Eq. 11), which Figure 3 shows.
         own, mismatched: (k,) mean F over the clips that are not silent, with the own and with mismatched speech.
         beats_per_second: (k,) motion beats per second.
-        own_by_clip, mismatched_by_clip: (k, n) F of each clip, for intervals.
     """
 
     thresholds: np.ndarray
@@ -194,8 +192,6 @@ class Sweep(NamedTuple):
     own: np.ndarray
     mismatched: np.ndarray
     beats_per_second: np.ndarray
-    own_by_clip: np.ndarray
-    mismatched_by_clip: np.ndarray
 
 
 def summary(alignment: Alignment, floor: np.ndarray) -> Summary:
@@ -232,34 +228,29 @@ def sweep(
     recordings: Sequence[str | int] | np.ndarray,
     fps: float | np.ndarray,
     *,
-    thresholds: np.ndarray = THRESHOLDS,
     first_frame: int = FIRST_FRAME,
     num: int = 5,
     seed: int = 0,
-    sigma: float = SIGMA,
 ) -> Sweep:
     """Compute BC (Figure 3), and F with the own and with mismatched speech, for a range of thresholds.
 
     The arguments are those of `make_clips` and `mismatched`; the other clips are the same for all thresholds.
     """
-    others, paper, own, floor, summaries = None, [], [], [], []
-    for threshold in thresholds:
+    others, paper, summaries = None, [], []
+    for threshold in THRESHOLDS:
         clips = make_clips(rates, onsets, fps, first_frame=first_frame, threshold=threshold)
         others = partners(clips, recordings, num=num, seed=seed) if others is None else others
-        aligned = consistency(rates, onsets, fps, first_frame=first_frame, threshold=threshold, sigma=sigma)
+        aligned = consistency(rates, onsets, fps, first_frame=first_frame, threshold=threshold)
         paper.append(beat_consistency(aligned))
-        alignment = align(clips, sigma=sigma)
-        own.append(alignment.f)
-        floor.append(np.where(alignment.is_silent, np.nan, with_partners(clips, others, sigma=sigma)))
-        summaries.append(summary(alignment, floor[-1]))
+        alignment = align(clips)
+        floor = np.where(alignment.is_silent, np.nan, with_partners(clips, others))
+        summaries.append(summary(alignment, floor))
     return Sweep(
-        thresholds=np.asarray(thresholds),
+        thresholds=THRESHOLDS,
         consistency=np.array(paper),
         own=np.array([each.f for each in summaries]),
         mismatched=np.array([each.mismatched for each in summaries]),
         beats_per_second=np.array([each.beats_per_second for each in summaries]),
-        own_by_clip=np.array(own),
-        mismatched_by_clip=np.array(floor),
     )
 
 
