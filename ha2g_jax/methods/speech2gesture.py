@@ -27,11 +27,7 @@ _VALID_KERNEL = 3  # of the last convolution on the spectrogram, which is not pa
 
 
 class Block(nn.Module):
-    """Convolution, BatchNorm, LeakyReLU 0.2; with a stride of 2 it is a "down".
-
-    Attributes:
-        padding: "SAME" or "VALID".
-    """
+    """Convolution, BatchNorm, LeakyReLU 0.2, with "SAME" or "VALID" padding; with a stride of 2 it is a "down"."""
 
     channels: int
     kernel: tuple[int, ...]

@@ -180,12 +180,8 @@ class Cut(NamedTuple):
 
 
 class Latents(NamedTuple):
-    """Latents of the windows of a row.
-
-    Attributes:
-        members: (n,) index of the recording of each window.
-        inputs: (n,) index of the speech of each window, a place in a clip.
-        cut: places where the windows begin.
+    """Latents (n, d) of the windows of a row, with the index (n,) of the recording of each window and of its speech, a
+    place in a clip, and with the cut that says where windows begin.
     """
 
     latents: np.ndarray

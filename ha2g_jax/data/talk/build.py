@@ -81,21 +81,16 @@ def make_talk(
     fps: int = FPS,
     synthesiser: str = DEFAULT_SYNTHESISER,
 ) -> None:
-    """Make a Talk corpus in the folder `out`.
+    """Make a Talk corpus in the folder `out`, of about so many minutes of speech of at least 2 speakers.
 
-    Equal arguments give equal bytes, whatever the number of workers. One speaker in six occurs only in the split
-    `test_unseen_speakers`, with a new voice and a style between two styles of training.
-
-    Args:
-        out: folder to make; nothing is left of it if the work is interrupted.
-        speakers: number of speakers, at least 2.
-        workers: number of processes; one per core by default.
-        fps: frames per second of the motion; the speech does not depend on it.
-        synthesiser: one of `SYNTHESISERS`, whose voices speak.
+    Equal arguments give equal bytes, whatever the number of workers, which is one per core by default; the speech does
+    not depend on the frames per second of the motion. One speaker in six occurs only in the split
+    `test_unseen_speakers`, with a new voice and a style between two styles of training. Nothing is left of the folder
+    if the work is interrupted. The voices are those of one of `SYNTHESISERS`.
 
     Raises:
-        UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number
-            is beyond its limits, or the synthesiser is not installed.
+        UserError: `out` exists or cannot be written, there are too few speakers or minutes for all splits, a number is
+            beyond its limits, or the synthesiser is not installed.
     """
     from ha2g_jax.data.talk import teacher  # its import takes a second, which training on a corpus need not wait for
 

@@ -80,12 +80,8 @@ def _colour(ends: tuple[figure.Colour, figure.Colour], value: float) -> figure.C
 
 
 class Synthesiser(NamedTuple):
-    """A speech synthesiser.
-
-    Attributes:
-        sample_voice: function that draws a voice from a generator of random draws.
-        say: function of (sentence in the markup of `grammar`, voice) that speaks the sentence.
-        licence: licence of a corpus with this speech.
+    """A speech synthesiser: it draws a voice, says a sentence in the markup of `grammar`, and has a licence for the
+    corpus.
     """
 
     sample_voice: Callable[[np.random.Generator], Any]

@@ -19,12 +19,8 @@ _ROUNDING = 1e-9  # seconds
 
 
 class Clip(NamedTuple):
-    """Motion beats and onsets of one clip.
-
-    Attributes:
-        beats: (m,) times of the motion beats in seconds.
-        onsets: (k,) times of the onsets of the sound in seconds.
-        start, end: bounds in seconds of what is scored; a time outside of them is no neighbour either.
+    """Times (m,) of the motion beats and (k,) of the onsets of one clip in seconds; a time outside of start and end,
+    the bounds of what is scored, is no neighbour either.
     """
 
     beats: np.ndarray

@@ -152,13 +152,10 @@ def kernel_f(sums: np.ndarray) -> float:
 
 
 class RecordingRow(NamedTuple):
-    """What is compared in one motion for one recording.
+    """What is compared in one motion for one recording, of a length in seconds.
 
-    Attributes:
-        sums: (segments, 1 + shifts, 4) rows of `Kernels` of each segment, with the sound and with each shift of it; no
-            segment where there is no onset.
-        num_onsets, num_beats: numbers of onsets and of motion beats.
-        seconds: length of what is scored.
+    The sums (segments, 1 + shifts, 4) are rows of `Kernels` of each segment, with the sound and with each shift of it;
+    there is no segment where there is no onset.
     """
 
     sums: np.ndarray
