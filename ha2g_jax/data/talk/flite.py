@@ -88,8 +88,8 @@ def say(markup: str, voice: FliteVoice) -> Utterance:
     """Speak one text; the same text and voice give the same bytes in any process and any order on one system.
 
     The text has the SSML of `grammar`: `<prosody volume= pitch= rate=>` with changes in percent, and
-    `<break time="200ms"/>`. An emphasised word is louder and, because Flite has no pitch of single words, longer in place
-    of higher. The voice "rms" ignores the pitch of phrases, too.
+    `<break time="200ms"/>`. An emphasised word is louder and, because Flite has no pitch of single words, longer in
+    place of higher. The voice "rms" ignores the pitch of phrases, too.
 
     Raises:
         UserError: Flite or the voice is not installed.
