@@ -39,8 +39,8 @@ from tables.workdirs import Record, Run
 
 from ha2g_jax.config import presets
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.evaluation.corpus_statistics import joint_rows, summarise
-from ha2g_jax.evaluation.page import markdown
 from ha2g_jax.files.writing import whole_file
 
 CORPUS_TABLES = ("table5", "table10")

@@ -23,7 +23,7 @@ from ha2g_jax import cli, launch
 from ha2g_jax.checkpoint import model_folder
 from ha2g_jax.checkpoint.assets import Assets
 from ha2g_jax.config import presets
-from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.features.text import Vocabulary
 from ha2g_jax.motion import formats
@@ -339,7 +339,7 @@ def clone(files, draw_state, tmp_path, monkeypatch):
     monkeypatch.setattr(sharding, "compile_step", unchanged_step)
     monkeypatch.setattr(sharding, "compile_validation_step", constant_validation)
     monkeypatch.setattr(loop, "init_state", lambda objective, key, pretrained: draw_state(objective))
-    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))  # 1000 take up to half a minute
+    monkeypatch.setattr(scoring, "evaluate", functools.partial(evaluate, draws=10))  # 1000 take up to half a minute
 
 
 @pytest.mark.usefixtures("clone")

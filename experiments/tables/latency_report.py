@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from ha2g_jax.evaluation.page import Mark, Panel, curve_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, markdown, number
 from tables.claims import LEVEL, Spread
 from tables.look_aheads import (
     ABOVE_FLOOR,

@@ -11,7 +11,7 @@ import numpy as np
 
 import ha2g_jax
 from ha2g_jax import metrics
-from ha2g_jax.evaluation.page import Mark, Panel, curve_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, markdown, number
 from tables.claims import LEVEL, Measured, Spread, interval, over_seeds, paired
 from tables.paper_tables import TABLE_12, THRESHOLDS, WITHOUT_GAN
 from tables.plan import Plan, Request, TablePlan

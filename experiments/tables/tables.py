@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ha2g_jax.evaluation.page import markdown, number
+from ha2g_jax.evaluation.charts import markdown, number
 from tables.claims import HELD, NOT_HELD, Claim, Measured, Spread, Verdict, judge, over_seeds, paired
 from tables.paper_tables import GROUND_TRUTH, TABLE_12, Row, Table
 

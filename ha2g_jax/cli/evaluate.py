@@ -106,21 +106,21 @@ def run(arguments: argparse.Namespace) -> None:
             "nothing to score; give --checkpoint MODEL --data CORPUS, --checkpoint MODEL --speech FILE or --motion DIR "
             "--reference DIR, such as --checkpoint demo --data talk (see ha2g evaluate --help)"
         )
-    from ha2g_jax.evaluation import inputs
+    from ha2g_jax.evaluation import scoring
     from ha2g_jax.evaluation.table import as_markdown, as_table
 
     if kind == _SPEECH:
-        results = inputs.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)
+        results = scoring.evaluate_recording(arguments.checkpoint or "demo", arguments.speech, seed=arguments.seed)
     else:
         options = {"autoencoder": arguments.autoencoder, "legacy": bool(arguments.legacy), "seed": arguments.seed}
         if kind == _FOLDERS:
             options |= reading(arguments) | {"skeleton": arguments.skeleton, "protocol": arguments.protocol}
             options |= {"body_model": arguments.body_model}
-            results = inputs.evaluate_folders(arguments.motion, arguments.reference, **options)
+            results = scoring.evaluate_folders(arguments.motion, arguments.reference, **options)
         else:
             checkpoint, data = arguments.checkpoint or "demo", arguments.data or "talk"
             options |= {"splits": arguments.split, "look_ahead": arguments.look_ahead}
-            results = inputs.evaluate_checkpoint(checkpoint, data, **options)
+            results = scoring.evaluate_checkpoint(checkpoint, data, **options)
     if arguments.json:
         print(json.dumps(results, indent=1, allow_nan=False))
     else:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ha2g_jax.config.settings import Config
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.page import markdown
+from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.synthesis import Model, load
 from ha2g_jax.train.measure import TimedStep, examine_machine

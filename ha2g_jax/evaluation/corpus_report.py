@@ -25,6 +25,7 @@ from ha2g_jax.data.records import Clip
 from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
+from ha2g_jax.evaluation.charts import Mark, histogram, html_table, interval_chart
 from ha2g_jax.evaluation.corpus_statistics import (
     ANGLE_EDGES,
     PACE_EDGES,
@@ -38,7 +39,6 @@ from ha2g_jax.evaluation.corpus_statistics import (
     split_rows,
     summarise,
 )
-from ha2g_jax.evaluation.page import Mark, histogram, html_table, interval_chart
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.formats.video import write_video

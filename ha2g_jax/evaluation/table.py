@@ -6,7 +6,7 @@ from typing import Any
 
 from ha2g_jax import metrics
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.page import markdown
+from ha2g_jax.evaluation.charts import markdown
 from ha2g_jax.metrics.metric import Metric
 from ha2g_jax.metrics.sanity import SANITY_ROWS, TRUTH
 

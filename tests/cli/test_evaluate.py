@@ -8,7 +8,7 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli, synthesis
-from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import evaluate as evaluate_motion
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
@@ -17,7 +17,7 @@ from ha2g_jax.skeleton import load_skeleton
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch):
     """Intervals of ten draws; 1000 take most of the time of an evaluation."""
-    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate_motion, draws=10))
+    monkeypatch.setattr(scoring, "evaluate", functools.partial(evaluate_motion, draws=10))
 
 
 @pytest.fixture
@@ -111,7 +111,7 @@ def evaluated_once(monkeypatch):
         return call
 
     for name in ("evaluate_folders", "evaluate_recording", "evaluate_checkpoint"):
-        monkeypatch.setattr(inputs, name, once(getattr(inputs, name)))
+        monkeypatch.setattr(scoring, name, once(getattr(scoring, name)))
 
 
 @pytest.mark.usefixtures("evaluated_once")

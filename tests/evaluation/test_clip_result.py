@@ -10,7 +10,7 @@ from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import clip_result
 from ha2g_jax.evaluation.clip_result import clip_identity
-from ha2g_jax.evaluation.inputs import evaluate_checkpoint
+from ha2g_jax.evaluation.scoring import evaluate_checkpoint
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 from ha2g_jax.synthesis import Style

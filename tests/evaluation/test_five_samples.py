@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from evaluation.conftest import LinearFeatures
 
-from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import evaluate
-from ha2g_jax.evaluation.inputs import evaluate_folders
+from ha2g_jax.evaluation.scoring import evaluate_folders
 from ha2g_jax.motion.motion import Motion
 
 CLIPS, SAMPLES, FRAMES = 3, 5, 80
@@ -37,8 +37,8 @@ def rotated(skeleton, clip: int, angle: float) -> Motion:
 @pytest.fixture
 def score(skeleton, tmp_path, monkeypatch):
     """A function from the angles of the samples and the names of their files to the score of multimodality."""
-    monkeypatch.setattr(inputs, "_features", lambda path: AngleFeatures(skeleton))
-    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))
+    monkeypatch.setattr(scoring, "_features", lambda path: AngleFeatures(skeleton))
+    monkeypatch.setattr(scoring, "evaluate", functools.partial(evaluate, draws=10))
 
     def score(angles, layout):
         for clip in range(CLIPS):

@@ -7,8 +7,8 @@ import pytest
 import soundfile
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation.inputs import evaluate_folders
 from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
+from ha2g_jax.evaluation.scoring import evaluate_folders
 from ha2g_jax.evaluation.table import as_table
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.readers import find_skeleton

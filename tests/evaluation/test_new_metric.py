@@ -5,7 +5,7 @@ import pytest
 
 from ha2g_jax import metrics
 from ha2g_jax.evaluation.evaluate import evaluate
-from ha2g_jax.evaluation.inputs import make_results
+from ha2g_jax.evaluation.scoring import make_results
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.metrics.metric import MOVEMENT, Metric, Statistic
 from ha2g_jax.metrics.row import SEED_FRAMES, Row, mean_over_clips

@@ -6,7 +6,7 @@ import pytest
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.evaluate import evaluate
-from ha2g_jax.evaluation.inputs import make_results
+from ha2g_jax.evaluation.scoring import make_results
 from ha2g_jax.evaluation.table import CLOSER, _cell, as_markdown, as_table, section_markdown, section_table
 from ha2g_jax.metrics import METRICS
 from ha2g_jax.metrics.sanity import SANITY_ROWS

@@ -15,7 +15,7 @@ import string
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ha2g_jax.evaluation.page import Mark, html_table, interval_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, html_table, interval_chart, markdown, number
 from ha2g_jax.files.writing import whole_file
 
 _TESTS = ("p", "p, Holm", "exact p [95 %]", "equal as half")

@@ -5,8 +5,8 @@ import numpy as np
 from ha2g_jax.motion import armature as armatures
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.motion import Motion
+from ha2g_jax.motion.solver.bounds import clamp, without_jumps
 from ha2g_jax.motion.solver.frames import solve
-from ha2g_jax.motion.solver.limits import clamp, without_jumps
 from ha2g_jax.motion.solver.twist import FrameByFrame, Twists
 from ha2g_jax.skeleton import Skeleton
 

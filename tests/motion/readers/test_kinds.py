@@ -14,7 +14,7 @@ from motion.readers.conftest import FRAMES
 
 from ha2g_jax import cli
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import evaluate
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.lower_body import JOINTS as LOWER
@@ -56,7 +56,7 @@ def run(*arguments) -> int:
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch):
     """Intervals of ten draws, which take no time."""
-    monkeypatch.setattr(inputs, "evaluate", functools.partial(evaluate, draws=10))
+    monkeypatch.setattr(scoring, "evaluate", functools.partial(evaluate, draws=10))
 
 
 def go_through_all(path, folder, capsys, *rate):

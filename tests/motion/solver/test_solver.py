@@ -7,7 +7,7 @@ import pytest
 from ha2g_jax.motion import rotations, solver
 from ha2g_jax.motion.armature import Animation, export_axes, ha2g_armature, world
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.solver.limits import limits_of
+from ha2g_jax.motion.solver.bounds import limits_of
 from ha2g_jax.skeleton import Skeleton, load_skeleton, mirror_directions
 
 X, Y, Z = np.eye(3)

@@ -8,7 +8,7 @@ import pytest
 
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import ha2g_armature
-from ha2g_jax.motion.solver.limits import clamp, from_angles, joint_angles, joint_limits, limits_of, without_jumps
+from ha2g_jax.motion.solver.bounds import clamp, from_angles, joint_angles, joint_limits, limits_of, without_jumps
 from ha2g_jax.skeleton import load_skeleton
 
 EXPRESSIVE = ha2g_armature(load_skeleton("ted_expressive"))

@@ -6,9 +6,9 @@ import soundfile
 
 from ha2g_jax import synthesis
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import inputs
+from ha2g_jax.evaluation import scoring
 from ha2g_jax.evaluation.evaluate import measure, score_as_json
-from ha2g_jax.evaluation.inputs import evaluate_recording
+from ha2g_jax.evaluation.scoring import evaluate_recording
 from ha2g_jax.evaluation.table import as_markdown, as_table
 from ha2g_jax.metrics.beats import strokes
 
@@ -77,6 +77,6 @@ def test_a_file_has_results_of_the_same_shape(audio, debug_model, tmp_path, monk
 
 
 def test_scored_frames_that_were_given_are_named():
-    assert inputs._given(4) == inputs._given(1) == []
-    (note,) = inputs._given(7)
+    assert scoring._given(4) == scoring._given(1) == []
+    (note,) = scoring._given(7)
     assert "first 7 frames" in note and "knew those of the first 3 scored frames" in note

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from ha2g_jax.evaluation.page import Mark, Panel, curve_chart, histogram, html_table, interval_chart, markdown
+from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, histogram, html_table, interval_chart, markdown
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _CHARTS = {
