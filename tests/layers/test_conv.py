@@ -107,7 +107,7 @@ def check_winograd(height, width, inputs, channels, padding, batch=2):
     x, cotangent = arrays(height, width, inputs, channels, (3, 3), (1, 1), padding, batch)
     kernel = jnp.asarray(np.random.default_rng(1).normal(size=(3, 3, inputs, channels)), jnp.float32)
     with jax.enable_x64(True):
-        exact = [np.asarray(array, np.float64) for array in (x, kernel, cotangent)]
+        exact = [jnp.asarray(array, jnp.float64) for array in (x, kernel, cotangent)]
         out, transpose = jax.vjp(lambda kernel: convolution._native(exact[0], kernel, (1, 1), padding), exact[1])
         out, (gradient,) = np.asarray(out), map(np.asarray, transpose(exact[2]))
     assert_equal(winograd.conv(x, kernel, padding), out, 3e-6)
@@ -130,7 +130,8 @@ def test_winograd_of_each_shape_of_the_networks(shape, devices, monkeypatch):
     padding=st.integers(0, 2),
 )
 def test_winograd_of_any_shape(batch, edges, values, padding):
-    check_winograd(*edges, *values, padding, batch)
+    (height, width), (inputs, channels) = edges, values
+    check_winograd(height, width, inputs, channels, padding, batch)
 
 
 @pytest.mark.parametrize(

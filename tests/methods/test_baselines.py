@@ -135,7 +135,7 @@ def test_one_batch_is_learnt_by_heart(method, make_objective, make_motion_batch,
         changes = changes | {"data__num_frames": 17}  # short windows, as most of a step is their sound
     objective = make_objective(method, train__steps=num_steps, train__schedule="cosine", **changes)
     assert objective.warmup_steps == 0
-    batch, state, history = make_motion_batch(objective, size), draw_state(objective), []
+    batch, state, history, metrics = make_motion_batch(objective, size), draw_state(objective), [], {}
     if method == "joint_embedding":  # two clips, each of which moves from one pose straight to another
         share = jnp.linspace(0, 1, objective.spec.num_frames)[None, :, None, None]
         first, last = batch["directions"][:, :1], batch["directions"][:, 8:9]

@@ -42,9 +42,10 @@ def assert_same_parameters(found, expected, before):
 
 def test_eight_devices_equal_one(start):
     assert jax.device_count() == 8
-    alone = processes.train(*start, jax.devices()[:1])
-    eight, history = processes.train(*start, jax.devices())
-    assert_same_parameters(jax.tree.leaves(eight), alone[0], start[1])
+    objective, state, batches = start
+    alone = processes.train(objective, state, batches, jax.devices()[:1])
+    eight, history = processes.train(objective, state, batches, jax.devices())
+    assert_same_parameters(jax.tree.leaves(eight), alone[0], state)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), (eight, history), alone)
 
 
