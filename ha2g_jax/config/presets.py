@@ -125,9 +125,8 @@ _RELEASE = {
 _RELEASE_ON = _ON_TALK | {"ted_gesture": {"loss.ha2g.weights.huber": 70.0, "train.batch_size": 256}}
 _STUDY_HA2G = {"loss.ha2g.weights.style": 0.01}
 _FIFTH = {"train.discriminator_learning_rate": 3e-3 * 0.2}  # of the learning rate of a study
-_UNREAD = {
-    "train.discriminator_learning_rate": 3e-3
-}  # as the published runs of methods without a discriminator have it
+# Methods without a discriminator do not read it; their published runs have this value.
+_UNREAD = {"train.discriminator_learning_rate": 3e-3}
 _CAUSAL = {"model.text.receptive_field": "causal"}
 _SMALL_S2G = {"model.audio.spectrogram.channels": (16, 32, 64), "model.inferer.layers": 5}
 _SMALL_JOINT = {"model.context.hidden_dim": 64}

@@ -331,7 +331,7 @@ def check_fps(fps: float, name: str) -> None:
     if fps not in range(MIN_FPS, MAX_FPS + 1):
         raise UserError(
             f"{name} is {fps:g}, expected a whole number from {MIN_FPS} to {MAX_FPS}: make the corpus at such a rate "
-            "(--fps of ha2g data make-talk, import-bvh and import-smplx) and set --config.data.fps to it"
+            "(--fps of ha2g data make-talk and import) and set --config.data.fps to it"
         )
 
 
