@@ -92,8 +92,9 @@ def test_ted_files(private_data, tmp_path, capsys):
 
 
 def test_the_folder_that_one_is_in_is_inspected(private_data, tmp_path, capsys, monkeypatch):
-    """Its page lies beside it, as that of any other folder."""
+    """Its numbers are printed and its page is written, as those of any other folder."""
     assert run("import-ted", private_data / "ted_format" / "gesture" / "lmdb_test", tmp_path / "ted") == 0
     monkeypatch.chdir(tmp_path / "ted")
-    assert run("inspect", ".", "--samples", "0") == 0
+    assert run("inspect", ".") == 0 and "hours" in capsys.readouterr().out
+    assert run("inspect", ".", "--samples", "0", "-o", "../ted.html") == 0
     assert (tmp_path / "ted.html").exists()
