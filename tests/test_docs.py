@@ -130,6 +130,13 @@ def test_links_of_a_page_lead_somewhere(page):
     assert not [link for link in links if "://" not in link and not (page.parent / link).exists()]
 
 
+def test_pages_that_the_code_names_exist():
+    """Helps, messages and comments send a reader to pages."""
+    code = [path.read_text() for path in (ROOT / "ha2g_jax").rglob("*.py")]
+    named = {name for text in code for name in re.findall(r"\bdocs/[\w/]+\.md", text)}
+    assert len(named) > 10 and not [name for name in named if not (ROOT / name).exists()]
+
+
 def test_moving_picture_of_the_readme():
     path = ROOT / "docs" / "images" / "demo.gif"
     assert path.stat().st_size < 3 << 19

@@ -12,7 +12,7 @@ WEIGHTS = ("float32", "float16", "int8")
 def add_commands(commands: Any) -> None:
     """Add `model` and its subcommands to the commands of a parser."""
     parser = commands.add_parser("model", help="export, publish, import or average models")
-    parser.description = "Export, publish, import or average models. See docs/models.md."
+    parser.description = "Export, publish, import or average models. See docs/hub.md and docs/onnx.md."
     parts = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     export = parts.add_parser("export", help="write the model of a workdir as a folder of safetensors and JSON")
