@@ -26,13 +26,13 @@ from random_model import random_model
 
 import ha2g_jax
 from ha2g_jax import launch
+from ha2g_jax.apps.generate import BACKENDS
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.model_folder import LoadedModel
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE, read_audio
 from ha2g_jax.synthesis import Generator, Model
-from ha2g_jax.synthesis.files import BACKENDS
 
 _SPEECH = pathlib.Path(__file__).parent.parent / "examples" / "hello.wav"
 

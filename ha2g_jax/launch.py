@@ -89,9 +89,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     hosts.start(arguments.coordinator, arguments.num_processes, arguments.process_id)
 
-    from ha2g_jax.synthesis.samples import write_sample
+    from ha2g_jax.data.talk.build import talk_path
+    from ha2g_jax.evaluation.samples import write_sample
     from ha2g_jax.train.loop import train
 
+    talk_path(arguments.config.data.path)
     train(arguments.config, arguments.workdir, profile=arguments.profile, draw_sample=write_sample)
     if hosts.is_first():
         sys.stdout.write(f"{arguments.workdir}\n")

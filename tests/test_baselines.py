@@ -7,9 +7,9 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
+from ha2g_jax.apps.generate import generate_files
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.synthesis import generate_files
 
 METHODS = ("seq2seq", "speech2gesture", "joint_embedding", "trimodal")
 

@@ -102,6 +102,7 @@ def trained(monkeypatch):
     """The arguments with which training was called, and, before them, those of joining the other processes."""
     calls = []
     monkeypatch.setattr("ha2g_jax.train.hosts.start", lambda *place: calls.append(place))
+    monkeypatch.setattr("ha2g_jax.data.talk.build.make_talk", lambda *_: None)
     monkeypatch.setattr("ha2g_jax.train.loop.train", lambda *args, **kwargs: calls.append((*args, kwargs)))
     return calls
 

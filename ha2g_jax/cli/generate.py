@@ -146,7 +146,7 @@ def read_amounts(arguments: argparse.Namespace) -> "Controls":
 def run(arguments: argparse.Namespace) -> None:
     """Generate the files that the arguments ask for, and print their paths."""
     with stage("starting"):
-        from ha2g_jax import synthesis
+        from ha2g_jax.apps.generate import generate_files
         from ha2g_jax.motion import control
 
     controls = dataclasses.replace(
@@ -154,7 +154,7 @@ def run(arguments: argparse.Namespace) -> None:
         pins=tuple(control.read_pin(pin) for pin in arguments.pin),
         mutes=tuple(control.read_mute(mute) for mute in arguments.mute),
     )
-    synthesis.generate_files(
+    generate_files(
         arguments.speech,
         out=arguments.out,
         checkpoint=arguments.checkpoint,
@@ -180,7 +180,7 @@ def _print_path(path: pathlib.Path) -> None:
 
 
 def _list_speakers(arguments: argparse.Namespace) -> None:
-    from ha2g_jax.synthesis import style
+    from ha2g_jax.evaluation import speakers
 
-    rows = style.describe_speakers(arguments.checkpoint)
-    print(json.dumps(rows, indent=1) if arguments.json else style.speakers_as_table(rows))
+    rows = speakers.describe_speakers(arguments.checkpoint)
+    print(json.dumps(rows, indent=1) if arguments.json else speakers.speakers_as_table(rows))

@@ -15,12 +15,21 @@ from ha2g_jax.data import clip_checks, records, schema
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
+from ha2g_jax.files.cache import cache_folder
 from ha2g_jax.files.reading import check_utf8, parse_json, reading, reason, shown
 from ha2g_jax.limits import MAX_NAME_LENGTH
 from ha2g_jax.skeleton import Skeleton, load_skeleton
 
 TRAIN = schema.TRAIN
 FILE = "dataset.json"
+
+TALK = "talk"  # name of the Talk corpus in configs and commands
+_TALK_FOLDER = "talk-v3"
+
+
+def corpus_folder(name: str) -> pathlib.Path:
+    """Return the folder of a corpus: of the Talk corpus, in the user's cache, for "talk", else the name as a path."""
+    return cache_folder() / _TALK_FOLDER if name == TALK else pathlib.Path(name)
 
 
 class Clips(Sequence[Clip]):

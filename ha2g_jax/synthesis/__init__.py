@@ -3,7 +3,6 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ha2g_jax.synthesis.files import generate_files
 from ha2g_jax.synthesis.generator import Audio, Generator, read_speech
 from ha2g_jax.synthesis.style import Style, choose_style, read_mixture
 
@@ -22,7 +21,6 @@ __all__ = [
     "choose_style",
     "encode_features",
     "generate_directions",
-    "generate_files",
     "load",
     "load_onnx",
     "read_mixture",

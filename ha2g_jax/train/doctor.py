@@ -11,8 +11,7 @@ import tqdm
 
 from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
-from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.talk.build import talk_folder
+from ha2g_jax.data.corpus import TALK, TRAIN, Corpus, corpus_folder
 from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.espeak import Voice
@@ -95,8 +94,8 @@ def _word_vectors(config: Config) -> Finding:
 
 def _data(config: Config) -> tuple[list[Finding], Corpus | None]:
     """Return the findings on the corpus and each of its splits, and the corpus if it can be opened."""
-    folder = talk_folder(config.data.path)
-    if config.data.path == "talk" and not folder.exists():
+    folder = corpus_folder(config.data.path)
+    if config.data.path == TALK and not folder.exists():
         return [Finding("data", f"the Talk corpus is not made yet; training will make it in {folder}")], None
     try:
         corpus = inputs.open_corpus(config)

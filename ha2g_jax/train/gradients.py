@@ -17,6 +17,7 @@ from ha2g_jax.checkpoint import loading
 from ha2g_jax.checkpoint.state import TrainState
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TRAIN, Corpus
+from ha2g_jax.data.talk.build import talk_path
 from ha2g_jax.errors import UserError
 from ha2g_jax.methods.build import method_of
 from ha2g_jax.methods.ha2g.losses import is_rigid
@@ -87,6 +88,7 @@ def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
         UserError: the data or a source cannot be used, a source is of another method or for other words or speakers, or
             the gradients fail, for example for lack of memory.
     """
+    talk_path(config.data.path)
     corpus = inputs.open_corpus(config)
     models = [{"name": "new"} | _measure(config, corpus, None)]
     for source in sources:

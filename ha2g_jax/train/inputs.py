@@ -12,8 +12,7 @@ from ha2g_jax.checkpoint.weights import TABLE, in_vocabulary, is_word_table
 from ha2g_jax.config.settings import Config, check_fps
 from ha2g_jax.data.augment import Augmentation
 from ha2g_jax.data.batches import batches
-from ha2g_jax.data.corpus import TRAIN, Corpus
-from ha2g_jax.data.talk.build import talk_path
+from ha2g_jax.data.corpus import TRAIN, Corpus, corpus_folder
 from ha2g_jax.data.windows import Windows
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Vocabulary
@@ -28,14 +27,14 @@ _NUM_STARTS, _CLIPS_PER_SPEAKER = 16, 8
 
 
 def open_corpus(config: Config) -> Corpus:
-    """Open the corpus of a config; the Talk corpus ("talk") is made if it does not exist yet.
+    """Open the corpus of a config; `data.talk.build.talk_path` builds the Talk corpus ("talk") before.
 
     Raises:
         UserError: there is no corpus, it is damaged, or its skeleton or frame rate differs from that of the config.
     """
     if not config.data.path:
         raise UserError("config.data.path is empty: set --config.data.path to 'talk' or to the folder of a corpus")
-    corpus = Corpus.open(talk_path(config.data.path))
+    corpus = Corpus.open(corpus_folder(config.data.path))
     check_fps(corpus.fps, f"the frame rate of {corpus.path}")
     found, expected = (corpus.skeleton.name, corpus.fps), (config.skeleton, config.data.fps)
     if found != expected:

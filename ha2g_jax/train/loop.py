@@ -59,7 +59,7 @@ def train(
         config: settings, see `ha2g_jax.config.settings.paper`.
         workdir: folder of the run, the same for all hosts; created if it does not exist.
         profile: whether to write a trace of a few steps to profile/.
-        draw_sample: function that writes a video of a clip, such as `ha2g_jax.synthesis.samples.write_sample`.
+        draw_sample: function that writes a video of a clip, such as `ha2g_jax.evaluation.samples.write_sample`.
 
     Raises:
         UserError: the data cannot be used, `workdir` was made with another config or another process trains in it, a

@@ -11,12 +11,11 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
+from ha2g_jax.apps.generate import SUFFIXES, find_transcript, generate_files, out_paths, plan
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.control import rest_pose
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis import files
-from ha2g_jax.synthesis.files import SUFFIXES, find_transcript, out_paths, plan
 
 
 @pytest.fixture
@@ -258,9 +257,9 @@ def test_a_transcript_that_is_found_is_not_overwritten(speech, tmp_path, monkeyp
 
     transcript = speech.with_suffix(".json")
     transcript.write_text("[]")
-    monkeypatch.setattr(files, "load", lambda *_: Reader())
+    monkeypatch.setattr("ha2g_jax.apps.generate.load", lambda *_: Reader())
     with pytest.raises(UserError, match=r"would overwrite .*speech\.json"):
-        files.generate_files(speech, transcript)
+        generate_files(speech, transcript)
     assert transcript.read_text() == "[]"
 
 

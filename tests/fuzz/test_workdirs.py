@@ -7,8 +7,8 @@ import textwrap
 
 import pytest
 
+from ha2g_jax.apps.generate import generate_files
 from ha2g_jax.errors import UserError
-from ha2g_jax.synthesis.files import generate_files
 from ha2g_jax.train.workdir import read_metrics
 
 

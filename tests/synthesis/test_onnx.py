@@ -11,11 +11,12 @@ import pytest
 import soundfile
 
 from ha2g_jax import cli
+from ha2g_jax.apps import generate
 from ha2g_jax.checkpoint import loading
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion import control
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.synthesis import Style, files, load_onnx
+from ha2g_jax.synthesis import Style, load_onnx
 from ha2g_jax.synthesis.onnx_model import exported
 
 
@@ -79,7 +80,7 @@ def test_a_model_folder_is_exported_to_the_cache_once(debug_folder, tmp_path, mo
     first = exported(debug_folder)
     assert first.parent == tmp_path / "onnx" and first.name.startswith(loading.load(debug_folder).assets.hash)
     written = first.stat().st_mtime_ns
-    assert files.load(debug_folder, "onnx").assets.hash == loading.load(debug_folder).assets.hash
+    assert generate.load(debug_folder, "onnx").assets.hash == loading.load(debug_folder).assets.hash
     assert exported(debug_folder).stat().st_mtime_ns == written
 
 
@@ -95,16 +96,16 @@ def test_what_a_backend_cannot_use_is_said(debug_folder, debug_onnx, tmp_path, m
     monkeypatch.setenv("HA2G_CACHE", str(tmp_path / "cache"))
     file = debug_onnx
     with pytest.raises(UserError, match="is for the backend onnx; give the model that it was exported from"):
-        files.load(file, "jax")
+        generate.load(file, "jax")
     with pytest.raises(UserError, match=r"no model folder at .*; write an ONNX file with ha2g model onnx"):
-        files.load(tmp_path, "onnx")
+        generate.load(tmp_path, "onnx")
     with pytest.raises(UserError, match="is for ha2g generate alone; give the model that it was exported from"):
         loading.load(file)
     (tmp_path / "assets.json").write_text(json.dumps({"hash": "../evil"}))
     for name in ("model.safetensors", "config.json"):
         (tmp_path / name).write_bytes(b"")
     with pytest.raises(UserError, match="has no hash of the weights"):
-        files.load(tmp_path, "onnx")
+        generate.load(tmp_path, "onnx")
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
@@ -114,7 +115,7 @@ def test_a_missing_extra_is_named(debug_folder, debug_onnx, tmp_path, monkeypatc
     message = rf"an ONNX file needs {package}: pip install 'ha2g-jax\[onnx\]'"
     for source in (debug_folder, debug_onnx):
         with pytest.raises(UserError, match=message):
-            files.load(source, "onnx")
+            generate.load(source, "onnx")
     assert cli.main(["export-onnx", str(debug_folder), "-o", str(tmp_path / "a.onnx")]) == (
         2 if package == "onnx" else 0
     )

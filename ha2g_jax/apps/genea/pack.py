@@ -30,6 +30,7 @@ from ha2g_jax.apps.genea.sample import (
     Source,
     read_shapes,
 )
+from ha2g_jax.apps.generate import find_speech
 from ha2g_jax.data.validation import Verdict
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
@@ -42,7 +43,6 @@ from ha2g_jax.motion.readers.smplx_body import read_body_model, template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.progress import progress_bar, stage
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis.files import find_speech
 from ha2g_jax.synthesis.generator import read_speech
 from ha2g_jax.synthesis.style import RANDOM, Style
 
@@ -80,7 +80,7 @@ def write_pack(
     Args:
         speech: folder of the files of speech, which have the names of the clips.
         out: folder to write, or a path that ends in `.zip`.
-        checkpoint: model that generates the motion, see `synthesis.files.load`.
+        checkpoint: model that generates the motion, see `apps.generate.load`.
         motion: folder of motion of any system that is packed in place of what a model generates.
         samples: samples of each clip; by default 5 of a model, or all that are in the folder of motion.
         seed: seed of the first sample; the next has the next one.
@@ -106,7 +106,7 @@ def write_pack(
         reading = {"joint_map": joint_map, "source_fps": source_fps}
         source = FromFiles(pathlib.Path(motion), list(paths), samples, body, **reading)
     else:
-        from ha2g_jax.synthesis.files import load
+        from ha2g_jax.apps.generate import load
 
         with stage("loading the model"):
             model = load(checkpoint)

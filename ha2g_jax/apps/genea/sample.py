@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from ha2g_jax.apps.generate import read_words
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import clip_of, find_motions
 from ha2g_jax.files.npz import read_npz
@@ -24,7 +25,6 @@ from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.resample import num_frames
 from ha2g_jax.motion.rigs import retarget
 from ha2g_jax.skeleton import load_skeleton
-from ha2g_jax.synthesis.files import read_words
 from ha2g_jax.synthesis.generator import Audio, Generator
 from ha2g_jax.synthesis.style import Style
 

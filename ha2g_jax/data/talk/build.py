@@ -13,6 +13,7 @@ import numpy as np
 import tqdm
 
 from ha2g_jax.data import records, schema
+from ha2g_jax.data.corpus import TALK, corpus_folder
 from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar
@@ -30,7 +31,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.features import espeak as speech
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.text import Word
-from ha2g_jax.files.cache import cache_folder, one_maker
+from ha2g_jax.files.cache import one_maker
 from ha2g_jax.files.reading import shown
 from ha2g_jax.limits import MAX_TALK_MINUTES, MAX_TALK_SPEAKERS
 from ha2g_jax.progress import progress_bar
@@ -38,7 +39,6 @@ from ha2g_jax.progress import progress_bar
 FPS = 15
 SPLITS = ("train", "val", "test", "test_unseen_speakers")
 
-DEFAULT = "talk"  # name of the default corpus in configs and commands
 _VERSION = "talk-v3"
 _DIED = "a worker process was killed, perhaps because memory ran out; use fewer --workers"
 _DEFAULT_MINUTES = 144
@@ -118,13 +118,13 @@ def make_talk(
 
 
 def talk_path(spec: str) -> pathlib.Path:
-    """Return the folder of a corpus: that of a path, or of the Talk corpus for "talk", which is built on first use.
+    """Return `data.corpus.corpus_folder` of a name, and build the Talk corpus if it is asked for and not there.
 
     Raises:
         UserError: the default Talk corpus cannot be written.
     """
-    path = talk_folder(spec)
-    if spec == DEFAULT and not os.path.lexists(path):
+    path = corpus_folder(spec)
+    if spec == TALK and not os.path.lexists(path):
         with one_maker(path):
             if not os.path.lexists(path):  # otherwise another process has made the same corpus in the meantime
                 tqdm.tqdm.write(
@@ -133,13 +133,6 @@ def talk_path(spec: str) -> pathlib.Path:
                 )
                 make_talk(path)
     return path
-
-
-def talk_folder(spec: str) -> pathlib.Path:
-    """Return the folder that `talk_path` returns, without building the corpus."""
-    if spec != DEFAULT:
-        return pathlib.Path(spec)
-    return cache_folder() / _VERSION
 
 
 def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: str) -> None:

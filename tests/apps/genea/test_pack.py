@@ -77,7 +77,7 @@ def test_the_same_arguments_give_the_same_zip(written, speech, checkpoint, tmp_p
 def test_a_clip_of_beat2_moves_as_its_speaker_where_the_model_has_them(
     debug_model, speech, checkpoint, tmp_path, monkeypatch
 ):
-    from ha2g_jax.synthesis import files as generation
+    from ha2g_jax.apps import generate as generation
 
     model = generation.load(checkpoint)
     [first, *_] = model.assets.speakers.values()

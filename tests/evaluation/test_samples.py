@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.synthesis import samples, scan
+from ha2g_jax.evaluation import samples
+from ha2g_jax.synthesis import scan
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def plan(
     """Return what is read and written; no two files share a path, and each file of speech can be opened.
 
     Args:
-        speech, out, suffix: see `synthesis.generate_files`.
+        speech, out, suffix: see `generate_files`.
         others: paths of the files that are read beside the speech.
 
     Raises:
