@@ -1,7 +1,6 @@
 """The `ha2g study` commands: arguments only; each calls one function of the package."""
 
 import argparse
-import json
 import pathlib
 from typing import Any
 
@@ -98,11 +97,12 @@ def _add_analyse(commands: Any) -> None:
     )
     command.add_argument("--study", type=pathlib.Path, required=True, metavar="DIR", help="folder of ha2g study make")
     command.add_argument(
-        "-o", "--out", type=pathlib.Path, metavar="DIR", help="folder for report.html, report.md and report.json"
+        "-o",
+        "--out",
+        type=pathlib.Path,
+        metavar="DIR",
+        help="folder for report.html, report.md and report.json (default: print the report as Markdown)",
     )
-    form = command.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print the results as JSON")
-    form.add_argument("--markdown", action="store_true", help="print the report as Markdown (default without --out)")
     command.set_defaults(run=_analyse)
 
 
@@ -110,13 +110,7 @@ def _analyse(arguments: argparse.Namespace) -> None:
     from ha2g_jax.apps.user_study import analysis, study_report
 
     results = analysis.analyse(arguments.answers, arguments.study)
-    page = study_report.write_report(results, arguments.out) if arguments.out else None
-    if arguments.json:
-        print(study_report.as_json(results))
-    elif arguments.markdown or page is None:
-        print(study_report.as_markdown(results))
-    else:
-        print(page)
+    print(study_report.write_report(results, arguments.out) if arguments.out else study_report.as_markdown(results))
 
 
 def _add_power(commands: Any) -> None:
@@ -149,11 +143,6 @@ def _add_power(commands: Any) -> None:
     search = command.add_argument_group("search")
     search.add_argument("--power", type=float, default=0.8, metavar="P", help="power to reach (default: 0.8)")
     search.add_argument("--most", type=positive, default=500, metavar="N", help="most participants (default: 500)")
-    search.add_argument(
-        "--simulations", type=positive, default=2000, metavar="N", help="simulated studies of a size (default: 2000)"
-    )
-    search.add_argument("--seed", type=read_seed, default=0, metavar="N", help="seed of the simulations (default: 0)")
-    command.add_argument("--json", action="store_true", help="print JSON instead of a table")
     command.set_defaults(run=_power)
 
 
@@ -180,14 +169,12 @@ def _power(arguments: argparse.Namespace) -> None:
     if None in given:
         names = "--sd-participants, --sd-clips and --sd-rest" if is_mos else "--sd-participants and --sd-clips"
         raise UserError(f"give {names}, or the answers of a pilot study: --pilot ANSWERS --study DIR")
-    result = power.required_participants(
+    table = power.power_table(
         arguments.measure,
         arguments.difference if is_mos else arguments.share,
         Spreads(*given),
         Plan(arguments.clips, arguments.items or arguments.clips, equal or 0.0, arguments.comparisons),
-        target=arguments.power,
+        power=arguments.power,
         most=arguments.most,
-        simulations=arguments.simulations,
-        seed=arguments.seed,
     )
-    print(json.dumps(result, indent=1) if arguments.json else power.as_text(result))
+    print(table)

@@ -73,27 +73,19 @@ def make_study(
     source_fps: float | None = None,
     seed: int | None = None,
 ) -> pathlib.Path:
-    """Write a study, completely or not at all: `site/`, which is published, and `key.json`, which is not.
+    """Write a study, completely or not at all: `site/`, which is published, and `key.json`.
 
     Args:
         motions: folder of each system, as DIR or NAME=DIR, with motion of the same clips.
         out: folder to write, which does not exist or is empty.
         speech: folder of the sounds, see `read_sources`.
-        protocol: parts of the study, of `design.PARTS`.
+        protocol, per_participant, attention: see `make_design`.
         clips: number of clips, drawn at random; by default all.
         clip_seconds: length in seconds to which longer clips are cut.
-        per_participant: items of each part that a participant answers at most, see `make_design`.
-        attention: number of attention checks.
-        title: title that participants see.
-        consent: text file with what participants agree to, in paragraphs; by default a short text.
-        closing: text file with what participants see at the end, such as a completion code.
-        post: address that the answers are sent to; without it participants download them.
+        title, consent, closing, post: see `pages.read_wording`.
         size: side of the videos in pixels.
         joint_map, source_fps: see `motion.readers.read_motion`.
         seed: seed of all choices; drawn by default, so that the ids of the videos cannot be guessed.
-
-    Returns:
-        The folder.
 
     Raises:
         UserError: the folder exists or cannot be written, or the motion, the sound or a setting cannot be used.
@@ -207,7 +199,8 @@ def read_sources(
     found = {name: find_motions(folder) for name, folder in systems.items()}
     names = _choose(_common(found), clips, seed)
     paths = _find_sounds(systems, found, names, speech)
-    skeleton = _common_skeleton(found, names[0], joint_map)
+    # The skeleton with the most joints that the motion of every system has.
+    skeleton = max((find_skeleton(files[names[0]], joint_map) for files in found.values()), key=SKELETONS.index)
     motions: dict[str, dict[str, Motion]] = {name: {} for name in systems}
     sounds, durations = {}, {}
     with progress_bar("reading", len(names), "clip") as bar:
@@ -278,12 +271,6 @@ def _read_sound(path: pathlib.Path, clip_seconds: float | None) -> np.ndarray:
     if seconds > MAX_SECONDS:
         raise UserError(f"{shown(path)} has {seconds:.0f} s of sound; cut the clips with --clip-seconds, such as 10")
     return sound
-
-
-def _common_skeleton(found: Mapping[str, Mapping[str, pathlib.Path]], clip: str, joint_map: str) -> str:
-    """Return the skeleton with the most joints that the motion of every system has."""
-    fits = {find_skeleton(files[clip], joint_map) for files in found.values()}
-    return max(fits, key=SKELETONS.index)
 
 
 def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motion:

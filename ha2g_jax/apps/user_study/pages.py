@@ -56,6 +56,12 @@ def read_wording(
 ) -> Wording:
     """Read the texts of a study, in paragraphs with blank lines between them, and check its address.
 
+    Args:
+        title: title that participants see.
+        consent: text file with what participants agree to; by default a short text.
+        closing: text file with what participants see at the end, such as a completion code.
+        post: address that the answers are sent to; without it participants download them.
+
     Raises:
         UserError: a text cannot be read or is empty, the title is too long, or the address cannot be used.
     """
@@ -81,10 +87,10 @@ def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], w
         # A source map is at another host, where developer tools would fetch it.
         (folder / name).write_bytes(b"".join(line for line in lines if not line.startswith(b"//# sourceMappingURL=")))
     page = string.Template((assets / _PAGE).read_text("utf-8"))
-    origin = "" if wording.post is None else f" {_origin(wording.post)}"
-    (folder / _PAGE).write_text(
-        page.substitute(title=html.escape(wording.title), post=html.escape(origin)), encoding="utf-8"
-    )
+    address = urllib.parse.urlsplit(wording.post or "")
+    origin = f" {address.scheme}://{address.netloc}" if wording.post else ""
+    text = page.substitute(title=html.escape(wording.title), post=html.escape(origin))
+    (folder / _PAGE).write_text(text, encoding="utf-8")
     content = {
         "format": _FORMAT,
         "version": _VERSION,
@@ -92,14 +98,10 @@ def write_site(folder: pathlib.Path, key: Key, lists: Sequence[Sequence[str]], w
         **wording._asdict(),
         "scales": key.scales,
         "points": key.points,
-        "items": [_public(item_as_json(item)) for item in key.items],
+        "items": [item_as_json(item._replace(expected=None)) for item in key.items],
         "lists": lists,
     }
     (folder / "items.json").write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")
-
-
-def _public(item: dict) -> dict:
-    return {name: value for name, value in item.items() if name != "expected"}
 
 
 def _paragraphs(path: pathlib.Path | None, default: str) -> tuple[str, ...]:
@@ -132,8 +134,3 @@ def _check_address(post: str) -> str:
             "http://localhost for a test"
         )
     return post
-
-
-def _origin(address: str) -> str:
-    parts = urllib.parse.urlsplit(address)
-    return f"{parts.scheme}://{parts.netloc}"

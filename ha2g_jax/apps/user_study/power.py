@@ -9,8 +9,8 @@ import functools
 import itertools
 import math
 import pathlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize, special
@@ -27,6 +27,7 @@ MOS = "mos"
 FEWEST = 3
 """Participants of the smallest study that is tried."""
 
+_SIMULATIONS, _SEED = 2000, 0
 _GRID = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320, 480, 640, 960)
 _NODES = 61  # of the quadrature over normal logits
 _CELLS, _CLIPS = 2_000_000, 50  # numbers that are drawn at a time, as if there were this many clips or more
@@ -125,35 +126,29 @@ def of_share(share: float, spreads: Spreads, plan: Plan) -> Simulation:
     return simulate
 
 
-def find(
-    simulate: Simulation, power: float, *, clips: int, most: int, simulations: int, seed: int
+def required_participants(
+    simulate: Simulation, power: float, *, clips: int, most: int
 ) -> tuple[dict[int, float], int | None]:
     """Return powers by number of participants, and the smallest number that reaches a power, None if `most` does not.
 
-    Args:
-        simulate: simulation of a study.
-        power: power to reach, above 0 and below 1.
-        clips: number of clips of the study.
-        most: greatest number of participants that is tried.
-        simulations: simulated studies for each number; with 2000, a power of 0.8 has a standard error of 0.009.
-        seed: seed of all simulations.
+    With 2000 simulated studies of each size, a power of 0.8 has a standard error of 0.009.
 
     Raises:
-        UserError: a number is out of range.
+        UserError: the power is not between 0 and 1, or `most` is below 3.
     """
-    if not 0 < power < 1 or most < FEWEST or simulations < 1:
+    if not 0 < power < 1 or most < FEWEST:
         raise UserError(f"a power is above 0 and below 1, and a study has at least {FEWEST} participants")
     rows: dict[int, float] = {}
     with progress_bar("Studies", unit="size") as bar:
 
         def reaches(participants: int) -> bool:
             if participants not in rows:
-                rows[participants] = _power(simulate, participants, clips, simulations, seed)
+                rows[participants] = _power(simulate, participants, clips)
                 bar.update()
             return rows[participants] >= power
 
         below, reached = FEWEST - 1, None
-        for participants in _sizes(most):
+        for participants in (*(size for size in _GRID if size < most), most):
             if reaches(participants):
                 reached = participants
                 break
@@ -164,16 +159,11 @@ def find(
     return dict(sorted(rows.items())), reached
 
 
-def _sizes(most: int) -> Iterator[int]:
-    yield from (size for size in _GRID if FEWEST <= size < most)
-    yield most
-
-
-def _power(simulate: Simulation, participants: int, clips: int, simulations: int, seed: int) -> float:
-    random = np.random.default_rng([seed, participants])
+def _power(simulate: Simulation, participants: int, clips: int) -> float:
+    random = np.random.default_rng([_SEED, participants])
     found, chunk = [], max(1, _CELLS // (participants * max(clips, _CLIPS)))
-    for start in range(0, simulations, chunk):
-        found.append(simulate(random, min(chunk, simulations - start), participants))
+    for start in range(0, _SIMULATIONS, chunk):
+        found.append(simulate(random, min(chunk, _SIMULATIONS - start), participants))
     return float(np.concatenate(found).mean())
 
 
@@ -191,8 +181,8 @@ def _level(plan: Plan) -> float:
 def _check(plan: Plan) -> None:
     if plan.clips < 2 or not 1 <= plan.items <= plan.clips:
         raise UserError(f"{plan.items} items of {plan.clips} clips; give 2 clips or more, and at most as many items")
-    if not 0 <= plan.equal < 1 or plan.comparisons < 1:
-        raise UserError("the share of equal choices is from 0 to below 1, and there is at least one comparison")
+    if not 0 <= plan.equal < 1:
+        raise UserError(f"the share of equal choices is {plan.equal:g}; give one from 0 to below 1")
 
 
 def _logit_spread(share: float, sd: float) -> float:
@@ -223,70 +213,42 @@ def _nodes() -> tuple[np.ndarray, np.ndarray]:
     return nodes, weights / weights.sum()
 
 
-def required_participants(
-    measure: str,
-    effect: float,
-    spreads: Spreads,
-    plan: Plan,
-    *,
-    target: float = 0.8,
-    most: int = 500,
-    simulations: int = 2000,
-    seed: int = 0,
-) -> dict[str, Any]:
-    """Return powers by number of participants, and the smallest number that reaches a power.
+def power_table(
+    measure: str, effect: float, spreads: Spreads, plan: Plan, *, power: float = 0.8, most: int = 500
+) -> str:
+    """Return how many participants reach a power, after a table of the powers of smaller studies.
 
     Args:
         measure: `MOS`, `PREFERENCE` or `MISMATCH`.
         effect: expected difference of scores, or expected share.
-        spreads: standard deviations.
-        plan: clips, items and corrections.
-        target, most, simulations, seed: see `find`.
-
-    Returns:
-        "participants" (None if `most` do not suffice), "powers" by number, and all that they depend on.
+        most: greatest number of participants that is tried.
 
     Raises:
         UserError: a number is out of range.
     """
-    simulation = (of_difference if measure == MOS else of_share)(effect, spreads, plan)
-    rows, smallest = find(simulation, target, clips=plan.clips, most=most, simulations=simulations, seed=seed)
-    settings = {"power": target, "most": most, "simulations": simulations, "seed": seed, "level": LEVEL}
-    return {
-        "measure": measure,
-        "effect": effect,
-        "standard_deviations": spreads._asdict(),
-        "plan": plan._asdict(),
-        **settings,
-        "participants": smallest,
-        "powers": {str(count): value for count, value in rows.items()},
-    }
-
-
-def as_text(result: Mapping[str, Any]) -> str:
-    """Return a result of `required_participants` as a table for a terminal."""
-    plan, spreads = result["plan"], result["standard_deviations"]
-    is_mos = result["measure"] == MOS
-    what = f"a difference of {result['effect']:g}" if is_mos else f"a share of {result['effect']:g} against 0.5"
-    rest = f", {spreads['rest']:.3g} of one rating" if is_mos else ""
+    is_mos = measure == MOS
+    simulate = (of_difference if is_mos else of_share)(effect, spreads, plan)
+    powers, smallest = required_participants(simulate, power, clips=plan.clips, most=most)
+    what = f"a difference of {effect:g}" if is_mos else f"a share of {effect:g} against 0.5"
+    rest = f", {spreads.rest:.3g} of one rating" if is_mos else ""
+    equal = "" if is_mos else f"; {plan.equal:.1%} of the choices are for neither"
     lines = [
-        f"{result['measure']}: {what}, found with an interval of {1 - (1 - LEVEL) / plan['comparisons']:.4g}",
-        f"standard deviations: {spreads['participants']:.3g} between participants, {spreads['clips']:.3g} between "
-        f"clips{rest}",
-        f"each participant answers {plan['items']} of {plan['clips']} clips"
-        + ("" if is_mos else f"; {plan['equal']:.1%} of the choices are for neither"),
+        f"{measure}: {what}, found with an interval of {_level(plan):.4g}",
+        f"standard deviations: {spreads.participants:.3g} between participants, {spreads.clips:.3g} between clips"
+        + rest,
+        f"each participant answers {plan.items} of {plan.clips} clips" + equal,
         "",
         "participants  power",
-        *(f"{count:>12}  {value:.3f}" for count, value in result["powers"].items()),
+        *(f"{count:>12}  {value:.3f}" for count, value in powers.items()),
         "",
     ]
-    if result["participants"] is None:
+    if smallest is None:
         lines.append(
-            f"{result['most']} participants do not reach a power of {result['power']:g}; use more clips, which further "
-            "participants do not replace, or a larger --most"
+            f"{most} participants do not reach a power of {power:g}; use more clips, which further participants do not "
+            "replace, or a larger --most"
         )
     else:
-        lines.append(f"{result['participants']} participants reach a power of {result['power']:g}.")
+        lines.append(f"{smallest} participants reach a power of {power:g}.")
     return "\n".join(lines)
 
 

@@ -94,29 +94,15 @@ class Section(NamedTuple):
 def sections(results: Mapping[str, Any]) -> list[Section]:
     """Return the sections of the report, the first of which has the title."""
     found = [_head(results)]
-    if not results["participants"]:
-        found[0] = found[0]._replace(
-            parts=[
-                *found[0].parts,
-                "No participant is left, so that there is nothing to analyse. The section Excluded has the reasons.",
-            ]
-        )
-    if results["opinion"]:
-        found += _opinion(results["opinion"])
-    if results["preference"]:
-        found.append(_preference(results["preference"]))
-    if results["mismatch"]:
-        found.append(_mismatch(results["mismatch"]))
-    if results["agreement"]:
-        found.append(_agreement(results["agreement"]))
-    found.append(_exclusions(results))
+    found += _opinion(results["opinion"]) if results["opinion"] else []
+    for name, write in {"preference": _preference, "mismatch": _mismatch, "agreement": _agreement}.items():
+        if results[name]:
+            found.append(write(results[name]))
+    found.append(_exclusions(results["excluded"]))
     if results["comments"]:
-        rows = [(one["participant"], " ".join(one["text"].split())) for one in results["comments"]]
-        found.append(
-            Section(
-                "Comments", ["Texts of participants, as they wrote them.", Table([("participant", "comment"), *rows])]
-            )
-        )
+        rows = [("participant", "comment")]
+        rows += [(one["participant"], " ".join(one["text"].split())) for one in results["comments"]]
+        found.append(Section("Comments", ["Texts of participants, as they wrote them.", Table(rows)]))
     return found
 
 
@@ -129,7 +115,12 @@ def _head(results: Mapping[str, Any]) -> Section:
         parts.append(
             "With one participant there are no intervals and no tests: nothing is known of other participants."
         )
-    return Section(f"User study: {results['title']}", [*parts, f"Study {results['study']}. {_INTERVALS}"])
+    parts.append(f"Study {results['study']}. {_INTERVALS}")
+    if kept == 0:
+        parts.append(
+            "No participant is left, so that there is nothing to analyse. The section Excluded has the reasons."
+        )
+    return Section(f"User study: {results['title']}", parts)
 
 
 def _opinion(opinion: Mapping[str, Any]) -> list[Section]:
@@ -163,14 +154,18 @@ def _preference(preference: Mapping[str, Any]) -> Section:
     for one in preference["pairs"]:
         rows.append((one["first"], one["second"], _counts(one), *_tests(one)))
     parts: list[str | Table | Chart] = [_PREFERENCE, Table(rows)]
+    if not preference["strengths"]:
+        parts.append("No choice prefers a system, so that there are no strengths.")
+    elif not preference["is_connected"]:
+        parts.append(_NOT_CONNECTED)
+    else:
+        parts += _strengths(preference)
+    return Section("Preferences between systems", parts)
+
+
+def _strengths(preference: Mapping[str, Any]) -> list[str | Table | Chart]:
     strengths = preference["strengths"]
-    if not strengths:
-        return Section(
-            "Preferences between systems", [*parts, "No choice prefers a system, so that there are no strengths."]
-        )
-    if not preference["is_connected"]:
-        return Section("Preferences between systems", [*parts, _NOT_CONNECTED])
-    parts.append(_STRENGTHS)
+    parts: list[str | Table | Chart] = [_STRENGTHS]
     if infinite := [name for name, one in strengths.items() if not one["is_finite"]]:
         parts.append(f"{_INFINITE}: {', '.join(infinite)}.")
     if preference["missing"]:
@@ -178,7 +173,7 @@ def _preference(preference: Mapping[str, Any]) -> Section:
             f"Without a choice that prefers one, and therefore not in the table: {', '.join(preference['missing'])}."
         )
     ranked = sorted(strengths.items(), key=lambda item: -item[1]["value"])
-    rows = [("system", "strength, logits [95 %]", "Elo")]
+    rows: list[Sequence[str]] = [("system", "strength, logits [95 %]", "Elo")]
     rows += [(name, _interval(one), f"{one['elo']:.0f}") for name, one in ranked]
     marks = {name: {"strength": _mark(one)} for name, one in ranked}
     label = "Bradley-Terry strength of each system, with 95 % intervals"
@@ -186,7 +181,7 @@ def _preference(preference: Mapping[str, Any]) -> Section:
     rows = [("difference of strengths", "value [95 %]", "first is preferred")]
     for one in preference["differences"]:
         rows.append((_minus(one), _interval(one), f"{1 / (1 + math.exp(-one['value'])):.0%}"))
-    return Section("Preferences between systems", [*parts, Table(rows)])
+    return [*parts, Table(rows)]
 
 
 def _mismatch(mismatch: Mapping[str, Any]) -> Section:
@@ -206,13 +201,12 @@ def _agreement(agreement: Mapping[str, Any]) -> Section:
     return Section("Agreement", [_AGREEMENT, Table(rows)])
 
 
-def _exclusions(results: Mapping[str, Any]) -> Section:
-    if not results["excluded"]:
+def _exclusions(excluded: Sequence[Mapping[str, str]]) -> Section:
+    if not excluded:
         return Section("Excluded", ["Nothing was excluded."])
-    rows: list[Sequence[str]] = [(one["file"], one["participant"] or "-", one["reason"]) for one in results["excluded"]]
-    return Section(
-        "Excluded", ["These files are in none of the numbers.", Table([("file", "participant", "reason"), *rows])]
-    )
+    rows = [("file", "participant", "reason")]
+    rows += [(one["file"], one["participant"] or "-", one["reason"]) for one in excluded]
+    return Section("Excluded", ["These files are in none of the numbers.", Table(rows)])
 
 
 def _counts(one: Mapping[str, Any]) -> str:
@@ -283,18 +277,13 @@ def write_report(results: Mapping[str, Any], out: pathlib.Path) -> pathlib.Path:
     }
     files = {f"{name}.svg": svg for name, svg in drawn.items()} | {
         MARKDOWN: as_markdown(results, charts=True),
-        NUMBERS: as_json(results) + "\n",
+        NUMBERS: json.dumps(results, indent=1, allow_nan=False) + "\n",
         PAGE: _page(found, drawn),
     }
     for name, text in files.items():
         with whole_file(out / name) as temporary:
             temporary.write_text(text, encoding="utf-8", errors="replace")
     return out / PAGE
-
-
-def as_json(results: Mapping[str, Any]) -> str:
-    """Return results as JSON in ASCII."""
-    return json.dumps(results, indent=1, allow_nan=False)
 
 
 def as_markdown(results: Mapping[str, Any], *, charts: bool = False) -> str:

@@ -100,11 +100,8 @@ def test_mismatched_motion_is_of_another_clip_of_about_the_same_length(lengths):
     [
         (["a"], 3, {"parts": ["preference"]}, "compares two systems"),
         (["a"], 1, {"parts": ["mismatch"]}, "another clip"),
-        (["a"], 3, {"parts": ["taste"]}, "give one or more of rating, preference, mismatch"),
-        (["a"], 3, {"parts": []}, "the protocol is empty"),
         (["a"], 3, {"parts": ["rating"], "attention": 6}, "expected 0 to 5"),
-        (["a"], 3, {"parts": ["rating"], "per_participant": 0}, "expected 1 or more"),
-        (["a", "b"], 20_000, {"parts": ["rating"]}, "too many|expected at most"),
+        (["a", "b"], 20_000, {"parts": ["rating"]}, "expected at most"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(systems, clips, options, message):
@@ -122,6 +119,3 @@ def test_a_key_is_read_as_it_was_written_and_is_private(tmp_path):
     assert (content["format"], content["version"]) == ("ha2g-study-key", 1)
     rating, *_, attention = content["items"]
     assert rating.keys() == {"id", "kind", "stimulus"} and attention["expected"] == EXPECTED
-    path.write_text(json.dumps(content | {"format": "ha2g-study-items"}))
-    with pytest.raises(UserError, match=r"key\.json is not"):
-        read_key(path)

@@ -55,11 +55,9 @@ def test_shares_have_the_mean_and_the_spread_that_are_asked_for():
 
 def test_power_grows_with_participants_and_the_smallest_number_is_found():
     simulate = power.of_difference(0.4, Spreads(0.4, 0.1, 0.8), Plan(10, 10))
-    options = {"clips": 10, "most": 200, "simulations": 400, "seed": 0}
-    rows, smallest = found = power.find(simulate, 0.8, **options)
+    rows, smallest = power.required_participants(simulate, 0.8, clips=10, most=200)
     assert smallest is not None and rows[smallest] >= 0.8 > rows[smallest - 1]
     assert rows[5] < rows[10] < rows[smallest]
-    assert power.find(simulate, 0.8, **options) == found
 
 
 def test_studies_of_many_clips_are_drawn_in_smaller_parts():
@@ -69,13 +67,13 @@ def test_studies_of_many_clips_are_drawn_in_smaller_parts():
         counts.append(count * participants * 40_000)
         return np.ones(count, bool)
 
-    power.find(simulate, 0.8, clips=40_000, most=3, simulations=50, seed=0)
-    assert max(counts) <= power._CELLS and sum(counts) == 50 * 3 * 40_000
+    power.required_participants(simulate, 0.8, clips=40_000, most=3)
+    assert max(counts) <= power._CELLS and sum(counts) == power._SIMULATIONS * 3 * 40_000
 
 
 def test_more_participants_do_not_replace_clips():
     simulate = power.of_difference(0.3, Spreads(0.1, 0.6, 0.5), Plan(4, 4))
-    rows, smallest = power.find(simulate, 0.8, clips=4, most=60, simulations=200, seed=0)
+    rows, smallest = power.required_participants(simulate, 0.8, clips=4, most=60)
     assert smallest is None and max(rows) == 60
 
 
@@ -86,21 +84,22 @@ def test_corrections_and_equal_choices_cost_power():
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("of", "effect", "spreads", "plan"),
     [
-        lambda: power.of_difference(0, Spreads(1, 1, 1), Plan(5, 5)),
-        lambda: power.of_difference(np.nan, Spreads(1, 1, 1), Plan(5, 5)),
-        lambda: power.of_difference(1, Spreads(-1, 1, 1), Plan(5, 5)),
-        lambda: power.of_difference(1, Spreads(1, 1, 1), Plan(1, 1)),
-        lambda: power.of_difference(1, Spreads(1, 1, 1), Plan(5, 6)),
-        lambda: power.of_share(0.5, Spreads(0, 0), Plan(5, 5)),
-        lambda: power.of_share(1.2, Spreads(0, 0), Plan(5, 5)),
-        lambda: power.of_share(0.95, Spreads(0.4, 0), Plan(5, 5)),
+        (power.of_difference, 0, Spreads(1, 1, 1), Plan(5, 5)),
+        (power.of_difference, np.nan, Spreads(1, 1, 1), Plan(5, 5)),
+        (power.of_difference, 1, Spreads(-1, 1, 1), Plan(5, 5)),
+        (power.of_difference, 1, Spreads(1, 1, 1), Plan(1, 1)),
+        (power.of_difference, 1, Spreads(1, 1, 1), Plan(5, 6)),
+        (power.of_share, 0.5, Spreads(0, 0), Plan(5, 5)),
+        (power.of_share, 1.2, Spreads(0, 0), Plan(5, 5)),
+        (power.of_share, 0.95, Spreads(0.4, 0), Plan(5, 5)),
+        (power.of_share, 0.6, Spreads(0, 0), Plan(5, 5, equal=1)),
     ],
 )
-def test_numbers_out_of_range(make):
+def test_numbers_out_of_range(of, effect, spreads, plan):
     with pytest.raises(UserError):
-        make()
+        of(effect, spreads, plan)
 
 
 def test_a_pilot_gives_the_spreads_that_made_it(tmp_path):
@@ -124,18 +123,18 @@ def test_a_pilot_gives_the_spreads_that_made_it(tmp_path):
 
 
 def test_command(tmp_path, capsys):
-    arguments = ["study", "power", "mos", "--difference", "0.5", "--simulations", "100", "--most", "60"]
+    mos = ["study", "power", "mos", "--difference", "0.5", "--most", "60"]
     spreads = ["--sd-participants", "0.3", "--sd-clips", "0.1", "--sd-rest", "0.8"]
-    assert cli.main([*arguments, *spreads]) == 0
+    assert cli.main([*mos, *spreads]) == 0
     assert "participants reach a power of 0.8" in capsys.readouterr().out
     write_study(tmp_path, 6)
     pilot = ["--pilot", str(tmp_path / "answers"), "--study", str(tmp_path / "study")]
-    assert cli.main([*arguments, *pilot, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["standard_deviations"]["rest"] > 0.3
-    share = ["study", "power", "mismatch", "--share", "0.7", "--simulations", "100", "--most", "60", *pilot]
+    assert cli.main([*mos, *pilot, "--sd-clips", "0.1"]) == 0
+    assert "0.1 between clips" in capsys.readouterr().out
+    share = ["study", "power", "mismatch", "--share", "0.7", "--most", "60", *pilot]
     assert cli.main(share) == 0
-    for wrong in (arguments, [*share, "--sd-rest", "1"], ["study", "power", "mos", "--share", "0.6"], share[:-2]):
+    for wrong in (mos, [*share, "--sd-rest", "1"], ["study", "power", "mos", "--share", "0.6"], share[:-2]):
         assert cli.main(wrong) == 2
     write_study(tmp_path / "one", 1)
     one = ["--pilot", str(tmp_path / "one" / "answers"), "--study", str(tmp_path / "one" / "study")]
-    assert cli.main([*arguments, *one]) == 2 and "too few answers" in capsys.readouterr().err
+    assert cli.main([*mos, *one]) == 2 and "too few answers" in capsys.readouterr().err
