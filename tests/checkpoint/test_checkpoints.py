@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import textwrap
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +15,7 @@ import numpy as np
 import pytest
 from jax.sharding import Mesh, NamedSharding, PartitionSpec, SingleDeviceSharding
 
-from ha2g_jax.checkpoint.checkpoints import Checkpoints
-from ha2g_jax.checkpoint.orbax_format import CHECKSUMS, on_one_device, read_record, read_state
+from ha2g_jax.checkpoint.checkpoints import CHECKSUMS, Checkpoints
 from ha2g_jax.checkpoint.state import Network, TrainState
 from ha2g_jax.errors import UserError
 
@@ -31,6 +31,15 @@ def _state(value: float, size: int = 6, average: bool = False) -> TrainState:
 
     variables = {"params": {"w": jnp.full(size, value)}, "batch_stats": {}} if average else None
     return TrainState(jnp.int32(5), network(0), network(1), average=variables, is_finite=jnp.bool_(True))
+
+
+def _restore(folder: pathlib.Path, like: TrainState, sharding: Any = None) -> tuple[TrainState, Any]:
+    """Return the newest state, by default on one device, and its record."""
+    sharding = sharding or SingleDeviceSharding(jax.devices()[0])
+    shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), like)
+    found = Checkpoints(folder).restore_newest(shapes)
+    assert found is not None
+    return found
 
 
 def _assert_equal(found: TrainState, expected: TrainState) -> None:
@@ -64,10 +73,9 @@ def _files(folder: pathlib.Path) -> list[pathlib.Path]:
 
 
 def test_state_and_record_come_back(saved):
-    found = Checkpoints(saved).restore_newest(on_one_device(_state(0.0)))
-    assert found is not None
-    _assert_equal(found[0], _state(1.0))
-    assert found[1] == RECORD | {"batches": 3}
+    state, record = _restore(saved, _state(0.0))
+    _assert_equal(state, _state(1.0))
+    assert record == RECORD | {"batches": 3}
     variables, record = Checkpoints(saved).restore_model(2, _state(0.0).generator.variables)
     np.testing.assert_array_equal(variables["params"]["w"], _state(2 / 3).generator.params["w"])
     assert record["batches"] == 2
@@ -78,7 +86,7 @@ def test_a_state_with_an_average_comes_back_and_nothing_is_printed(tmp_path, cap
         checkpoints.save(1, _state(0.3, average=True), {})
         checkpoints.check()
         checkpoints.wait()
-        _assert_equal(read_state(tmp_path / "latest" / "1", _state(0.0, average=True)), _state(0.3, average=True))
+        _assert_equal(_restore(tmp_path / "latest", _state(0.0, average=True))[0], _state(0.3, average=True))
     assert capfd.readouterr() == ("", "")
 
 
@@ -86,7 +94,7 @@ def test_the_last_ones_are_kept_and_none_is_written_twice(folder):
     with contextlib.closing(Checkpoints(folder, keep=2)) as checkpoints:
         assert checkpoints.steps() == [2, 3]
         checkpoints.save(3, _state(9.0), {})
-        assert read_record(folder / "3")["batches"] == 3
+        assert _restore(folder, _state(0.0))[1]["batches"] == 3
         checkpoints.save(4, _state(9.0), {})
     assert sorted(path.name for path in folder.iterdir()) == ["3", "4"]
 
@@ -103,9 +111,9 @@ def test_what_is_given_up_after_save_is_not_what_is_written(tmp_path):
             ctypes.memset(leaf.unsafe_buffer_pointer(), 0x55, leaf.nbytes)
         assert np.asarray(state.step) == 0x55555555
         checkpoints.wait()
-        found = read_state(tmp_path / "latest" / "1", on_one_device(state))
+        found, record = _restore(tmp_path / "latest", state)
         _assert_equal(jax.tree.map(np.asarray, found), expected)
-        assert read_record(tmp_path / "latest" / "1") == {"names": ["ada"]}
+        assert record == {"names": ["ada"]}
 
 
 def test_a_state_moves_between_one_device_and_eight(tmp_path):
@@ -114,11 +122,9 @@ def test_a_state_moves_between_one_device_and_eight(tmp_path):
     assert mesh.size == 8
     for number, (source, target) in enumerate(((many, one), (one, many))):
         state = jax.device_put(_state(0.7), source)
-        like = jax.tree.map(lambda x, s=target: jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=s), state)
         with contextlib.closing(Checkpoints(tmp_path / str(number))) as checkpoints:
             checkpoints.save(1, state, {})
-            checkpoints.wait()
-            found = read_state(tmp_path / str(number) / "1", like)
+        found, _ = _restore(tmp_path / str(number), state, target)
         _assert_equal(found, state)
         assert all(leaf.sharding == target for leaf in jax.tree.leaves(found))
 
@@ -132,7 +138,7 @@ def test_another_model_is_refused_and_not_taken_for_damage(saved, capfd):
     }
     for message, other in others.items():
         with pytest.raises(UserError, match=rf"latest/3 is of another model \({message}\)"):
-            Checkpoints(saved).restore_newest(on_one_device(other))
+            _restore(saved, other)
     assert not capfd.readouterr().err
 
 
@@ -166,25 +172,24 @@ def test_damage_of_any_file_is_found(folder, damage):
 def test_the_one_before_a_damaged_one_is_used_and_the_damaged_one_can_be_written_again(folder, capfd):
     _flip(next((folder / "3" / "state" / "d").iterdir()))
     with contextlib.closing(Checkpoints(folder, keep=2)) as checkpoints:
-        found = checkpoints.restore_newest(on_one_device(_state(0.0)))
-        assert found is not None
-        assert found[1]["batches"] == 2
-        _assert_equal(found[0], _state(2 / 3))
+        state, record = _restore(folder, _state(0.0))
+        assert record["batches"] == 2
+        _assert_equal(state, _state(2 / 3))
         (line,) = capfd.readouterr().err.splitlines()
         assert f"checkpoint {folder}/3 is damaged (state/d/" in line
         assert line.endswith(f"and was renamed to 3.damaged; using {folder}/2")
         checkpoints.save(3, _state(1.0), {"batches": 33})
     assert sorted(path.name for path in folder.iterdir()) == ["2", "3", "3.damaged"]
-    assert read_record(folder / "3") == {"batches": 33}
+    assert _restore(folder, _state(0.0))[1] == {"batches": 33}
 
 
 def test_where_all_are_damaged_the_run_does_not_start_anew(folder):
     for step in (2, 3):
         _truncate(folder / str(step) / CHECKSUMS)
     with pytest.raises(UserError, match=r"all checkpoints in .*latest are damaged \(2: .*, 3: .*\)"):
-        Checkpoints(folder).restore_newest(on_one_device(_state(0.0)))
+        _restore(folder, _state(0.0))
     assert sorted(path.name for path in folder.iterdir()) == ["2", "3"]
-    assert Checkpoints(folder.parent / "none").restore_newest(on_one_device(_state(0.0))) is None
+    assert Checkpoints(folder.parent / "none").restore_newest(_state(0.0)) is None
 
 
 def test_what_a_killed_run_left_does_not_count_and_goes_away(folder):
@@ -234,6 +239,4 @@ def test_a_full_disk_is_named_and_leaves_the_checkpoints_that_are_there(tmp_path
         assert line.startswith(f"cannot write checkpoint {tmp_path}/latest/2 (File too large; it needs 8.0 MB, ")
         assert line.endswith("latest/1 is complete: free some space, then the same command continues")
     assert not result.stderr
-    checkpoints = Checkpoints(tmp_path / "latest")
-    assert checkpoints.steps() == [1] and read_record(tmp_path / "latest" / "1") == RECORD
-    assert checkpoints.restore_newest(_state(0.0)) is not None
+    assert Checkpoints(tmp_path / "latest").steps() == [1] and _restore(tmp_path / "latest", _state(0.0))[1] == RECORD
