@@ -6,7 +6,7 @@ import runpy
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any
 
 import ml_collections
 from absl import flags
@@ -46,17 +46,6 @@ Settings of HA2G; other methods have other losses and some further settings:
 {settings}
 """
 _MAX_LETTERS = 1000  # of a message of a library, which may quote all of a flag
-
-
-class Arguments(NamedTuple):
-    """Values of the flags."""
-
-    config: Config
-    workdir: str
-    profile: bool
-    coordinator: str | None
-    num_processes: int | None
-    process_id: int | None
 
 
 def prepare_process() -> None:
@@ -115,14 +104,15 @@ def load_config(spec: str, overrides: Sequence[str] = ()) -> Config:
     return _parse(["ha2g", f"--config={spec}", "--workdir=.", *overrides]).config
 
 
-def _parse(argv: list[str]) -> Arguments:
+def _parse(argv: list[str]) -> Any:
+    """Return the values of the flags, whose names are those of `_USAGE`, as attributes."""
     spec, argv = _take_spec(argv)
     values = flags.FlagValues()  # not absl's global ones, so that one process can parse twice
-    flags.DEFINE_string("workdir", None, "", flag_values=values)
     flags.DEFINE_boolean("profile", False, "", flag_values=values)
-    flags.DEFINE_string("coordinator", None, "", flag_values=values)
-    flags.DEFINE_integer("num_processes", None, "", flag_values=values)
-    flags.DEFINE_integer("process_id", None, "", flag_values=values)
+    for name in ("workdir", "coordinator"):
+        flags.DEFINE_string(name, None, "", flag_values=values)
+    for name in ("num_processes", "process_id"):
+        flags.DEFINE_integer(name, None, "", flag_values=values)
     try:
         if spec:
             config = _read(spec)
@@ -139,14 +129,7 @@ def _parse(argv: list[str]) -> Arguments:
     if rest[1:]:
         raise UserError(f"unexpected argument '{shown(rest[1])}'; see {argv[0]} --help")
     settings.check(values.config)
-    return Arguments(
-        config=values.config,
-        workdir=values.workdir,
-        profile=values.profile,
-        coordinator=values.coordinator,
-        num_processes=values.num_processes,
-        process_id=values.process_id,
-    )
+    return values
 
 
 def _take_spec(argv: list[str]) -> tuple[str, list[str]]:

@@ -29,14 +29,8 @@ def describe(config: Config) -> list[Row]:
 
     Shapes of feature maps and convolutions are channels first, as in Tables 6 to 9; shapes of sequences are frames x
     values. The batch axis is left out. The embedding tables of words and speakers grow with the data and are not
-    counted.
-
-    Args:
-        config: settings of the model.
-
-    Returns:
-        Rows with "module" (dotted path), "input" and "output" (such as "64x64x35"; several are joined by ", "),
-        "input_shapes" and "output_shapes" (lists) and "parameters" (number of parameters of the module and its parts).
+    counted. A row has "module" (dotted path), "input" and "output" (such as "64x64x35"; several are joined by ", "),
+    "input_shapes" and "output_shapes" (lists) and "parameters" (of the module and its parts).
     """
     skeleton = load_skeleton(config.skeleton)
     spec = build(config, skeleton, vocabulary_size=1, num_speakers=1)
@@ -52,7 +46,12 @@ def as_table(rows: list[Row]) -> str:
     """Format the rows of `describe` as an aligned table whose last line is the total of all networks."""
     header = ("module", "input", "output", "parameters")
     cells = [
-        ("  " * row["module"].count(".") + row["module"].rpartition(".")[2], row["input"], row["output"], _count(row))
+        (
+            "  " * row["module"].count(".") + row["module"].rpartition(".")[2],
+            row["input"],
+            row["output"],
+            f"{row['parameters']:,}",
+        )
         for row in rows
     ]
     total = sum(row["parameters"] for row in rows if "." not in row["module"])
@@ -100,7 +99,3 @@ def _shape(array: jax.Array, channels_first: bool) -> list[int]:
         # A head takes a feature map but returns a sequence; both have their channels last in the code.
         shape = [shape[-1], *shape[:-1]]
     return shape or [1]
-
-
-def _count(row: Row) -> str:
-    return f"{row['parameters']:,}"

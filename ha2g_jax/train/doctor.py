@@ -13,7 +13,7 @@ from ha2g_jax.config import presets
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import TALK, TRAIN, Corpus, corpus_folder
 from ha2g_jax.errors import UserError
-from ha2g_jax.features import espeak as speech
+from ha2g_jax.features import espeak
 from ha2g_jax.features.espeak import Voice
 from ha2g_jax.methods.build import build
 from ha2g_jax.train import inputs
@@ -22,15 +22,15 @@ from ha2g_jax.train.measure import Finding, TimedStep, examine_machine, gib, hos
 
 _STEPS = 5
 _SECONDS = 20.0  # no further step is timed after this time
+_LESS_MEMORY = "lower --config.train.batch_size or raise --config.train.accumulate"
 
 
 def examine(config: Config | None = None) -> list[Finding]:
     """Examine the machine, check that it has what a config needs, and time a step, which takes a minute or more.
 
-    Args:
-        config: settings of the run; None for the smallest model, without data.
+    Without a config the step is that of the smallest model, and no data are checked.
     """
-    findings = [*examine_machine(), _speech()]
+    findings = [*examine_machine(), _espeak()]
     if findings[2].trouble and not findings[2].found:  # without devices, nothing can be computed
         return findings
     corpus = None
@@ -67,9 +67,9 @@ def is_well(findings: list[Finding]) -> bool:
     return not any(finding.trouble for finding in findings)
 
 
-def _speech() -> Finding:
+def _espeak() -> Finding:
     try:
-        speech.say("hello", Voice("en-us", "m1", 50, 50, 170))
+        espeak.say("hello", Voice("en-us", "m1", 50, 50, 170))
     except UserError as error:
         return Finding("speech", "", str(error))
     return Finding("speech", "espeak-ng speaks, for the Talk corpus")
@@ -152,9 +152,6 @@ def _step(config: Config, corpus: Corpus | None) -> Finding:
     values |= {"step_seconds": seconds, "windows_per_second": step.batch_size / seconds}
     found += f"; {seconds:.3g} s a step, {step.batch_size / seconds:.3g} windows/s"
     return Finding("step", found, values=values)
-
-
-_LESS_MEMORY = "lower --config.train.batch_size or raise --config.train.accumulate"
 
 
 def _lack_of_memory(size: int, num_devices: int) -> str:

@@ -1,7 +1,7 @@
 """Check that a config fits its machine, its workdir and its corpus before a run starts, not after hours."""
 
 import pathlib
-from typing import Any
+import reprlib
 
 import jax
 import numpy as np
@@ -13,8 +13,7 @@ from ha2g_jax.config import settings
 from ha2g_jax.config.settings import Config
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.files.reading import parse_json, read_bytes, reading, reason, shown
-from ha2g_jax.limits import MAX_CONFIG_BYTES
+from ha2g_jax.files.reading import reading, shown
 from ha2g_jax.methods import METHODS
 from ha2g_jax.methods.method import Spec
 
@@ -92,17 +91,15 @@ def check_workdir(workdir: pathlib.Path, config: Config) -> None:
     path = workdir / model_folder.CONFIG
     if not path.exists():
         return
-    try:
-        stored = settings.from_json(parse_json(read_bytes(path, "the config of a run", MAX_CONFIG_BYTES)))
-    except ValueError as error:
-        raise UserError(f"{shown(path)} is damaged ({reason(error)}); choose another --workdir") from error
+    stored = model_folder.read_config(workdir)
     old, new = (traverse_util.flatten_dict(model_folder.config_to_json(values), sep=".") for values in (stored, config))
     # The learning rates of a cosine depend on where it ends.
     free = _FREE_SETTINGS - ({"train.steps"} if config.train.schedule == "cosine" else set())
     differing = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
     if differing := [name for name in differing if name not in free]:
         changes = ", ".join(
-            f"{name} ({_short(old, name)} there, {_short(new, name)} here)" for name in differing[:_NAMES_SHOWN]
+            f"{name} ({reprlib.repr(old.get(name))} there, {reprlib.repr(new.get(name))} here)"
+            for name in differing[:_NAMES_SHOWN]
         )
         changes += f" and {len(differing) - _NAMES_SHOWN} more" if differing[_NAMES_SHOWN:] else ""
         raise UserError(
@@ -125,8 +122,3 @@ def check_corpus(workdir: pathlib.Path, assets: Assets, corpus: Corpus) -> None:
             f"{shown(workdir)} was started on another corpus than {shown(corpus.path)}: set --config.data.path to "
             "the corpus of its start or choose another --workdir"
         )
-
-
-def _short(values: dict[str, Any], name: str) -> str:
-    text = str(values.get(name))
-    return text if len(text) <= 80 and text.isprintable() else f"{text[:80]!r}..."

@@ -47,9 +47,7 @@ class TermGradients(NamedTuple):
 def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> TermGradients:
     """Compute the gradient of each term in training mode, with the GAN term also during warm-up.
 
-    Args:
-        objective, state, batch: as in `ha2g_jax.train.step.train_step`.
-        key: key of all noise.
+    The arguments are those of `ha2g_jax.train.step.train_step`.
     """
     keys = step_keys(objective.spec, key, state.step)
     targets = subtract_mean(objective.spec, batch["directions"])
@@ -74,10 +72,8 @@ def term_gradients(objective: Objective, state: TrainState, batch: Batch, key: j
 def measure(config: Config, sources: Sequence[str] = ()) -> dict[str, Any]:
     """Measure the gradients of a config on the first training batch of its data.
 
-    Args:
-        config: settings of the run, see `ha2g_jax.config.settings.paper`.
-        sources: runs or model folders whose generators are measured beside that of a new run, with their own networks
-            and the objective and the data of the config. The discriminator is a new one in any case.
+    The sources are runs or model folders whose generators are measured beside that of a new run, with their own
+    networks and the objective and the data of the config. The discriminator is a new one in any case.
 
     Returns:
         Plain values: "config", "batch_size", "reconstruction" (name of a term), "rigid_pairs" and "pairs" (numbers of

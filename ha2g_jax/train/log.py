@@ -48,10 +48,7 @@ class Writer:
     TensorBoard's files are written where tensorboardX is installed.
 
     Args:
-        workdir: folder of the run, which exists.
         step: step of the checkpoint that the run continues from, 0 for a new run.
-        config: settings of the run.
-        is_first: whether this host is the first one.
 
     Raises:
         UserError: a file cannot be written, or Weights & Biases is switched on but cannot be reached.
@@ -93,12 +90,9 @@ class Writer:
 class EventFile:
     """Add a TensorBoard event file to a folder; the names of metrics become tags.
 
-    The `SummaryWriter` of tensorboardX writes in a thread that a full disk ends without a message; its queue then fills
-    up and training waits for ever. The `EventsWriter` used here writes in the calling thread.
-
-    Args:
-        folder: folder of the event files of all starts of the run; created if it does not exist.
-        step: step at which the run starts; TensorBoard hides later steps of older files.
+    TensorBoard hides what older files have for steps after that at which the run starts. The `SummaryWriter` of
+    tensorboardX writes in a thread that a full disk ends without a message; its queue then fills up and training waits
+    for ever. The `EventsWriter` used here writes in the calling thread.
     """
 
     def __init__(self, folder: pathlib.Path, step: int):
@@ -134,9 +128,7 @@ class EventFile:
 class WandbRun:
     """Report to the Weights & Biases project that the config names; every start of a workdir continues one run.
 
-    Args:
-        workdir: folder of the run, whose name becomes that of the W&B run; its `run.json` stores the id.
-        config: settings of the run, which are reported too.
+    The run of W&B has the name of the workdir, whose `run.json` stores its id.
 
     Raises:
         UserError: the package is not installed, or there is no access to the project.
@@ -186,8 +178,6 @@ class StepLog:
     - in the first line `compile_seconds`, the time of the first step, which is left out of the speed.
 
     Args:
-        writer: writer of the lines.
-        bar: progress bar.
         batch_size: windows in a step, of all hosts together.
         is_due: function that tells whether to write a line for a step.
         shown: name of the loss term that the progress bar shows.
@@ -208,7 +198,7 @@ class StepLog:
         self._waiting: tuple[int, Metrics] | None = None
         self._num_steps: int = pending["steps"] if pending else 0
         self._sums: dict[str, float] = dict(pending["sums"]) if pending else {}
-        self._is_stopping = False
+        self.is_stopping = False  # whether a step had the metric "stop": the hosts agreed that one was asked to
         self._start = time.perf_counter()
         self._compile_seconds: float | None = None
         self._is_compile_reported = False
@@ -240,11 +230,6 @@ class StepLog:
         self._apart += time.perf_counter() - self._apart_start
         self._apart_start = None
 
-    @property
-    def is_stopping(self) -> bool:
-        """Whether a step had the metric "stop", by which all hosts learn that one of them was asked to stop."""
-        return self._is_stopping
-
     def state(self) -> dict[str, Any]:
         """Return the sums over the steps since the last line, as plain values that JSON stores exactly; flush first."""
         return {"steps": self._num_steps, "sums": dict(self._sums)}
@@ -273,7 +258,7 @@ class StepLog:
         metrics = {name: float(value) for name, value in jax.device_get(arrays).items()}
         if self._apart_start is not None:
             self._apart_start = time.perf_counter()
-        self._is_stopping |= bool(metrics.pop(_STOP, False))
+        self.is_stopping |= bool(metrics.pop(_STOP, False))
         if bad := [name for name, value in metrics.items() if not math.isfinite(value)]:
             self._write(step - 1)
             terms = [name for name in bad if name.startswith("loss/") and name != _TOTAL]

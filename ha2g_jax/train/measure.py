@@ -2,7 +2,6 @@
 
 import collections
 import contextlib
-import importlib.metadata
 import math
 import os
 import pathlib
@@ -25,6 +24,7 @@ from ha2g_jax.methods.method import Spec, example_batch
 from ha2g_jax.skeleton import load_skeleton, normalize
 from ha2g_jax.train import sharding
 from ha2g_jax.train.objective import build_objective, init_state
+from ha2g_jax.train.run_record import installed
 
 # Sizes of the tables of words and speakers where no corpus is given: about those of TED.
 NUM_WORDS, NUM_SPEAKERS = 20_000, 1_000
@@ -78,20 +78,13 @@ def _python() -> Finding:
 
 
 def _packages() -> Finding:
-    versions = {name: _version(name) for name in _PACKAGES}
+    versions: dict[str, str | None] = dict.fromkeys(_PACKAGES) | installed(_PACKAGES)
     missing = " ".join(name for name, version in versions.items() if version is None)
     with contextlib.suppress(RuntimeError):  # JAX finds no device, which `_devices` reports
         if onednn := used_version():
             versions["onednn"] = onednn
     found = ", ".join(f"{name} {version}" for name, version in versions.items() if version is not None)
     return Finding("packages", found, f"pip install {missing}" if missing else "", versions)
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _devices() -> Finding:
@@ -115,7 +108,7 @@ def _idle_gpu() -> str:
         return ""
     if platforms := os.environ.get("JAX_PLATFORMS"):
         return f"there is an NVIDIA GPU, but JAX_PLATFORMS={platforms} keeps JAX from using it: unset JAX_PLATFORMS"
-    if plugins := [name for name in _CUDA_PLUGINS if _version(name)]:
+    if plugins := list(installed(_CUDA_PLUGINS)):
         return (
             f"there is an NVIDIA GPU, but {plugins[0]} does not start: "
             "JAX_PLATFORMS=cuda python -c 'import jax; jax.devices()' shows why"
@@ -152,15 +145,12 @@ class TimedStep:
     """The training step of a config, compiled for the devices of the config but not yet run.
 
     Args:
-        config: settings of the run.
         corpus: corpus whose numbers of words and speakers are the sizes of the tables; None for the sizes of TED.
         onednn: as in `build_objective`.
 
     Attributes:
-        objective: networks and terms of the step.
         batch: the random batch, on the devices.
         batch_size: windows in a step, on all devices together.
-        num_devices: devices that the step runs on.
         operations: floating-point operations of the matrix products and convolutions of a step, on all devices.
         compile_seconds: seconds to trace and compile; less if the program was in the compilation cache.
         memory: memory of the step, None if the compiler does not report it.
@@ -238,10 +228,7 @@ def _memory(step: jax.stages.Compiled) -> Memory | None:
 class Profile:
     """Trace some steps of a run after the step is compiled, and stop after them.
 
-    Args:
-        folder: folder that the trace is written to; None to write no trace.
-        first: number of calls of `step` before the trace begins.
-        steps: number of calls of `step` in the trace.
+    The trace is written to a folder, None for no trace; it begins after `first` calls of `step` and has `steps`.
     """
 
     def __init__(self, folder: pathlib.Path | None, *, first: int = 3, steps: int = 5):
@@ -294,9 +281,6 @@ def count_operations(jaxpr: core.Jaxpr) -> int:
     A multiplication and the addition of its result are two operations. All other operations are left out: they are
     few, and limited by memory rather than by arithmetic. A loop counts as often as it runs, except a `while_loop`,
     whose number of runs is unknown and which counts once. Of the branches of a `cond` the most expensive one counts.
-
-    Args:
-        jaxpr: function as JAX traced it, such as `jax.jit(f).trace(x).jaxpr.jaxpr`.
     """
     return sum(map(_of_equation, jaxpr.eqns))
 

@@ -113,13 +113,7 @@ def build_objective(
 
 @functools.cache
 def learning_rate(schedule: str, start: float, num_steps: int) -> optax.Schedule:
-    """Return the learning rate as a function of the step.
-
-    Args:
-        schedule: "constant" or "cosine", which falls from `start` to 0 at the last step.
-        start: learning rate at step 0.
-        num_steps: number of steps of the run.
-    """
+    """Return the learning rate as a function of the step: "constant", or "cosine", which falls to 0 at the last."""
     return optax.cosine_decay_schedule(start, num_steps) if schedule == "cosine" else optax.constant_schedule(start)
 
 
@@ -130,12 +124,8 @@ def adam(
     """Return Adam, whose `update` takes `step=`, the step of the run.
 
     The optimiser's own count of updates is not used for the schedule, because the discriminator is first updated after
-    the warm-up while its learning rate falls together with that of the generator.
-
-    Args:
-        rate: learning rate at a step.
-        betas: decay rates of the first and second moments.
-        clip_norm: largest norm of the gradient; larger gradients are scaled down to it; 0 for no limit.
+    the warm-up while its learning rate falls together with that of the generator. Gradients whose norm is larger than
+    `clip_norm` are scaled down to it; 0 is no limit.
     """
 
     def descend(updates: Any, state: Any, params: Any = None, **extra: Any) -> tuple[Any, Any]:
@@ -152,21 +142,15 @@ def adam(
 
 @functools.partial(jax.jit, static_argnums=0)
 def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, Any] | None = None) -> TrainState:
-    """Initialise the networks, their optimisers and the average.
+    """Return the state before the first step: networks, their optimisers and the average.
 
-    Args:
-        objective: static.
-        key: key of the random parameters.
-        pretrained: part of the tree {"params", "batch_stats"} of the generator whose values replace the initial ones.
-
-    Returns:
-        The state before the first step.
+    The values of `pretrained`, a part of the tree {"params", "batch_stats"} of the generator, replace the random ones.
     """
     spec = objective.spec
     generator_key, discriminator_key = jax.random.split(key)
     arguments = method_of(spec).init_arguments(spec, example_batch(spec))
     variables = spec.generator.init(generator_key, *arguments, train=False)
-    generator = _network(set_pretrained(variables, pretrained or {}), objective.generator_optimizer)
+    generator = _network(merge(variables, pretrained or {}), objective.generator_optimizer)
     discriminator = None
     if spec.discriminator is not None:
         poses = jnp.zeros((1, spec.num_frames, spec.skeleton.pose_dim))
@@ -181,21 +165,12 @@ def init_state(objective: Objective, key: jax.Array, pretrained: Mapping[str, An
     )
 
 
-def set_pretrained(variables: Mapping[str, Any], pretrained: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the variables of a generator with pretrained values in place of initial ones.
-
-    Args:
-        variables: {"params", "batch_stats"} of the generator.
-        pretrained: part of this tree; a table may have fewer rows than the generator's.
-    """
-    return _merge(variables, pretrained)
-
-
-def _merge(tree: Any, part: Any) -> Any:
+def merge(tree: Any, part: Any) -> Any:
+    """Return a tree of variables with the values of a part of it; a table of the part may have fewer rows."""
     if not isinstance(part, Mapping):
         # The table of Seq2Seq has more rows, the marks of a sentence, which keep their random values.
         return tree.at[: len(part)].set(jnp.asarray(part, jnp.float32))
-    return {**tree, **{name: _merge(tree[name], value) for name, value in part.items()}}
+    return {**tree, **{name: merge(tree[name], value) for name, value in part.items()}}
 
 
 def _network(variables: Mapping[str, Any], optimizer: optax.GradientTransformation) -> Network:

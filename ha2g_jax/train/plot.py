@@ -40,32 +40,24 @@ Metrics = Mapping[pathlib.Path, Mapping[str, tuple[np.ndarray, np.ndarray]]]
 
 
 class Curve(NamedTuple):
-    """A metric of one line of runs, NaN where there is no value.
-
-    Attributes:
-        line: number of the line.
-        steps: (m,) steps.
-        means: (runs, m) running mean of each run.
-    """
+    """A metric of one line of runs."""
 
     line: int
-    steps: np.ndarray
-    means: np.ndarray
+    steps: np.ndarray  # (m,)
+    means: np.ndarray  # (runs, m) running mean of each run, NaN where there is no value
 
 
 def write_plot(
     folders: Sequence[str | os.PathLike], out: str | os.PathLike, *, smoothing: float = SMOOTHING
 ) -> pathlib.Path:
-    """Write the curves of all metrics of one or several runs. Equal workdirs give equal files.
+    """Write the curves of all metrics of the runs in some folders, completely or not at all, and return the path.
+
+    Equal workdirs give equal files.
 
     Args:
-        folders: workdirs, or folders with workdirs below them.
         out: path to write: .html for a page with the table of the runs, or .png or .svg for the curves alone.
         smoothing: width of the running mean of training metrics, as a fraction of the steps of the longest run; 0 for
             none. Validation scores are not smoothed.
-
-    Returns:
-        `out`, which is written completely or not at all.
 
     Raises:
         UserError: a folder has no run, no run can be read, an argument is out of range, matplotlib is missing, or the
@@ -126,14 +118,7 @@ def _metrics(run: Run) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def make_curves(name: str, lines: Sequence[Line], metrics: Metrics, width: float) -> list[Curve]:
-    """Compute the curves of a metric; lines without it have none.
-
-    Args:
-        name: name of the metric.
-        lines: all lines.
-        metrics: metrics of all runs.
-        width: number of steps of the running mean; 0 for none.
-    """
+    """Compute the curves of a metric, running means over `width` steps; lines without the metric have none."""
     found = {
         number: [metrics[run.path][name] for run in line.runs if name in metrics[run.path]]
         for number, line in enumerate(lines)
@@ -155,18 +140,10 @@ def make_curves(name: str, lines: Sequence[Line], metrics: Metrics, width: float
 
 
 def running_mean(steps: np.ndarray, values: np.ndarray, at: np.ndarray, width: float) -> np.ndarray:
-    """Compute the mean of the values around each of some steps.
+    """Compute the means (m,) of values (n,) in a window of `width` steps around each of some steps (m,).
 
-    Where a window has no value, the means of its neighbours are joined by a line.
-
-    Args:
-        steps: (n,) steps in ascending order.
-        values: (n,) values.
-        at: (m,) steps in ascending order.
-        width: number of steps of the window around each of them; 0 for the values themselves, joined by lines.
-
-    Returns:
-        (m,) means, NaN before the first and after the last step of the values.
+    Where a window has no value, the means of its neighbours are joined by a line; with a width of 0 the values
+    themselves are. Before the first and after the last of the `steps` (n,), which ascend, the result is NaN.
     """
     first = np.searchsorted(steps, at - width / 2, side="left")
     last = np.searchsorted(steps, at + width / 2, side="right")

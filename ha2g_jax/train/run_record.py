@@ -12,7 +12,7 @@ import secrets
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
@@ -37,25 +37,20 @@ _GIT_PATIENCE = 5.0  # seconds
 
 
 def write(workdir: pathlib.Path, config: Config, step: int, corpus: Corpus) -> None:
-    """Add one start to the `run.json` of a workdir and keep the earlier ones; only the first host calls this.
-
-    Args:
-        workdir: folder of the run, which exists.
-        config: settings of the run, as resolved from the config file and the command line.
-        step: step that the run starts or continues from.
-        corpus: corpus of the run.
+    """Add one start, at a step, to the `run.json` of a workdir and keep the earlier ones; only the first host does.
 
     Raises:
         UserError: the file cannot be written.
     """
     record, dataset = _read(workdir), (corpus.path / "dataset.json").read_bytes()
+    onednn = used_version()
     start = {
         "time": _now(),
         "step": step,
         "command": sys.argv,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "versions": _versions(),
+        "versions": installed(_PACKAGES) | ({"onednn": onednn} if onednn else {}),
         "commit": commit(_SOURCE),
         "seeds": {"run": config.seed},
         "hardware": _hardware(),
@@ -118,14 +113,13 @@ def _now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
-def _versions() -> dict[str, str]:
-    installed = {}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # missing in a partial installation
-            installed[name] = importlib.metadata.version(name)
-    if version := used_version():
-        installed["onednn"] = version
-    return installed
+def installed(packages: Sequence[str]) -> dict[str, str]:
+    """Return the versions of those packages that are installed, by name."""
+    versions = {}
+    for name in packages:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return versions
 
 
 def _hardware() -> dict[str, Any]:

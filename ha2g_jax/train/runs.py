@@ -35,8 +35,6 @@ class Run(NamedTuple):
     """A training run.
 
     Attributes:
-        name: path of the workdir below the folder that all runs are in.
-        path: workdir.
         state: one of `STATES`.
         reason: reason why a run failed or is damaged, otherwise "" or a remark.
         settings: dotted name of a setting -> its value; {} for a damaged run.
@@ -75,11 +73,7 @@ SORTS: dict[str, Callable[[Run], Any]] = {
 
 
 def list_runs(folders: Sequence[str | os.PathLike], sort: str = "name") -> list[Run]:
-    """Return all runs below some folders.
-
-    Args:
-        folders: workdirs, or folders of runs at any depth.
-        sort: one of `SORTS`: by name, most steps first, least validation score first, by state, or last changed first.
+    """Return all runs in some folders, at any depth, in the order of one of `SORTS`.
 
     Raises:
         UserError: there is no such folder, or no run below one.
@@ -116,10 +110,9 @@ def find_workdirs(folder: str | os.PathLike) -> list[pathlib.Path]:
 
 
 def read_runs(workdirs: Iterable[pathlib.Path]) -> list[Run]:
-    """Read the runs of several workdirs; those that cannot be read have the state `DAMAGED` and a reason.
+    """Read the runs of several workdirs, each once; those that cannot be read have the state `DAMAGED` and a reason.
 
-    Returns:
-        The runs in this order, each once, named by their paths below the folder that all are in.
+    Runs are named by their paths below the folder that all are in.
     """
     resolved = list({path.resolve(): path for path in workdirs})
     top = pathlib.Path(os.path.commonpath([path.parent for path in resolved])) if resolved else pathlib.Path()
@@ -237,12 +230,7 @@ def _value_text(run: Run, name: str) -> str:
 
 
 def as_json(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return runs as plain values of JSON.
-
-    Returns:
-        For each run its name, path, state and reason, step and steps, the best score, the time of the last change in
-        UTC, and the settings in which the runs differ, None where a run does not have one.
-    """
+    """Return runs as plain values of JSON; of the settings those that differ, None where a run does not have one."""
     names = differing(runs)
     return [
         {

@@ -23,10 +23,7 @@ AXIS = "data"
 
 
 def data_mesh(devices: Sequence[Any] | None = None) -> Mesh:
-    """Return a mesh of devices.
-
-    Args:
-        devices: devices out of `jax.devices()`; by default all devices of all hosts.
+    """Return a mesh of devices, by default of all devices of all hosts.
 
     Raises:
         UserError: the hosts do not have the same number of devices, so that their parts of a batch would differ.
@@ -52,9 +49,7 @@ def whole(mesh: Mesh, shapes: Any) -> Any:
 def replicate(mesh: Mesh, tree: Any) -> Any:
     """Return a copy of a tree that is replicated on every device; the step may donate it, the original stays valid.
 
-    Args:
-        mesh: mesh from `data_mesh`.
-        tree: tree of arrays that this host holds in full, equal on all hosts.
+    Each host holds all arrays in full, equal on all hosts.
     """
     sharding, devices = NamedSharding(mesh, PartitionSpec()), mesh.local_mesh.devices.tolist()
 
@@ -67,11 +62,7 @@ def replicate(mesh: Mesh, tree: Any) -> Any:
 
 
 def shard_batch(mesh: Mesh, batch: dict[str, np.ndarray]) -> dict[str, jax.Array]:
-    """Return the global batch, split over the devices; each host provides an equal part.
-
-    Args:
-        mesh: mesh from `data_mesh`.
-        batch: examples of this host, each array with the batch axis first.
+    """Return the global batch, split over the devices; each host provides an equal part, with the batch axis first.
 
     Raises:
         UserError: the part of this host does not split evenly over its devices.

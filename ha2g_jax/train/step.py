@@ -100,10 +100,8 @@ def train_step(objective: Objective, state: TrainState, batch: Batch, key: jax.A
 def validation_step(objective: Objective, state: TrainState, batch: Batch, key: jax.Array) -> Metrics:
     """Return the terms of the objective for `state.model` in evaluation mode, with the mean of each identity.
 
-    Args:
-        objective, state, batch: as in `train_step`.
-        key: key of all noise, such as the permutation of the identities of the style term. It is not a function of the
-            step here, so that validations of one run differ by the networks alone.
+    The key of all noise, such as the permutation of the identities of the style term, is not a function of the step
+    here, so that validations of one run differ by the networks alone.
 
     Returns:
         "loss/<term>" (unweighted) and "loss/total" (weighted, with the GAN term also during warm-up).
@@ -118,10 +116,7 @@ def validation_step(objective: Objective, state: TrainState, batch: Batch, key: 
 def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Array]:
     """Return the keys of one step, one for each random stream of the method and of the adversarial loss.
 
-    Args:
-        spec: networks and sizes.
-        key: key of the run.
-        step: number of the step, which is folded into the key.
+    The number of the step is folded into the key of the run.
     """
     uses = (*method_of(spec).keys, "discriminator", "gan")
     return dict(zip(uses, jax.random.split(jax.random.fold_in(key, step), len(uses)), strict=True))
@@ -130,13 +125,7 @@ def step_keys(spec: Spec, key: jax.Array, step: jax.Array) -> dict[str, jax.Arra
 def run_generator(
     objective: Objective, generator: Network, batch: Batch, keys: dict[str, jax.Array]
 ) -> tuple[Run[Any, Any], Callable[[Any], tuple[Any]]]:
-    """Run the generator in training mode, ready to be differentiated.
-
-    Args:
-        objective: static.
-        generator: network whose parameters the result is differentiated by.
-        batch: arrays as in `train_step`.
-        keys: keys of `step_keys`.
+    """Run the generator in training mode, ready to be differentiated; the keys are those of `step_keys`.
 
     Returns:
         The run, and a function that takes the gradient with respect to its outputs to (that of the parameters,).
@@ -164,13 +153,8 @@ def loss_terms(
 ) -> Any:
     """Return the unweighted terms of the objective, `Method.Terms`.
 
-    Args:
-        objective: static.
-        discriminator: network of the adversarial loss, None for a method without one.
-        outputs, contrast: those of `Method.run`.
-        targets: (B, N, pose_dim) true poses, mean-subtracted.
-        key: key of the dropout of the discriminator.
-        train: whether the discriminator runs in training mode.
+    Outputs and contrast are those of `Method.run`; the targets are the true poses (B, N, pose_dim), mean-subtracted.
+    The discriminator, None for a method without one, runs in training mode if `train`, with the key for its dropout.
     """
     gan = None if discriminator is None else _gan_term(objective, discriminator, outputs.poses[-1], key, train=train)
     return method_of(objective.spec).terms(objective.spec, objective.settings, outputs, contrast, targets, gan)
@@ -189,12 +173,8 @@ def output_gradient(
     """Return the gradient of the objective with respect to the outputs of the generator, and the metrics of its terms.
 
     The gradient of the GAN term is taken by itself and chained, so that its norm can be compared with that of the
-    reconstruction.
-
-    Args:
-        objective, discriminator, outputs, contrast, targets, key: as in `loss_terms`, in training mode.
-        step: () number of the step.
-        is_warm: () bool, whether the warm-up is over, so that the GAN term counts.
+    reconstruction. The GAN term counts if `is_warm` () is true, after the warm-up. The other arguments are those of
+    `loss_terms`, in training mode.
 
     Returns:
         The gradient, as `outputs`, and the metrics "loss/<term>", "loss/total" and, with a discriminator,

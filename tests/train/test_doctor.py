@@ -127,7 +127,7 @@ def test_a_gpu_that_jax_does_not_use_is_named(monkeypatch, tmp_path):
     assert "JAX_PLATFORMS=cpu" in troubles(measure.examine_machine())["devices"]
     monkeypatch.delenv("JAX_PLATFORMS")
     assert "jax[cuda13]" in troubles(measure.examine_machine())["devices"]
-    monkeypatch.setattr(measure, "_version", lambda package: "1.0")
+    monkeypatch.setattr(measure, "installed", lambda packages: dict.fromkeys(packages, "1.0"))
     assert "jax-cuda12-plugin does not start" in troubles(measure.examine_machine())["devices"]
 
 
