@@ -172,6 +172,12 @@ def positions_to_directions(skeleton: Skeleton, positions: Any) -> Any:
     return normalize(positions[..., children, :] - positions[..., parents, :])
 
 
+def bone_lengths(skeleton: Skeleton, positions: Any) -> Any:
+    """Compute the lengths (..., bones) of the bones of positions (..., joints, 3)."""
+    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
+    return np.linalg.norm(positions[..., children, :] - positions[..., parents, :], axis=-1)
+
+
 def joint_angles(skeleton: Skeleton, directions: Any) -> Any:
     """Compute the angles between the pairs of bones, theta_j = arccos(d_j . d_k) (HA2G, Eq. 8 and 12).
 

@@ -11,17 +11,33 @@ from typing import Any
 import numpy as np
 from array_record.python import array_record_module  # pyright: ignore[reportAttributeAccessIssue]
 
-from ha2g_jax.data import clip_checks, records, schema
-from ha2g_jax.data.corpus import FILE, TRAIN
+from ha2g_jax.data import records
+from ha2g_jax.data.corpus import FILE, TRAIN, VERSION
 from ha2g_jax.data.records import PAPER_FPS, WINDOW_FRAMES, frames_at
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import check_utf8, file_sha256, shown
 from ha2g_jax.files.writing import check_new, whole_folder
-from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, positions_to_directions
+from ha2g_jax.limits import MAX_CLIP_COORDINATE
+from ha2g_jax.skeleton import Skeleton, bone_lengths, joint_angles, load_skeleton, positions_to_directions
+
+MIN_FPS, MAX_FPS = 1, 1000  # frames per second
 
 _CLIPS_PER_SHARD = 1000
 # One record per group, so that each clip can be read alone; the other options are the library's defaults.
 _WRITER_OPTIONS = "group_size:1"
+_MAX_SPLIT_NAME = 60  # letters
+
+
+def unusable_positions(positions: np.ndarray, skeleton: Skeleton) -> str | None:
+    """Return what makes the positions of a clip useless, such as "positions that are NaN", or None."""
+    if positions.ndim != 3 or positions.shape[1:] != (skeleton.num_joints, 3) or not len(positions):
+        return f"positions of shape {positions.shape}, expected (T, {skeleton.num_joints}, 3) of {skeleton.name}"
+    is_finite = np.isfinite(positions).all(axis=(1, 2))
+    if not is_finite.all():
+        return f"positions that are NaN or infinite, first in frame {is_finite.argmin()}"
+    if (farthest := float(np.abs(positions).max())) > MAX_CLIP_COORDINATE:
+        return f"positions up to {farthest:.3g} m, expected {MAX_CLIP_COORDINATE:,} m at most"
+    return None
 
 
 class MotionStatistics:
@@ -45,10 +61,9 @@ class MotionStatistics:
             is_seen[start : start + frames_at(WINDOW_FRAMES, self._fps)] = True
         positions = positions.astype(np.float64)
         directions = positions_to_directions(self._skeleton, positions)
-        parents, children = (list(ends) for ends in zip(*self._skeleton.bones, strict=True))
         angles = joint_angles(self._skeleton, directions) / np.pi
         terms = {
-            "lengths": np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1),
+            "lengths": bone_lengths(self._skeleton, positions),
             "mean_pose": positions - positions[:, :1],
             "mean_directions": directions,
             "angle_mean": angles,
@@ -102,10 +117,10 @@ class CorpusWriter:
         check_utf8(self._path)
         check_new(self._path)
         for split in splits:
-            if not schema.is_split_name(split):
+            if not split.replace("-", "_").isidentifier() or len(split) > _MAX_SPLIT_NAME:
                 raise UserError(f"{split[:60]!r} cannot be the name of a split; use up to 60 letters, digits, - and _")
-        if not schema.MIN_FPS <= fps <= schema.MAX_FPS:
-            raise UserError(f"a corpus of {fps:g} frames per second; give {schema.MIN_FPS} to {schema.MAX_FPS}")
+        if not MIN_FPS <= fps <= MAX_FPS:
+            raise UserError(f"a corpus of {fps:g} frames per second; give {MIN_FPS} to {MAX_FPS}")
         self._skeleton, self._fps, self.metadata = load_skeleton(skeleton), fps, dict(metadata)
         self._counts = dict.fromkeys(splits, 0)
         self._windows, self._seconds = dict.fromkeys(splits, 0), dict.fromkeys(splits, 0.0)
@@ -138,8 +153,8 @@ class CorpusWriter:
             UserError: the clip cannot be used or cannot be written.
         """
         fields = records.unpack(record, "a clip to write")
-        if found := clip_checks.problem(fields, self._skeleton):
-            raise UserError(f"a clip to write to {shown(self._path)}, {repr(fields['id'])[:60]}, has {found}")
+        if found := unusable_positions(fields["positions"], self._skeleton):
+            raise UserError(f"a clip to write to {shown(self._path)}, {fields['id']!r}, has {found}")
         if self._open_split != split or self._counts[split] % _CLIPS_PER_SHARD == 0:
             self._close_shard()
             shard = f"{split}-{len(self._shards[split]):05d}.array_record"
@@ -182,7 +197,7 @@ class CorpusWriter:
             raise UserError(f"no clip to write to {shown(self._path)}; give more data")
         speakers = [*self._speakers.get(TRAIN, []), *(name for names in self._speakers.values() for name in names)]
         dataset = {
-            "schema_version": schema.VERSION,
+            "schema_version": VERSION,
             **self.metadata,
             "skeleton": self._skeleton.name,
             "fps": self._fps,

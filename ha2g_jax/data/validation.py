@@ -1,10 +1,11 @@
-"""Validation of a corpus: the checksums of its files, every record, and the counts of `dataset.json`.
+"""Validation of a corpus: the checksums of its files, and whether the content of every record is plausible.
 
 A finding is an error that makes training or its scores wrong. A note is a property of the data that is worth knowing
 but common: the splits of TED, for example, have clips of the same videos.
 """
 
 import collections
+import itertools
 import os
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -12,17 +13,155 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from ha2g_jax.data import clip_checks, schema
-from ha2g_jax.data.corpus import FILE, TRAIN, Clips, Corpus
-from ha2g_jax.data.corpus_writer import MotionStatistics
+from ha2g_jax.data import records
+from ha2g_jax.data.corpus import Clips, Corpus
+from ha2g_jax.data.corpus_writer import unusable_positions
 from ha2g_jax.errors import UserError
+from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.files.reading import file_sha256, reading, shown
+from ha2g_jax.skeleton import Skeleton, bone_lengths, load_skeleton
 
+# Allowed factor between the length of a bone and its published mean; a wrong unit is a factor of 10 or more.
+_LENGTH_FACTOR = 4
 _CONSTANT = 0.05  # maximum standard deviation of a bone's length over its median, within a clip
+_WORD_SLACK = 0.1  # seconds by which a word may lie outside the clip, because aligners and video frames round
+_AUDIO_SLACK = 0.25  # seconds allowed between the ends of motion and audio
 _OVERLAP = 0.5  # seconds of one recording that two splits may have in common, because cuts are rounded to frames
-_ROUNDING = 0.01  # tolerance of the duration of a split in seconds, which is stored rounded
-_STATISTICS_RTOL, _STATISTICS_ATOL = 1e-3, 1e-4  # tolerance of the statistics, which other machines round otherwise
-_MAX_SHOWN = 60  # characters of a name in a message
+
+
+class Verdict(NamedTuple):
+    """Result of a validation, one line for each finding or note."""
+
+    findings: list[str]
+    notes: list[str]
+
+
+def validate(path: str | os.PathLike) -> list[str]:
+    """Return the findings of `examine`, which are empty for a valid corpus."""
+    return examine(path).findings
+
+
+def examine(path: str | os.PathLike) -> Verdict:
+    """Examine all shards and records of a corpus.
+
+    Findings: the bytes of a shard differ from its SHA-256; a record cannot be read; positions are not finite, have a
+    wrong shape, or have bones of implausible length (median over the clip, more than a factor of 4 from the skeleton's
+    published length); words are out of order or outside the clip; audio is not as long as the motion; windows lie
+    outside the clip; confidence has a wrong shape or lies outside [0, 1]; images cannot be read; a clip id occurs
+    twice; the same stretch of a recording occurs in two splits.
+
+    Notes: different stretches of a recording occur in several splits; bones change their length although the positions
+    were not estimated (bones have constant lengths in motion capture, but not in estimates).
+
+    Raises:
+        UserError: there is no corpus, or its `dataset.json` cannot be used.
+    """
+    corpus = Corpus.open(path)
+    findings, tally = [*_damaged_shards(corpus)], _Tally(corpus)
+    total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
+    with tqdm(desc="Checking clips", total=total, unit="clip", leave=False, disable=None) as progress:
+        for split in corpus.splits:
+            for shard in corpus.metadata["splits"][split]["shards"]:
+                try:  # one shard at a time, so that the others are checked if one is damaged
+                    clips = Clips([corpus.path / shard["name"]], corpus.fps)
+                except UserError as error:
+                    findings.append(str(error))
+                    continue
+                for index in range(len(clips)):
+                    findings += _check_record(clips, index, split, tally)
+                    progress.update()
+    return Verdict([*findings, *tally.findings()], tally.notes())
+
+
+def _damaged_shards(corpus: Corpus) -> Iterator[str]:
+    shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
+    for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
+        path = corpus.path / shard["name"]
+        with reading(path, "a shard of a corpus"):
+            digest = file_sha256(path)
+        if digest != shard["sha256"]:
+            yield f"{shown(path)} has SHA-256 {digest[:12]}..., dataset.json says {shard['sha256'][:12]}..."
+
+
+def _check_record(clips: Clips, index: int, split: str, tally: "_Tally") -> list[str]:
+    """Return the findings of one record, each with the name of the clip and of the record."""
+    try:
+        fields = clips.fields(index)
+    except UserError as error:
+        return [str(error)]
+    place, positions = clips.title(fields, index), fields["positions"]
+    if found := unusable_positions(positions, tally.skeleton):
+        return [f"{place} has {found}"]
+    seconds = len(positions) / clips.fps
+    lengths = bone_lengths(tally.skeleton, positions.astype(np.float64))
+    findings = [
+        *_check_lengths(lengths, tally.skeleton),
+        *tally.add(split, place, fields, lengths),
+        *_check_words(fields, seconds, max(_WORD_SLACK, 0.5 / clips.fps)),
+        *_check_windows(fields),
+        *_check_confidence(fields),
+    ]
+    try:
+        num_samples = len(records.decode_audio(fields, clips.place(index)))
+        if abs(num_samples / SAMPLE_RATE - seconds) > max(_AUDIO_SLACK, 0.5 / clips.fps + 0.01):
+            findings.append(f"{num_samples / SAMPLE_RATE:.2f} s of audio for {seconds:.2f} s of motion")
+        records.decode_images(fields, clips.place(index))
+    except UserError as error:
+        return [*(f"{place}: {finding}" for finding in findings), str(error)]
+    return [f"{place}: {finding}" for finding in findings]
+
+
+def _check_lengths(lengths: np.ndarray, skeleton: Skeleton) -> Iterator[str]:
+    median = np.median(lengths, axis=0)
+    expected = load_skeleton(skeleton.name).lengths.astype(np.float64)
+    factor = np.maximum(median, 1e-12) / expected
+    is_odd = (factor < 1 / _LENGTH_FACTOR) | (factor > _LENGTH_FACTOR)
+    if is_odd.any():
+        worst = int(np.abs(np.log(factor)).argmax())
+        yield (
+            f"{is_odd.sum()} of {len(is_odd)} bones of implausible length, {_bone_name(skeleton, worst)} of "
+            f"{median[worst]:.4g} m (expected {expected[worst] / _LENGTH_FACTOR:.2g} to "
+            f"{expected[worst] * _LENGTH_FACTOR:.2g} m)"
+        )
+
+
+def _check_words(fields: dict[str, Any], seconds: float, slack: float) -> Iterator[str]:
+    words = fields["words"]
+    for before, word in itertools.pairwise(words):
+        if word.start < before.start:
+            yield f"words out of order: {word.text!r} at {word.start:.2f} s after {before.text!r}"
+            break
+    for word in words:
+        if not word.text.strip() or word.end < word.start:
+            yield f"word {word.text!r} from {word.start:.2f} to {word.end:.2f} s is empty"
+            break
+    for word in words:
+        if word.start < -slack or word.end > seconds + slack:
+            yield f"word {word.text!r} at {word.start:.2f} to {word.end:.2f} s lies outside the clip of {seconds:.2f} s"
+            break
+
+
+def _check_windows(fields: dict[str, Any]) -> Iterator[str]:
+    starts, frames = fields["window_starts"], len(fields["positions"])
+    outside = [start for start in starts if not 0 <= start < frames]
+    if outside:
+        yield f"{len(outside)} windows outside its {frames} frames, one at frame {outside[0]}"
+    if len(set(starts)) < len(starts):
+        yield "the same window twice"
+
+
+def _check_confidence(fields: dict[str, Any]) -> Iterator[str]:
+    confidence, expected = fields["confidence"], fields["positions"].shape[:2]
+    if confidence is None:
+        return
+    if confidence.shape != expected:
+        yield f"confidence of shape {confidence.shape}, expected {expected}"
+    elif not ((confidence >= 0) & (confidence <= 1)).all():  # NaN is in neither
+        yield "confidence outside 0 to 1"
+
+
+def _bone_name(skeleton: Skeleton, bone: int) -> str:
+    return " - ".join(skeleton.joints[joint] for joint in skeleton.bones[bone])
 
 
 class _Stretch(NamedTuple):
@@ -34,94 +173,39 @@ class _Stretch(NamedTuple):
     clip: str
 
 
-class Tally:
-    """Counts, ids, recordings, statistics and bone lengths over the whole corpus.
-
-    Attributes:
-        unread: splits with records that could not be read, whose counts are therefore not compared.
-    """
+class _Tally:
+    """Ids, recordings and changes of bone lengths over the whole corpus."""
 
     def __init__(self, corpus: Corpus):
         self._corpus, self.skeleton = corpus, corpus.skeleton
-        self._statistics = MotionStatistics(self.skeleton, corpus.fps)
-        self.unread: set[str] = set()
         self._ids: set[str] = set()
-        self._counts: dict[str, dict[str, float]] = {
-            split: {"clips": 0, "windows": 0, "seconds": 0.0} for split in corpus.splits
-        }
-        self._speakers: dict[str, set[str]] = {split: set() for split in corpus.splits}
-        self._words: collections.Counter[str] = collections.Counter()
         self._recordings: dict[str, list[_Stretch]] = collections.defaultdict(list)
         self._uneven, self._most_uneven = 0, (0.0, "")
 
-    def add(self, split: str, fields: dict[str, Any]) -> Iterator[str]:
-        """Count a clip and yield the findings that depend on the clips before it."""
-        seconds = len(fields["positions"]) / self._corpus.fps
-        for what, count in {"clips": 1, "windows": len(fields["window_starts"]), "seconds": seconds}.items():
-            self._counts[split][what] += count
-        self._speakers[split].add(fields["speaker"])
-        if split == TRAIN:
-            self._words.update(word.text.lower() for word in fields["words"])
-            self._statistics.update(fields["positions"], fields["window_starts"])
+    def add(self, split: str, place: str, fields: dict[str, Any], lengths: np.ndarray) -> Iterator[str]:
+        """Count a clip with bones of lengths (T, bones), and yield the findings that depend on the clips before it."""
         if fields["recording"]:
             start = fields["recording_start"]
-            self._recordings[fields["recording"]].append(_Stretch(start, start + seconds, split, fields["id"]))
+            end = start + len(lengths) / self._corpus.fps
+            self._recordings[fields["recording"]].append(_Stretch(start, end, split, fields["id"]))
+        if fields["confidence"] is None:  # estimated bones change their length
+            spread = lengths.std(axis=0) / np.maximum(np.median(lengths, axis=0), 1e-12)
+            worst = int(spread.argmax())
+            self._uneven += bool(spread[worst] > _CONSTANT)
+            text = f"{_bone_name(self.skeleton, worst)} by {spread[worst]:.0%} in {place}"
+            self._most_uneven = max(self._most_uneven, (float(spread[worst]), text))
         if fields["id"] in self._ids:
             yield "its id occurs more than once"
         self._ids.add(fields["id"])
-        if fields["speaker"] not in self._corpus.speakers:
-            yield f"speaker {fields['speaker'][:_MAX_SHOWN]!r} is not among those of dataset.json"
-
-    def add_bones(self, place: str, fields: dict[str, Any]) -> None:
-        """Record the variation of the bone lengths of a clip, unless its positions were estimated."""
-        if fields["confidence"] is not None:
-            return
-        lengths = clip_checks.bone_lengths(fields["positions"], self.skeleton)
-        spread = lengths.std(axis=0) / np.median(lengths, axis=0)
-        worst = int(spread.argmax())
-        self._uneven += bool(spread[worst] > _CONSTANT)
-        text = f"{clip_checks.bone_name(self.skeleton, worst)} by {spread[worst]:.0%} in {place}"
-        self._most_uneven = max(self._most_uneven, (float(spread[worst]), text))
 
     def findings(self) -> Iterator[str]:
-        name, is_odd = shown(self._corpus.path / FILE), False
-        for split, counts in self._counts.items():
-            if split in self.unread:
-                continue
-            entry = self._corpus.metadata["splits"][split]
-            for what, tolerance in {"clips": 0, "windows": 0, "seconds": _ROUNDING}.items():
-                found, listed = counts[what], entry[what]
-                if abs(found - listed) > tolerance:
-                    yield f"{name} counts {listed} {what} in {split!r}, but its records have {round(found, 3)}"
-            if set(entry["speakers"]) != self._speakers[split]:
-                is_odd = True
-                yield f"{name} lists other speakers of {split!r} than its records have"
-        if TRAIN not in self.unread and dict(self._words) != self._corpus.metadata["words"]:
-            yield f"{name} lists other words than the records of {TRAIN!r} have"
-        is_known = not self.unread and not is_odd
-        if is_known and set().union(*self._speakers.values()) != set(self._corpus.speakers):
-            yield f"{name} lists other speakers than the records have"
-        if TRAIN not in self.unread and (other := self._other_statistics()):
-            yield f"{name} has other {', '.join(other)} than the records of {TRAIN!r}"
         for recording, stretches in self._recordings.items():
-            shared = _shared_stretch(stretches)
-            if shared is not None:
+            if shared := _shared_stretch(stretches):
                 first, second = shared
                 yield (
                     f"{self._corpus.path}: {first.split!r} and {second.split!r} have the same stretch of recording "
                     f"{recording!r} (clips {first.clip!r} and {second.clip!r}); divide the corpus with ha2g data split"
                 )
-
-    def _other_statistics(self) -> list[str]:
-        """Return the names of the statistics that differ from those of the records."""
-        found, listed = self._statistics.result(), schema.statistics(self._corpus.metadata)
-        if not listed.keys() <= found.keys():
-            return sorted(listed.keys() - found.keys())
-        return [
-            name
-            for name, values in listed.items()
-            if not np.allclose(values, np.array(found[name]), rtol=_STATISTICS_RTOL, atol=_STATISTICS_ATOL)
-        ]
 
     def notes(self) -> list[str]:
         splits = {name: {stretch.split for stretch in stretches} for name, stretches in self._recordings.items()}
@@ -150,75 +234,3 @@ def _shared_stretch(stretches: list[_Stretch]) -> tuple[_Stretch, _Stretch] | No
         if stretch.split not in farthest or stretch.end > farthest[stretch.split].end:
             farthest[stretch.split] = stretch
     return None
-
-
-class Verdict(NamedTuple):
-    """Result of a validation, one line for each finding or note."""
-
-    findings: list[str]
-    notes: list[str]
-
-
-def validate(path: str | os.PathLike) -> list[str]:
-    """Return the findings of `examine`, which are empty for a valid corpus."""
-    return examine(path).findings
-
-
-def examine(path: str | os.PathLike) -> Verdict:
-    """Examine all shards and records of a corpus.
-
-    Findings: the bytes of a shard differ from its SHA-256; a record cannot be read, or has fields of wrong types;
-    positions are not finite, have a wrong shape, or have bones of implausible length (median over the clip, more than
-    a factor of 4 from the skeleton's published length); words are out of order or outside the clip; audio is not
-    finite or not as long as the motion; windows lie outside the clip; confidence has a wrong shape or lies outside
-    [0, 1]; images cannot be read; a clip id occurs twice; a speaker is not listed; the same stretch of a recording
-    occurs in two splits; counts, words, speakers or statistics differ from `dataset.json`.
-
-    Notes: different stretches of a recording occur in several splits; bones change their length
-    although the positions were not estimated (bones have constant lengths in motion capture, but not in estimates).
-
-    Raises:
-        UserError: there is no corpus, or its `dataset.json` cannot be used.
-    """
-    corpus = Corpus.open(path)
-    findings, tally = [*_damaged_shards(corpus)], Tally(corpus)
-    total = sum(entry["clips"] for entry in corpus.metadata["splits"].values())
-    with tqdm(desc="Checking clips", total=total, unit="clip", leave=False, disable=None) as progress:
-        for split in corpus.splits:
-            for shard in corpus.metadata["splits"][split]["shards"]:
-                try:  # one shard at a time, so that the others are checked if one is damaged
-                    clips = Clips([corpus.path / shard["name"]], tally.skeleton, corpus.fps)
-                except UserError as error:
-                    findings.append(str(error))
-                    tally.unread.add(split)
-                    continue
-                for index in range(len(clips)):
-                    findings += _check_record(clips, index, split, tally)
-                    progress.update()
-    return Verdict([*findings, *tally.findings()], tally.notes())
-
-
-def _damaged_shards(corpus: Corpus) -> Iterator[str]:
-    shards = [shard for entry in corpus.metadata["splits"].values() for shard in entry["shards"]]
-    for shard in tqdm(shards, desc="Checking shards", unit="shard", leave=False, disable=None):
-        path = corpus.path / shard["name"]
-        with reading(path, "a shard of a corpus"):
-            digest = file_sha256(path)
-        if digest != shard["sha256"]:
-            yield f"{shown(path)} has SHA-256 {digest[:12]}..., dataset.json says {shard['sha256'][:12]}..."
-
-
-def _check_record(clips: Clips, index: int, split: str, tally: Tally) -> list[str]:
-    """Return the findings of one record, each with the name of the clip and of the record."""
-    try:
-        fields = clips.fields(index)
-    except UserError as error:
-        tally.unread.add(split)
-        return [str(error)]
-    place = clips.title(fields, index)
-    found = [*clip_checks.check_positions(fields["positions"], tally.skeleton)]
-    if not found:
-        tally.add_bones(place, fields)
-    found += tally.add(split, fields)
-    found += clip_checks.check_fields(fields, len(fields["positions"]) / clips.fps, clips.fps)
-    return [f"{place}: {finding}" for finding in found]

@@ -91,7 +91,7 @@ def true(
 
     def read(clips: Clips, index: int) -> ClipResult:
         fields = clips.fields(index)  # images stay compressed
-        audio = records.decode_audio(fields, clips.place(index), clips.fps)
+        audio = records.decode_audio(fields, clips.place(index))
         return ClipResult(
             id=fields["id"],
             recording=fields["recording"] or fields["id"],

@@ -101,7 +101,7 @@ def _window(corpus: Corpus) -> tuple[int, int]:
 def _mel(clips: Clips, index: int) -> tuple[np.ndarray, int]:
     """Return the log-mel spectrogram of a clip and its number of frames; images stay compressed."""
     fields = clips.fields(index)
-    return log_mel(records.decode_audio(fields, clips.place(index), clips.fps)), len(fields["positions"])
+    return log_mel(records.decode_audio(fields, clips.place(index))), len(fields["positions"])
 
 
 def _sound(mel: np.ndarray, start: int, length: int, fps: float) -> np.ndarray:

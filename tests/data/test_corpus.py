@@ -8,12 +8,10 @@ import signal
 import subprocess
 import sys
 import textwrap
-from typing import cast
 
-import msgpack
 import numpy as np
 import pytest
-from fixtures.corpora import edit, make_clip, write_corpus, write_records
+from fixtures.corpora import edit, make_clip, write_corpus
 
 from ha2g_jax import skeleton as skeletons
 from ha2g_jax.data.corpus import Corpus
@@ -154,53 +152,17 @@ def test_statistics_are_of_what_training_sees(tmp_path):
     assert first == second
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"schema_version": 99}', "[" * 100_000])
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"schema_version": 99}', "[" * 100_000])
 def test_damaged_description(path, text):
     (path / "dataset.json").write_text(text)
     with pytest.raises(UserError, match=r"dataset\.json"):
         Corpus.open(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "finding"),
-    [
-        (lambda data: data.pop("statistics"), ""),
-        (lambda data: data["splits"]["test"]["shards"][0].update(name="../x.array_record"), "test: shard is '../x"),
-        (lambda data: data["splits"]["test"]["shards"][0].update(name="/etc/passwd"), "test: shard is '/etc/passwd'"),
-        (lambda data: data["splits"]["test"].update(clips=-5), "test: clips is -5"),
-        (lambda data: data.update(splits=[]), r"splits is \[\]"),
-        (lambda data: data.update(fps=float("nan")), "fps is nan"),
-        (lambda data: data.update(words={"one": -3}), "words: one is -3"),
-        (lambda data: data.update(video={"settings": 5}), "video is"),
-    ],
-)
-def test_description_of_a_wrong_type(path, change, finding):
-    """Whoever edits the file is told the entry; no shard is read from elsewhere."""
-    edit(path, change)
-    with pytest.raises(UserError, match=rf"dataset\.json is damaged \({finding}"):
-        Corpus.open(path)
-
-
-def test_vocabulary_is_ordered_by_counts_of_any_size(path):
-    """The words are not counted again one by one, which would take for ever here."""
-    edit(path, lambda data: data.update(words={"b": 10**15, "c": 2 * 10**15, "a": 10**15}))
-    assert Corpus.open(path).vocabulary().words == ("c", "a", "b")
+def test_vocabulary_is_ordered_by_counts(path):
     running = ["b", "c", "a", "c"]
     edit(path, lambda data: data.update(words={word: running.count(word) for word in running}))
-    assert Corpus.open(path).vocabulary() == Vocabulary.from_words(running)
-
-
-def test_a_record_with_other_types_is_named(tmp_path):
-    record = cast(bytes, msgpack.packb(msgpack.unpackb(encode_clip(CLIPS["train"][0])) | {"talk": ["not", "hashable"]}))
-    write_corpus(tmp_path / "corpus", CLIPS)
-    write_records(tmp_path / "corpus", "train", [record])
-    with pytest.raises(UserError, match=r"clip 'a' \(record 0 of .* has recording of a wrong type"):
-        Corpus.open(tmp_path / "corpus").clips("train").fields(0)
-    with (
-        pytest.raises(UserError, match=r"a clip to write to .*, 'a', has recording of a wrong type"),
-        CorpusWriter(tmp_path / "other", splits=("train",), skeleton=SKELETON, fps=15, metadata={}) as writer,
-    ):
-        writer.add("train", record)
+    assert Corpus.open(path).vocabulary() == Vocabulary.from_words(running) == Vocabulary(("c", "a", "b"))
 
 
 def test_damaged_shard(path):

@@ -5,13 +5,11 @@ import json
 
 import numpy as np
 import pytest
-from fixtures.corpora import write_corpus, write_records
+from fixtures.corpora import write_corpus
 
 from ha2g_jax.data.corpus import Corpus
-from ha2g_jax.data.records import encode_clip
-from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.corpus_statistics import ANGLE_EDGES, as_table, summarise
-from ha2g_jax.skeleton import load_skeleton, positions_to_directions
+from ha2g_jax.skeleton import load_skeleton
 
 
 @pytest.fixture(scope="module")
@@ -109,14 +107,3 @@ def test_table_is_aligned_and_json_is_json(summary):
     block = lines[lines.index("") + 1 :][:10]
     assert block[0].split() == [*summary["splits"], "total"]
     assert len({len(line) for line in block}) == 1
-
-
-def test_a_record_that_cannot_be_used(tiny_talk, tmp_path):
-    clip = Corpus.open(tiny_talk).clips("test")[0]
-    positions = clip.positions.copy()
-    positions[3, 4] = np.nan
-    write_corpus(tmp_path / "bad", {"test": [clip]}, skeleton="ted_expressive")
-    write_records(tmp_path / "bad", "test", [encode_clip(dataclasses.replace(clip, positions=positions))])
-    with pytest.raises(UserError, match="ha2g data inspect --check"):
-        summarise(tmp_path / "bad")
-    assert np.isfinite(positions_to_directions(load_skeleton("ted_expressive"), clip.positions)).all()

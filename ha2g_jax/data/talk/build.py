@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import tqdm
 
-from ha2g_jax.data import records, schema
+from ha2g_jax.data import records
 from ha2g_jax.data.corpus import TALK, corpus_folder
-from ha2g_jax.data.corpus_writer import CorpusWriter
+from ha2g_jax.data.corpus_writer import MAX_FPS, MIN_FPS, CorpusWriter
 from ha2g_jax.data.processes import parallel_map
 from ha2g_jax.data.talk import grammar
 from ha2g_jax.data.talk.speakers import (
@@ -140,7 +140,7 @@ def _check(num_speakers: int, minutes: float, seed: int, fps: int, synthesiser: 
         "speakers": (num_speakers, 0, MAX_TALK_SPEAKERS),
         "minutes": (minutes, 0, MAX_TALK_MINUTES),
         "seed": (seed, 0, 2**64 - 1),
-        "fps": (fps, schema.MIN_FPS, schema.MAX_FPS),
+        "fps": (fps, MIN_FPS, MAX_FPS),
     }
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:  # NaN is not

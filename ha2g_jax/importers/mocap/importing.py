@@ -20,7 +20,7 @@ from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.motion.readers.recordings import MotionRecording, compare_lengths, read_speech
-from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, positions_to_directions
+from ha2g_jax.skeleton import Skeleton, bone_lengths, directions_to_positions, load_skeleton, positions_to_directions
 
 UNUSABLE = "unusable recording"
 
@@ -181,8 +181,6 @@ def with_constant_lengths(positions: np.ndarray, skeleton: Skeleton) -> np.ndarr
     head), so that these distances vary in motion capture. In the corpus, each bone has a constant length.
     """
     precise = positions.astype(np.float64)
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    lengths = np.linalg.norm(precise[:, children] - precise[:, parents], axis=-1).mean(axis=0)
-    measured = dataclasses.replace(skeleton, lengths=lengths)
+    measured = dataclasses.replace(skeleton, lengths=bone_lengths(skeleton, precise).mean(axis=0))
     joints = directions_to_positions(measured, positions_to_directions(measured, precise))
     return (precise[:, :1] + joints).astype(positions.dtype)

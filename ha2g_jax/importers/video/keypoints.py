@@ -11,7 +11,14 @@ import numpy as np
 from scipy import ndimage, signal
 from scipy.spatial.transform import Rotation
 
-from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, normalize, positions_to_directions
+from ha2g_jax.skeleton import (
+    Skeleton,
+    bone_lengths,
+    directions_to_positions,
+    load_skeleton,
+    normalize,
+    positions_to_directions,
+)
 
 # Indices of MediaPipe's pose landmarks.
 _BODY = {
@@ -244,8 +251,7 @@ def _low_pass(values: np.ndarray, fps: float, cutoff: float) -> np.ndarray:
 
 def _bone_lengths(skeleton: Skeleton, positions: np.ndarray) -> np.ndarray:
     """Return the median lengths (bones,) over the shot and both sides; the skeleton's length if neither was seen."""
-    parents, children = (list(ends) for ends in zip(*skeleton.bones, strict=True))
-    lengths = np.linalg.norm(positions[:, children] - positions[:, parents], axis=-1)
+    lengths = bone_lengths(skeleton, positions)
     medians = np.array([np.median(seen) if len(seen := bone[np.isfinite(bone)]) else np.nan for bone in lengths.T])
     both = np.stack([medians, medians[skeleton.mirror_bones]])
     count = np.isfinite(both).sum(axis=0)
