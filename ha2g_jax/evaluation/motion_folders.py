@@ -23,7 +23,6 @@ from ha2g_jax.metrics.sanity import MISMATCHED, TRUTH
 from ha2g_jax.motion.readers import (
     SUFFIXES,
     borders_of,
-    find_skeleton,
     read_content,
     read_motion,
     smplx,
@@ -122,7 +121,9 @@ def from_folders(
             f"no file in {shown(motion)} has the name of one in {shown(reference)}: found "
             f"{_few(motions)} and {_few(references)}; give both the names of the clips"
         )
-    name = skeleton or find_skeleton(references[min(clips.values())], joint_map)
+    if skeleton is None:
+        first = read_motion(references[min(clips.values())], joint_map=joint_map, source_fps=source_fps)
+        skeleton = first.meta["skeleton"]
     sounds = find_sounds({path.parent for path in (*motions.values(), *references.values())})
     pairs = []
     for file, clip in clips.items():
@@ -131,7 +132,7 @@ def from_folders(
         )
         recording = clip.rpartition("/")[0] or clip
         paths = motions[file], references[clip], audio
-        pairs.append(_Pair(clip, recording, *paths, name, joint_map, source_fps, with_audio))
+        pairs.append(_Pair(clip, recording, *paths, skeleton, joint_map, source_fps, with_audio))
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
         read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
@@ -139,7 +140,7 @@ def from_folders(
     left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
     notes = _notes(read, list(once.values()), left_out)
     return Folders(
-        [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(name), notes
+        [pair.motion for pair in read], [pair.reference for pair in once.values()], load_skeleton(skeleton), notes
     )
 
 

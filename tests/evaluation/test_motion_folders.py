@@ -11,7 +11,7 @@ from ha2g_jax.evaluation.motion_folders import from_folders, read_directions
 from ha2g_jax.evaluation.scoring import evaluate_folders
 from ha2g_jax.evaluation.table import as_table
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import find_skeleton
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.skeleton import directions_to_positions, load_skeleton
 
 SECONDS = 4
@@ -167,7 +167,7 @@ def test_all_formats_give_the_same_directions(skeleton, directions, arrays, tmp_
         found = read(tmp_path / name, skeleton)
         np.testing.assert_allclose(found.directions, directions, atol=1e-6)
         assert (found.fps, found.borders, found.directions.dtype) == (15, (), np.float32)
-        assert find_skeleton(tmp_path / name) == "ted_gesture"
+        assert read_motion(tmp_path / name).meta["skeleton"] == "ted_gesture"
 
 
 def test_a_map_names_the_joints_of_another_system(skeleton, directions, arrays, tmp_path):

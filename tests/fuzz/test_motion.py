@@ -20,7 +20,7 @@ from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.formats import export, keyframes
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import find_skeleton, read_motion
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.skeleton import load_skeleton
 from ha2g_jax.viewer import view
 
@@ -171,7 +171,6 @@ def test_odd_direction_arrays_are_answered(data, answered):
 
 
 def score(path: pathlib.Path) -> None:
-    find_skeleton(path)
     read_motion(path, skeleton=SKELETON.name, fps=15)
 
 

@@ -19,7 +19,7 @@ from ha2g_jax.motion.formats.tables import arrays_of
 from ha2g_jax.motion.lower_body import JOINTS as LOWER_JOINTS
 from ha2g_jax.motion.lower_body import SOLE
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import SMPLX, find_kind, joint_maps, read_content, read_motion, smplx, smplx_arrays
+from ha2g_jax.motion.readers import joint_maps, read_content, read_motion, smplx, smplx_arrays
 from ha2g_jax.motion.readers.smplx_arrays import NUM_SMPLH
 from ha2g_jax.motion.readers.smplx_body import JOINTS, Body, template
 from ha2g_jax.motion.resample import num_frames
@@ -110,7 +110,7 @@ def from_file(
         UserError: the file cannot be read, or its length differs from that of the speech by more than a second.
     """
     content = read_content(path)
-    if find_kind(content).name == SMPLX and smplx_arrays.has_poses(content.arrays):
+    if smplx_arrays.has_poses(content.arrays):
         try:
             arrays = smplx_arrays.to_arrays(content.arrays, source_fps)
             up = smplx.to_motion(arrays, load_skeleton("ted_expressive"), template(), fps=1.0).up

@@ -11,7 +11,7 @@ import json
 import pathlib
 import secrets
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from ha2g_jax.files.writing import check_new, whole_folder
 from ha2g_jax.limits import MAX_SEED
 from ha2g_jax.motion.formats.video import VIDEO_FPS, check_size, fit_view, write_video
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.motion.readers import find_skeleton, read_motion
+from ha2g_jax.motion.readers import read_motion
 from ha2g_jax.motion.readers.joint_maps import AUTO
 from ha2g_jax.progress import progress_bar
 from ha2g_jax.skeleton import SKELETONS, load_skeleton
@@ -199,8 +199,9 @@ def read_sources(
     found = {name: find_motions(folder) for name, folder in systems.items()}
     names = _choose(_common(found), clips, seed)
     paths = _find_sounds(systems, found, names, speech)
-    # The skeleton with the most joints that the motion of every system has.
-    skeleton = max((find_skeleton(files[names[0]], joint_map) for files in found.values()), key=SKELETONS.index)
+    reading: dict[str, Any] = {"joint_map": joint_map, "source_fps": source_fps}
+    fits = {read_motion(files[names[0]], **reading).meta["skeleton"] for files in found.values()}
+    skeleton = max(fits, key=SKELETONS.index)  # the one with the most joints that the motion of every system has
     motions: dict[str, dict[str, Motion]] = {name: {} for name in systems}
     sounds, durations = {}, {}
     with progress_bar("reading", len(names), "clip") as bar:
@@ -208,7 +209,7 @@ def read_sources(
             sounds[clip] = _read_sound(paths[clip], clip_seconds)
             durations[clip] = len(sounds[clip]) / SAMPLE_RATE
             for name, files in found.items():
-                motion = _read(files[clip], skeleton, durations[clip], joint_map=joint_map, source_fps=source_fps)
+                motion = _read(files[clip], skeleton, durations[clip], **reading)
                 motions[name][clip] = motion
             lengths = (each[clip].num_frames / each[clip].fps for each in motions.values())
             durations[clip] = min(durations[clip], *lengths)

@@ -30,14 +30,12 @@ from ha2g_jax.motion.readers.body import ARM_RANGE, arm_length
 from ha2g_jax.motion.readers.bvh import read_bvh
 from ha2g_jax.motion.readers.smplx_body import template
 from ha2g_jax.motion.resample import num_frames, resample
-from ha2g_jax.skeleton import SKELETONS, Skeleton, load_skeleton
+from ha2g_jax.skeleton import SKELETONS, load_skeleton
 
-__all__ = ["KINDS", "SUFFIXES", "borders_of", "find_skeleton", "read_motion"]
+__all__ = ["SUFFIXES", "borders_of", "read_motion"]
 
 SUFFIXES = (".npz", ".bvh", ".json", ".npy")
 """Suffixes by which files of motion are found in a folder."""
-
-OWN, SMPLX, POSITIONS, BVH, DIRECTIONS = "own", "SMPL-X", "positions", "BVH", "directions"
 
 _EXPECTED = "a motion: .npz, .npy, .bvh or .json"
 _PICKLES = (".pkl", ".pickle", ".p", ".pk")
@@ -73,18 +71,10 @@ def read_motion(
     if source_fps is not None and not MIN_MOTION_FPS <= source_fps <= MAX_MOTION_FPS:
         raise UserError(f"{source_fps:g} frames per second of the file; expected {MIN_MOTION_FPS} to {MAX_MOTION_FPS}")
     content = read_content(path)
-    kind = find_kind(content)
-    skeleton = skeleton or kind.find_skeleton(content, joint_map)
-    motion = kind.read(content, load_skeleton(skeleton), Options(fps, source_fps, joint_map))
+    motion = _reader_of(content)(content, _Options(skeleton, fps, source_fps, joint_map))
     with naming(path):
         motion.check()
     return motion
-
-
-def find_skeleton(path: str | os.PathLike, joint_map: str = joint_maps.AUTO) -> str:
-    """Return the name of the first skeleton whose joints a file has, or raise a UserError."""
-    content = read_content(pathlib.Path(path))
-    return find_kind(content).find_skeleton(content, joint_map)
 
 
 def borders_of(motion: Motion, path: pathlib.Path) -> tuple[int, ...]:
@@ -112,27 +102,13 @@ class Content(NamedTuple):
     array: np.ndarray
 
 
-class Options(NamedTuple):
+class _Options(NamedTuple):
     """The options of `read_motion`."""
 
+    skeleton: str | None
     fps: float | None
     source_fps: float | None
     joint_map: str
-
-
-class Kind(NamedTuple):
-    """A kind of motion, with the name of the documentation.
-
-    Attributes:
-        matches: function of the content of a file to whether it is of this kind.
-        find_skeleton: function of the content and the joint map to the name of the skeleton that suits it.
-        read: function of the content, a skeleton and the options to the motion.
-    """
-
-    name: str
-    matches: Callable[[Content], bool]
-    find_skeleton: Callable[[Content, str], str]
-    read: Callable[[Content, Skeleton, Options], Motion]
 
 
 def read_content(path: pathlib.Path) -> Content:
@@ -191,32 +167,48 @@ def _read_json(path: pathlib.Path) -> Mapping[str, Any]:
     return {name: content[name] for name in array_files.ARRAYS if name in content}
 
 
-def _read_own(content: Content, skeleton: Skeleton, options: Options) -> Motion:
-    motion = Motion.from_arrays(content.arrays, content.path)
-    if motion.meta["skeleton"] != skeleton.name:
+def _reader_of(content: Content) -> Callable[[Content, _Options], Motion]:
+    """Choose the reader of a file by its content; the last one takes what is left, and says what it lacks."""
+    if "directions" in content.arrays and "meta" in content.arrays:
+        return _read_own
+    if content.container == ".bvh":
+        return _read_bvh
+    if _is_smplx(content):
+        return _read_smplx
+    return _read_array if content.container == ".npy" else _read_positions
+
+
+def _check_skeleton(path: pathlib.Path, found: str, options: _Options) -> None:
+    if options.skeleton not in (None, found):
         raise UserError(
-            f"{shown(content.path)} has the skeleton {motion.meta['skeleton']}, not {skeleton.name} as the others; "
-            "evaluate motion of one skeleton at a time"
+            f"{shown(path)} has the skeleton {found}, not {options.skeleton} as the others; give motion of one "
+            "skeleton at a time"
         )
+
+
+def _read_own(content: Content, options: _Options) -> Motion:
+    motion = Motion.from_arrays(content.arrays, content.path)
+    _check_skeleton(content.path, motion.meta["skeleton"], options)
     if "borders" in content.arrays:
         motion = dataclasses.replace(motion, meta=motion.meta | {"borders": content.arrays["borders"]})
         motion.meta["borders"] = list(borders_of(motion, content.path))
     return motion
 
 
-def _read_bvh(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+def _read_bvh(content: Content, options: _Options) -> Motion:
+    skeleton = load_skeleton(options.skeleton or _bvh_skeleton(content.path, options.joint_map))
     found = bvh_motion.read_motion(content.path, skeleton, fps=options.fps, joint_map=options.joint_map, with_legs=True)
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
-    facts = {"kind": BVH, "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
+    facts = {"kind": "BVH", "fps": found.fps, "joint_map": found.joint_map, "unit": found.unit, "up": found.up}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, {"read_from": facts}, lower=found.lower)
 
 
-def _bvh_skeleton(content: Content, joint_map: str) -> str:
-    joints = read_bvh(content.path).joints
+def _bvh_skeleton(path: pathlib.Path, joint_map: str) -> str:
+    joints = read_bvh(path).joints
     for name in SKELETONS[:-1]:
         try:
-            joint_maps.choose_map(joints, load_skeleton(name), joint_map, content.path)
+            joint_maps.choose_map(joints, load_skeleton(name), joint_map, path)
         except UserError:
             continue
         return name
@@ -233,26 +225,27 @@ def _is_smplx(content: Content) -> bool:
     return isinstance(found[0], np.ndarray) and found[0].ndim == 3 and found[0].shape[1] in smplx_arrays.NUM_POSITIONS
 
 
-def _read_smplx(content: Content, skeleton: Skeleton, options: Options) -> Motion:
+def _read_smplx(content: Content, options: _Options) -> Motion:
+    skeleton = load_skeleton(options.skeleton or SKELETONS[0])
     arrays = content.arrays or {smplx_arrays.POSITIONS[0]: content.array}
     with naming(content.path):
         found = smplx.to_motion(
             smplx_arrays.to_arrays(arrays, options.source_fps), skeleton, template(), fps=options.fps
         )
     array_files.check_positions(found.positions.astype(np.float64), skeleton, content.path)
-    meta = {"read_from": {"kind": SMPLX, "fps": found.fps, "up": found.up}}
+    meta = {"read_from": {"kind": "SMPL-X", "fps": found.fps, "up": found.up}}
     fps = options.fps or found.fps
     return Motion.from_positions(skeleton, found.positions, fps, meta, lower=found.lower, face=found.face)
 
 
-def _read_named(content: Content, skeleton: Skeleton, options: Options) -> Motion:
-    arrays = array_files.read_arrays(content.arrays, content.path)
-    return _from_named(arrays, content.path, skeleton, options)
+def _read_positions(content: Content, options: _Options) -> Motion:
+    return _from_positions(array_files.read_arrays(content.arrays, content.path), content.path, options)
 
 
-def _from_named(arrays: array_files.Arrays, path: pathlib.Path, skeleton: Skeleton, options: Options) -> Motion:
+def _from_positions(arrays: array_files.Arrays, path: pathlib.Path, options: _Options) -> Motion:
+    skeleton = load_skeleton(options.skeleton or array_files.find_skeleton(arrays, options.joint_map, path))
     positions = array_files.in_skeleton(arrays, skeleton, options.joint_map, path)
-    meta: dict[str, Any] = {"read_from": {"kind": POSITIONS, "fps": arrays.fps}}
+    meta: dict[str, Any] = {"read_from": {"kind": "positions", "fps": arrays.fps}}
     if len(arrays.borders):
         meta["borders"] = arrays.borders.tolist()
     motion = Motion.from_positions(skeleton, positions, arrays.fps, meta)
@@ -262,35 +255,25 @@ def _from_named(arrays: array_files.Arrays, path: pathlib.Path, skeleton: Skelet
     return _at_rate(motion, options.fps)
 
 
-def _named_skeleton(content: Content, joint_map: str) -> str:
-    arrays = array_files.read_arrays(content.arrays, content.path)
-    return array_files.find_skeleton(arrays, joint_map, content.path)
-
-
-def _array_skeleton(content: Content, joint_map: str = joint_maps.AUTO) -> str:
-    name = array_files.directions_skeleton(content.array)
-    if name is None:
-        joints = [name for name in SKELETONS if content.array.shape[1:] == (load_skeleton(name).num_joints, 3)]
-        name = joints[0] if joints and content.array.size else None
-    if name is None:
-        raise UserError(
-            f"{shown(content.path)} holds an array of shape {content.array.shape}; expected directions (T, 126), "
-            "(T, 42, 3), (T, 27) or (T, 9, 3), positions (T, 43, 3) or (T, 10, 3), or joints of SMPL-X (T, 55, 3)"
-        )
-    return name
-
-
-def _read_array(content: Content, skeleton: Skeleton, options: Options) -> Motion:
-    own = _array_skeleton(content)
-    if own != skeleton.name:
-        raise UserError(f"{shown(content.path)} has the skeleton {own}, not {skeleton.name} as the others")
-    fps = options.source_fps or array_files.FPS
-    if array_files.directions_skeleton(content.array) is None:
-        arrays = {"positions": content.array, "fps": np.array(fps), "joint_names": np.array(skeleton.joints)}
-        return _from_named(array_files.read_arrays(arrays, content.path), content.path, skeleton, options)
-    directions, is_residual = array_files.read_directions(content.array, skeleton, content.path)
-    facts = {"kind": DIRECTIONS, "fps": fps, "mean_was_subtracted": is_residual}
-    return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
+def _read_array(content: Content, options: _Options) -> Motion:
+    """Read a `.npy` of direction vectors, or of the positions of all joints of a skeleton."""
+    array, fps = content.array, options.source_fps or array_files.FPS
+    if name := array_files.directions_skeleton(array):
+        _check_skeleton(content.path, name, options)
+        skeleton = load_skeleton(name)
+        directions, is_residual = array_files.read_directions(array, skeleton, content.path)
+        facts = {"kind": "directions", "fps": fps, "mean_was_subtracted": is_residual}
+        return _at_rate(Motion.from_directions(skeleton, directions, fps, {"read_from": facts}), options.fps)
+    for name in SKELETONS:
+        joints = load_skeleton(name).joints
+        if array.size and array.shape[1:] == (len(joints), 3):
+            _check_skeleton(content.path, name, options)
+            arrays = {"positions": array, "fps": np.array(fps), "joint_names": np.array(joints)}
+            return _from_positions(array_files.read_arrays(arrays, content.path), content.path, options)
+    raise UserError(
+        f"{shown(content.path)} holds an array of shape {array.shape}; expected directions (T, 126), (T, 42, 3), "
+        "(T, 27) or (T, 9, 3), positions (T, 43, 3) or (T, 10, 3), or joints of SMPL-X (T, 55, 3)"
+    )
 
 
 def _at_rate(motion: Motion, fps: float | None) -> Motion:
@@ -303,23 +286,3 @@ def _at_rate(motion: Motion, fps: float | None) -> Motion:
         meta["borders"] = sorted({round(border * fps / motion.fps) for border in meta["borders"]})
     directions = resample(motion.directions, motion.fps, fps, count)
     return Motion.from_directions(motion.skeleton, directions, fps, meta)
-
-
-KINDS = (
-    Kind(
-        OWN,
-        lambda content: "directions" in content.arrays and "meta" in content.arrays,
-        lambda content, joint_map: Motion.from_arrays(content.arrays, content.path).meta["skeleton"],
-        _read_own,
-    ),
-    Kind(BVH, lambda content: content.container == ".bvh", _bvh_skeleton, _read_bvh),
-    Kind(SMPLX, _is_smplx, lambda content, joint_map: SKELETONS[0], _read_smplx),
-    Kind(DIRECTIONS, lambda content: content.container == ".npy", _array_skeleton, _read_array),
-    Kind(POSITIONS, lambda content: True, _named_skeleton, _read_named),
-)
-"""All kinds, in the order in which they are tried; the last one takes what is left, and says what it lacks."""
-
-
-def find_kind(content: Content) -> Kind:
-    """Return the kind of a file, by its content."""
-    return next(kind for kind in KINDS if kind.matches(content))
