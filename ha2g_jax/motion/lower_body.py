@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.motion.rotations import rotate
 
 JOINTS = (
     "pelvis",
@@ -53,7 +54,7 @@ class LowerBody:
         places = np.empty((*self.rotations.shape[:2], 3))
         places[:, 0] = self.translation
         for joint, parent in enumerate(PARENTS[1:], start=1):
-            places[:, joint] = places[:, parent] + _rotate(self.rotations[:, parent], self.offsets[joint])
+            places[:, joint] = places[:, parent] + rotate(self.rotations[:, parent], self.offsets[joint])
         return places
 
     @property
@@ -92,9 +93,3 @@ class LowerBody:
         if len(found) < len(ARRAYS):
             raise UserError(f"only some of {', '.join(ARRAYS)} are there; expected all or none")
         return cls(*found)
-
-
-def _rotate(quaternions: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    axis, cosine = quaternions[..., :3], quaternions[..., 3:]
-    across = 2 * np.cross(axis, vector)
-    return vector + cosine * across + np.cross(axis, across)

@@ -73,6 +73,28 @@ def between(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return unit(np.concatenate([cross(u, middle), np.sum(u * middle, axis=-1, keepdims=True)], axis=-1))
 
 
+def fit(seen: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit the rotations from directions at rest to observed directions by least squares (Wahba's problem).
+
+    They follow from the singular value decomposition of sum seen rest^T (F. L. Markley, "Attitude determination using
+    vector observations and the singular value decomposition", 1988).
+
+    Args:
+        seen: (T, k, 3) unit vectors.
+        rest: (k, 3) unit vectors.
+
+    Returns:
+        (T, 4) rotations, and (T,) certainties from 0, where all directions lie on one line, to 1, where they lie to
+        each other as at rest.
+    """
+    u, sizes, vt = np.linalg.svd(np.einsum("tki,kj->tij", seen, rest))
+    sign = np.where(np.linalg.det(u) * np.linalg.det(vt) < 0, -1.0, 1.0)
+    u[..., 2] *= sign[:, None]
+    _, second, third = np.linalg.svd(np.einsum("ki,kj->ij", rest, rest), compute_uv=False)
+    certainty = (sizes[:, 1] + sign * sizes[:, 2]) / np.maximum(second + third, _MIN_NORM)
+    return from_matrix(u @ vt), np.clip(certainty, 0, 1)
+
+
 def about(axis: np.ndarray, angle: npt.ArrayLike) -> np.ndarray:
     """Return right-handed rotations (..., 4) about unit axes (..., 3) by angles (...) in radians."""
     half = np.asarray(angle, np.float64)[..., None] / 2

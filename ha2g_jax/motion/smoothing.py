@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from ha2g_jax.errors import UserError
 
@@ -45,6 +46,12 @@ def smooth(directions: np.ndarray, fps: float, seconds: float) -> np.ndarray:
 def minimum_jerk(time: np.ndarray) -> np.ndarray:
     """Return the minimum-jerk curve, which goes from 0 to 1 and is at rest at both ends (Flash and Hogan 1985)."""
     return time**3 * (10 - 15 * time + 6 * time**2)
+
+
+def smoothstep(values: npt.ArrayLike, start: float, end: float) -> np.ndarray:
+    """Return a smooth step of values of any shape: 0 up to `start`, 1 from `end` on."""
+    fraction = np.clip((np.asarray(values) - start) / (end - start), 0, 1)
+    return fraction * fraction * (3 - 2 * fraction)
 
 
 def check_width(seconds: float) -> None:

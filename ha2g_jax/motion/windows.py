@@ -22,7 +22,6 @@ def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
 
     Args:
         windows: (K, N, bones, 3) unit vectors.
-        overlap: M.
 
     Returns:
         (N + (K - 1)(N - M), bones, 3) unit vectors.

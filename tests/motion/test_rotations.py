@@ -102,3 +102,17 @@ def test_slerp_goes_the_short_way_at_a_steady_pace():
     same(between[0], a)
     same(between[-1], b)
     np.testing.assert_allclose(rotations.angle_between(between[1:], between[:-1]), 0.1, atol=1e-9)
+
+
+def test_the_fit_is_that_of_scipy_and_reports_its_certainty():
+    random = np.random.default_rng(0)
+    rest = rotations.unit(random.normal(size=(4, 3)))
+    q = rotations.unit(random.normal(size=(30, 4)))
+    seen = rotations.unit(rotations.rotate(q[:, None], rest) + random.normal(0, 0.05, (30, 4, 3)))
+    fitted, certainty = rotations.fit(seen, rest)
+    expected = [Rotation.align_vectors(vectors, rest)[0].as_quat() for vectors in seen]
+    same(fitted, np.array(expected), atol=1e-6)
+    assert certainty.min() > 0.8
+    fitted, certainty = rotations.fit(np.broadcast_to(np.eye(3)[0], (30, 4, 3)), rest)
+    np.testing.assert_allclose(certainty, 0, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(fitted, axis=-1), 1, atol=1e-9)

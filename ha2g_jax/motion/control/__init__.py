@@ -5,11 +5,10 @@ their input.
 """
 
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check, describe, read_mute, read_pin
-from ha2g_jax.motion.control.effects import EASE, apply, energy, extent, handedness, mirror, mute, pin
+from ha2g_jax.motion.control.effects import apply
 from ha2g_jax.motion.control.parts import rest_pose
 
 __all__ = [
-    "EASE",
     "NEUTRAL",
     "Controls",
     "Pin",
@@ -17,12 +16,6 @@ __all__ = [
     "apply",
     "check",
     "describe",
-    "energy",
-    "extent",
-    "handedness",
-    "mirror",
-    "mute",
-    "pin",
     "read_mute",
     "read_pin",
     "rest_pose",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.motion.rotations import IDENTITY, between, conjugate, from_matrix, multiply, rotate
+from ha2g_jax.motion.rotations import IDENTITY, between, conjugate, fit, multiply, rotate
 from ha2g_jax.skeleton import Skeleton, mirror_directions, normalize
 
 SIDES = ("left", "right")
@@ -124,7 +124,7 @@ def rotations_from(reference: np.ndarray, directions: np.ndarray, chosen: tuple[
     for part in chosen:
         frame, bones = frames[part.parent], list(part.bones)
         if part.kind in (HEAD, HAND):
-            common = _common_rotation(reference[bones], rotate(conjugate(frame)[..., None, :], poses[:, bones]))
+            common, _ = fit(rotate(conjugate(frame)[..., None, :], poses[:, bones]), reference[bones])
             rotations[part.bones] = _continuous(common)
             frame = multiply(frame, rotations[part.bones])
         for bone in bones:
@@ -158,13 +158,6 @@ def power(rotation: np.ndarray, exponent: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     half = exponent[:, None] * np.arctan2(length, rotation[:, 3:])
     return np.concatenate([axis / np.maximum(length, 1e-12) * np.sin(half), np.cos(half)], axis=-1)
-
-
-def _common_rotation(reference: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Fit rotations (T, 4) of vectors (k, 3) to (T, k, 3) by least squares (Wahba 1965; by SVD, Markley 1988)."""
-    u, _, v = np.linalg.svd(np.einsum("tki,kj->tij", vectors, reference))
-    u[..., 2] *= np.where(np.linalg.det(u @ v) < 0, -1.0, 1.0)[:, None]
-    return from_matrix(u @ v)
 
 
 def _continuous(rotations: np.ndarray) -> np.ndarray:

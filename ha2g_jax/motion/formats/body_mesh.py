@@ -14,6 +14,7 @@ from ha2g_jax.motion import rigs
 from ha2g_jax.motion.armature import Armature
 from ha2g_jax.motion.formats.surfaces import Surface, ellipsoid, join, loft, tube
 from ha2g_jax.motion.rotations import unit
+from ha2g_jax.motion.smoothing import smoothstep
 
 _FOUR = ("index", "middle", "ring", "pinky")
 _RADII = {"thumb": 0.0125, "index": 0.0103, "middle": 0.0107, "ring": 0.0102, "pinky": 0.0088}
@@ -71,12 +72,9 @@ _BROW_THICK = np.array([0.0030, 0.0036, 0.0033, 0.0018])
 
 
 class Joints:
-    """Positions of joints at rest by name, and the influence (J,) of the joint that rotates as each of them.
+    """Positions (3,) of joints at rest, and indices of the joints that rotate as `ha2g` joints do, by their names.
 
-    Attributes:
-        places: (3,) metres by the name of a `ha2g` joint.
-        carriers: index of the joint that rotates as a `ha2g` joint does, by the name of the latter.
-        scale: size of the body relative to that of the tables.
+    `scale` is the size of the body relative to that of the tables.
     """
 
     def __init__(self, places: dict[str, np.ndarray], carriers: dict[str, int], count: int, scale: float) -> None:
@@ -92,12 +90,6 @@ class Joints:
     def moved_by(self, *names: str) -> np.ndarray:
         """Return (J,) influence that is 1 for the first of the named joints that the armature has, and 0 for others."""
         return self._rows[next(self.carriers[name] for name in names if name in self.carriers)]
-
-
-def smooth(values: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Return a smooth step of values of any shape: 0 up to `start`, 1 from `end` on."""
-    fraction = np.clip((np.asarray(values) - start) / (end - start), 0, 1)
-    return fraction * fraction * (3 - 2 * fraction)
 
 
 def mix(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -120,10 +112,10 @@ def arm(joints: Joints, side: str) -> tuple[Surface, list[Surface]]:
     influence = mix(
         joints.moved_by(f"{side}_clavicle", "spine"),
         joints.moved_by(f"{side}_shoulder"),
-        smooth(at, lengths[1] - 0.05 * size, lengths[1] + 0.06 * size),
+        smoothstep(at, lengths[1] - 0.05 * size, lengths[1] + 0.06 * size),
     )
-    bent = smooth(at, lengths[2] - 0.05 * size, lengths[2] + 0.07 * size)
-    influence = (1 - bent)[:, None] * influence + bent[:, None] * joints.moved_by(f"{side}_elbow")
+    bent = smoothstep(at, lengths[2] - 0.05 * size, lengths[2] + 0.07 * size)
+    influence = mix(influence, joints.moved_by(f"{side}_elbow"), bent)
     sleeve = tube(path, radii, influence, _AHEAD, caps=(0.5, 0.0))
     skin = [_wrist(joints, side), _palm(joints, side)]
     if f"{side}_index_1" in joints:
@@ -148,7 +140,7 @@ def _wrist(joints: Joints, side: str) -> Surface:
     fraction = np.array([0.82, 0.88, 0.93, 0.97, 1.0, 1.04])
     path = elbow + fraction[:, None] * (wrist - elbow)
     radii = joints.scale * np.stack([[0.026, 0.025, 0.0235, 0.0225, 0.022, 0.022], [0.029] * 3 + [0.0285] * 3], axis=-1)
-    weight = smooth(fraction, 0.93, 1.03)
+    weight = smoothstep(fraction, 0.93, 1.03)
     influence = mix(joints.moved_by(f"{side}_elbow"), joints.moved_by(f"{side}_wrist"), weight)
     return tube(path, radii, influence, _AHEAD)
 
@@ -181,7 +173,7 @@ def _palm(joints: Joints, side: str) -> Surface:
     at = half * np.sin(2 * np.pi * np.arange(sides) / sides)
     near = np.exp(-((at[:, None] - (knuckles - middle) @ across) ** 2) / (0.018 * size) ** 2)
     beside = (near / near.sum(axis=1, keepdims=True)) @ fingers
-    late = smooth(fraction, 0.3, 1.0)[:, None, None]
+    late = smoothstep(fraction, 0.3, 1.0)[:, None, None]
     influence = (1 - late) * hand + late * beside
     radii = np.stack([thick, wide], axis=-1)
     return loft(path, np.cross(along, across), across, radii, influence, sides=sides, squareness=2.6, caps=(0.5, 0.25))
@@ -205,8 +197,7 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     influence = np.tile(rows[0], (len(at), 1))
     reach = 0.008 * size
     for row, length in zip(rows[1:], lengths[1:-1]):
-        bent = smooth(at, length - reach, length + reach)[:, None]
-        influence = (1 - bent) * influence + bent * row
+        influence = mix(influence, row, smoothstep(at, length - reach, length + reach))
     return tube(path, radii, influence, _AHEAD, sides=12, caps=(0.5, 1.0))
 
 
@@ -273,12 +264,12 @@ def _torso(joints: Joints) -> Surface:
     centres = spine + heights[:, None] * _Y + size * _TORSO[:, 3:] * _Z
     radii, sides = size * _TORSO[:, 1:3], 28
     x = radii[:, :1] * np.cos(2 * np.pi * np.arange(sides) / sides)
-    shrugged = smooth(np.abs(x) / size, 0.07, 0.19) * smooth(_TORSO[:, 0], 0.02, 0.17)[:, None]
+    shrugged = smoothstep(np.abs(x) / size, 0.07, 0.19) * smoothstep(_TORSO[:, 0], 0.02, 0.17)[:, None]
     left, right = (joints.moved_by(f"{side}_clavicle", "spine") for side in ("left", "right"))
     clavicles = np.where((x > 0)[..., None], left, right)
     trunk = joints.moved_by("spine")
     if "pelvis" in joints:
-        trunk = mix(joints.moved_by("pelvis"), trunk, smooth(heights / size, -0.33, -0.02))[:, None]
+        trunk = mix(joints.moved_by("pelvis"), trunk, smoothstep(heights / size, -0.33, -0.02))[:, None]
     influence = (1 - shrugged)[..., None] * trunk + shrugged[..., None] * clavicles
     return loft(centres, _X, _Z, radii, influence, sides=sides, squareness=2.35, caps=(0.25, 0.1))
 
@@ -297,7 +288,7 @@ def _leg(joints: Joints, side: str) -> dict[str, Surface]:
     at = np.linspace(0, 2, 21)  # 0 at the hip, 1 at the knee, 2 at the ankle
     path = np.stack([np.interp(at, [0, 1, 2], [a, b, c]) for a, b, c in zip(hip, knee, ankle)], axis=-1)
     radii = size * np.interp(at, [0, 0.5, 1, 1.4, 2], [0.092, 0.080, 0.062, 0.062, 0.048])
-    influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smooth(at, 0.85, 1.15))
+    influence = mix(joints.moved_by(f"{side}_hip"), joints.moved_by(f"{side}_knee"), smoothstep(at, 0.85, 1.15))
     trousers = tube(path, radii, influence, _Z, caps=(0.8, 0.1))
     heel = np.array([ankle[0], ball[1], ankle[2]]) - 0.02 * size * _Z
     toe = ball + 0.055 * size * _Z
@@ -314,7 +305,7 @@ def _head(joints: Joints) -> dict[str, list[Surface]]:
     """Build neck, face, ears and hair."""
     size, neck = joints.scale, joints["neck"]
     head = joints.moved_by("head")
-    weight = smooth(np.linspace(0, 1, 8), 0.1, 0.9)
+    weight = smoothstep(np.linspace(0, 1, 8), 0.1, 0.9)
     path = neck + size * np.linspace(0, 1, 8)[:, None] * np.array([0, 0.165, 0.022]) - size * np.array([0, 0.03, 0])
     radii = size * np.stack([np.interp(weight, [0, 1], [0.053, 0.052]), np.interp(weight, [0, 1], [0.052, 0.056])], -1)
     throat = loft(path, _X, _Z, radii, mix(joints.moved_by("spine"), head, weight))
@@ -324,11 +315,8 @@ def _head(joints: Joints) -> dict[str, list[Surface]]:
     def place(x: float, y: float, z: float) -> np.ndarray:
         return chin + scale * np.array([x, y, z])
 
-    def ball(
-        x: float, y: float, z: float, radii: tuple[float, float, float], axes: np.ndarray | None = None
-    ) -> Surface:
-        axes = np.eye(3) if axes is None else axes
-        return ellipsoid(place(x, y, z), axes, [scale * radius for radius in radii], head)
+    def ball(x: float, y: float, z: float, radii: tuple[float, float, float]) -> Surface:
+        return ellipsoid(place(x, y, z), [scale * radius for radius in radii], head)
 
     centres = chin + scale * (_HEAD[:, :1] * _Y + _HEAD[:, 3:] * _Z)
     still = np.tile(head, (len(centres), 1))
@@ -361,6 +349,6 @@ def _hair(chin: np.ndarray, scale: float, head: np.ndarray) -> Surface:
     height, ahead = (shell.points - chin)[:, 1] / scale, inner[:, 2] / scale
     # The hairline: over the forehead, down before the ears, low at the back.
     line = np.interp(ahead, [-0.09, -0.03, 0.005, 0.03, 0.06, 0.09], [0.062, 0.075, 0.110, 0.150, 0.176, 0.186])
-    thick = 0.90 + 0.185 * smooth(height - line, -0.012, 0.012)
+    thick = 0.90 + 0.185 * smoothstep(height - line, -0.012, 0.012)
     points = chin + scale * np.array([0, 0.13, -0.004]) + inner * thick[:, None]
     return Surface(points, shell.normals, shell.faces, shell.influence)

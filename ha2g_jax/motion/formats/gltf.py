@@ -81,7 +81,7 @@ class Document:
         """Store an array in the binary chunk.
 
         Args:
-            values: (n,), (n, 3), (n, 4) or (n, 16) array of float32 or unsigned integers.
+            values: (n,), (n, 3), (n, 4) or (n, 16) float32 or unsigned integers.
             target: glTF's constant for the use of the buffer view.
             bounds: whether to store the minimum and maximum of the columns.
 

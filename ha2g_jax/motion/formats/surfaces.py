@@ -52,12 +52,11 @@ def loft(
     """Build a surface over rings, closed at both ends.
 
     Args:
-        centres: (R, 3) centres of the rings in metres.
+        centres: (R, 3) metres.
         across: (R, 3) or (3,) unit vectors of the first axis of the rings.
         ahead: (R, 3) or (3,) unit vectors of the second axis; the rings follow each other along `ahead` x `across`.
         radii: (R, 2) half-widths along the two axes in metres.
         influence: (R, J) influence of the joints on each ring, or (R, sides, J) on each point.
-        sides: number of points of a ring.
         squareness: exponent of the superellipse of a ring: 2 for an ellipse, more for a rounded rectangle.
         caps: height of the caps at both ends in radii; 1 for half spheres.
     """
@@ -76,7 +75,7 @@ def loft(
     poles = np.stack([first[2], last[2]])
     points = np.concatenate([rings.reshape(-1, 3), poles])
     influence = np.concatenate([influence.reshape(-1, influence.shape[-1]), influence[[0, -1]].mean(axis=1)])
-    return finish(points, _faces(len(rings), sides), influence)
+    return _with_normals(points, _faces(len(rings), sides), influence)
 
 
 def tube(
@@ -86,14 +85,11 @@ def tube(
     reference: np.ndarray,
     **options: int | float | tuple[float, float],
 ) -> Surface:
-    """Build a loft along a path, with rings at right angles to it.
+    """Build a loft along a path (R, 3), with rings at right angles to it; the options are those of `loft`.
 
     Args:
-        path: (R, 3) centres of the rings in metres.
         radii: (R,) radii or (R, 2) half-widths of the rings in metres.
-        influence: (R, J) influence of the joints on each ring.
         reference: (3,) vector that is not parallel to the path; the first axis of the rings is at right angles to it.
-        **options: further arguments of `loft`.
     """
     along = unit(np.gradient(path, axis=0))
     across = unit(np.cross(along, reference))
@@ -102,18 +98,19 @@ def tube(
     return loft(path, across, ahead, radii, influence, **options)  # type: ignore[arg-type]
 
 
-def ellipsoid(centre: np.ndarray, axes: np.ndarray, radii: Sequence[float], influence: np.ndarray) -> Surface:
-    """Build an ellipsoid with half-lengths `radii` along its axes, unit vectors in the rows of (3, 3)."""
+def ellipsoid(centre: np.ndarray, radii: Sequence[float], influence: np.ndarray) -> Surface:
+    """Build an ellipsoid with half-lengths `radii` along x, y and z."""
+    x, y, z = np.eye(3)
     height = np.linspace(-0.8, 0.8, 9)
     width = np.sqrt(1 - height**2)
-    centres = centre + radii[1] * height[:, None] * axes[1]
+    centres = centre + radii[1] * height[:, None] * y
     rings = np.stack([radii[0] * width, radii[2] * width], axis=-1)
     tall = float(radii[1] * 0.2 / rings[0, 0])
-    return loft(centres, axes[0], axes[2], rings, np.tile(influence, (len(centres), 1)), sides=14, caps=(tall, tall))
+    return loft(centres, x, z, rings, np.tile(influence, (len(centres), 1)), sides=14, caps=(tall, tall))
 
 
-def finish(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
-    """Build a surface whose normals are the means of those of the faces around a point, weighted by area."""
+def _with_normals(points: np.ndarray, faces: np.ndarray, influence: np.ndarray) -> Surface:
+    """Return a surface whose normals are the means of those of the faces around a point, weighted by area."""
     corners = points[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)
@@ -148,12 +145,7 @@ def _faces(rings: int, sides: int) -> np.ndarray:
     ring, side = (grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij"))
     after = (side + 1) % sides
     a, b, c, d = ring * sides + side, ring * sides + after, (ring + 1) * sides + side, (ring + 1) * sides + after
-    side = np.arange(sides)
-    after = (side + 1) % sides
-    last = (rings - 1) * sides
-    first_pole = np.full(sides, rings * sides)
-    ends = [
-        np.stack([first_pole, side, after], axis=-1),
-        np.stack([first_pole + 1, last + after, last + side], axis=-1),
-    ]
-    return np.concatenate([np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1), *ends])
+    first, second, last = np.arange(sides), np.arange(1, sides + 1) % sides, (rings - 1) * sides
+    pole = np.full(sides, rings * sides)
+    triangles = [(a, c, b), (b, c, d), (pole, first, second), (pole + 1, last + second, last + first)]
+    return np.concatenate([np.stack(corners, axis=-1) for corners in triangles])

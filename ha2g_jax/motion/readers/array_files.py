@@ -19,6 +19,7 @@ import numpy as np
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import naming, reason, shown
 from ha2g_jax.limits import MAX_MOTION_JOINTS
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.motion import check_length
 from ha2g_jax.motion.readers import joint_maps
 from ha2g_jax.motion.readers.body import find_up, to_skeleton_axes
@@ -109,8 +110,8 @@ def in_skeleton(arrays: Arrays, skeleton: Skeleton, joint_map: str, path: pathli
     check_positions(positions, skeleton, path)
     left, right = (skeleton.joint(f"{side}_shoulder") for side in ("left", "right"))
     up = find_up(positions, skeleton)
-    is_ours = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
-    if up == _OURS_DOWN and is_ours == np.sign(skeleton.mean_pose[left, 0] - skeleton.mean_pose[right, 0]):
+    side = np.sign((positions[:, left, 0] - positions[:, right, 0]).mean())
+    if up == _OURS_DOWN and side == export_axes(skeleton)[0]:
         return positions
     with naming(path):
         return to_skeleton_axes(positions, skeleton, up=up)

@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.limits import MAX_POSED_JOINTS, MAX_SOUND_SECONDS
+from ha2g_jax.motion.armature import export_axes
 from ha2g_jax.motion.lower_body import JOINTS, PARENTS, LowerBody
 from ha2g_jax.motion.rotations import unit
 from ha2g_jax.skeleton import Skeleton
@@ -96,7 +97,7 @@ def headings(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> tup
     """
     left, level = _left(positions, skeleton, up)
     is_level = level >= _MIN_LEVEL
-    left[~is_level] = _any_level(up)
+    left[~is_level] = np.roll(_UP_VECTORS[up], 1)  # any horizontal vector
     return _frame(left, skeleton, up), np.where(is_level, level, 0.0)
 
 
@@ -120,15 +121,9 @@ def _left(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarra
 def _frame(left: np.ndarray, skeleton: Skeleton, up: str) -> np.ndarray:
     """Return (T, 3, 3) with the skeleton's axes as columns, from horizontal vectors (T, 3) to the person's left."""
     left = left / np.linalg.norm(left, axis=-1, keepdims=True)
-    pose = skeleton.mean_pose
-    sign = np.sign(pose[skeleton.joint("left_shoulder"), 0] - pose[skeleton.joint("right_shoulder"), 0])
-    x = sign * left
+    x = export_axes(skeleton)[0] * left
     y = np.broadcast_to(-np.array(_UP_VECTORS[up]), x.shape)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-def _any_level(up: str) -> np.ndarray:
-    return np.roll(np.array(_UP_VECTORS[up]), 1)
 
 
 def is_mirrored(positions: np.ndarray, skeleton: Skeleton, feet: np.ndarray | None = None) -> bool:

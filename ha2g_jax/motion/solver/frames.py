@@ -5,12 +5,11 @@ arm lie along it with the palm down, so that an elbow bends forward, a finger do
 is the mark from which the twist of the arm is observed, and -UP that of the fingers.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ha2g_jax.motion import rotations
 from ha2g_jax.motion.armature import FOUR_FINGERS, LEFT, UP, Armature, carriers, generations, rest_directions
+from ha2g_jax.motion.smoothing import smoothstep
 from ha2g_jax.motion.solver.twist import Twists, apply_twist, observe, swing
 from ha2g_jax.skeleton import Skeleton
 
@@ -35,29 +34,6 @@ _FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")
 _AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has weight 1
 
 
-def fit(seen: Sequence[np.ndarray], rest: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Fit the rotation from directions at rest to observed directions by least squares (Wahba's problem).
-
-    The rotation follows from the singular value decomposition of sum seen rest^T (F. L. Markley, "Attitude
-    determination using vector observations and the singular value decomposition", 1988).
-
-    Args:
-        seen: observed directions, a (T, 3) array of unit vectors for each.
-        rest: the same directions at rest, a (3,) unit vector for each.
-
-    Returns:
-        (T, 4) rotations, and (T,) certainties from 0, where all directions lie on one line, to 1, where they lie to
-        each other as at rest.
-    """
-    products = np.einsum("kti,kj->tij", np.stack(seen), np.stack(rest))
-    u, sizes, vt = np.linalg.svd(products)
-    sign = np.where(np.linalg.det(u) * np.linalg.det(vt) < 0, -1.0, 1.0)
-    u[..., 2] *= sign[:, None]
-    at_rest = np.linalg.svd(np.einsum("ki,kj->ij", np.stack(rest), np.stack(rest)), compute_uv=False)
-    certainty = (sizes[:, 1] + sign * sizes[:, 2]) / (at_rest[1] + at_rest[2])
-    return rotations.from_matrix(u @ vt), np.clip(certainty, 0, 1)
-
-
 def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
     """Compute rotations in the world of the joints of one arm whose twist can be estimated.
 
@@ -76,7 +52,7 @@ def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twist
     if f"{side}_index_1" not in rest:
         return {f"{side}_shoulder": shoulder, f"{side}_elbow": neutral}
     bones = [f"{side}_{finger}_1" for finger in FOUR_FINGERS]
-    palm, certainty = fit([seen[bone] for bone in bones], [rest[bone] for bone in bones])
+    palm, certainty = _fit(bones, seen, rest)
     hand = _hand(f"{side}_wrist", neutral, out, palm, certainty, twists)
     elbow = _forearm(f"{side}_elbow", neutral, out, fore, hand, twists)
     frames = {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": hand}
@@ -87,6 +63,10 @@ def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twist
     return frames
 
 
+def _fit(bones: list[str], seen: Vectors, rest: Vectors) -> tuple[np.ndarray, np.ndarray]:
+    return rotations.fit(np.stack([seen[bone] for bone in bones], axis=1), np.stack([rest[bone] for bone in bones]))
+
+
 def _upper_arm(
     joint: str, trunk: np.ndarray, out: np.ndarray, upper: np.ndarray, fore: np.ndarray, twists: Twists
 ) -> np.ndarray:
@@ -95,8 +75,8 @@ def _upper_arm(
     hanging = rotations.multiply(trunk, rotations.between(out, -UP))
     front = rotations.rotate(swing(hanging, out, upper), FORWARD)
     bend, sine = _bend(upper, fore)
-    is_slight = 1 - _step(sine, *_SLIGHT)
-    is_backward = _step(-np.sum(bend * front, axis=-1), -0.3, 0.2)
+    is_slight = 1 - smoothstep(sine, *_SLIGHT)
+    is_backward = smoothstep(-np.sum(bend * front, axis=-1), -0.3, 0.2)
     seen = observe(frames, out, FORWARD, bend, sine**4 * (1 - is_slight * is_backward))
     seen = seen + observe(frames, out, FORWARD, front, _HANGING)
     return apply_twist(frames, out, twists.smooth(joint, seen))
@@ -139,7 +119,7 @@ def _knuckle(
     """Rotate the first bone of a finger so that the next joint, a hinge, bends towards the palm."""
     frames = swing(hand, out, first)
     bend, sine = _bend(first, second)
-    is_palmward = _step(np.sum(bend * rotations.rotate(frames, -UP), axis=-1), 0.0, 0.5)
+    is_palmward = smoothstep(np.sum(bend * rotations.rotate(frames, -UP), axis=-1), 0.0, 0.5)
     seen = observe(frames, out, -UP, bend, sine**4 * is_palmward)
     return apply_twist(frames, out, twists.smooth(joint, seen + _STRAIGHT))
 
@@ -148,12 +128,6 @@ def _bend(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """Return (T, 3) unit vectors across the first bone towards the second, and the (T,) sine of the bend."""
     across = second - np.sum(second * first, axis=-1, keepdims=True) * first
     return rotations.unit(across), np.linalg.norm(across, axis=-1)
-
-
-def _step(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return a smooth step that is 0 up to `low` and 1 from `high` on."""
-    fraction = np.clip((x - low) / (high - low), 0, 1)
-    return fraction * fraction * (3 - 2 * fraction)
 
 
 def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists: Twists) -> np.ndarray:
@@ -210,7 +184,7 @@ def head_frames(skeleton: Skeleton, seen: Vectors, rest: Vectors, trunk: np.ndar
     joint, axis = carriers(skeleton)[skeleton.bone("nose")], rest["nose"]
     frames = twists.transport(joint, trunk, axis, seen["nose"])
     face = [name for name in _FACE if name in rest]
-    fitted, certainty = fit([seen[name] for name in face], [rest[name] for name in face])
+    fitted, certainty = _fit(face, seen, rest)
     observations = observe(frames, axis, LEFT, rotations.rotate(fitted, LEFT), certainty**2)
     observations = observations + observe(frames, axis, LEFT, rotations.rotate(trunk, LEFT), _AHEAD)
     return {joint: apply_twist(frames, axis, twists.smooth(joint, observations))}

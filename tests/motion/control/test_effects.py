@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ha2g_jax.motion import control
+from ha2g_jax.motion.control import effects
 from ha2g_jax.motion.control.parts import arm_parts, bones_of
 from ha2g_jax.motion.smoothing import slow_mean
 from ha2g_jax.skeleton import Skeleton, directions_to_positions, load_skeleton, mirror_directions
@@ -45,7 +46,7 @@ def assert_unit(directions: np.ndarray):
 
 
 def assert_same_away_from(span: slice, changed: np.ndarray, motion: np.ndarray):
-    eased = round(control.EASE * FPS)
+    eased = round(effects.EASE * FPS)
     np.testing.assert_array_equal(changed[: span.start - eased], motion[: span.start - eased])
     np.testing.assert_array_equal(changed[span.stop + eased :], motion[span.stop + eased :])
 
@@ -53,7 +54,7 @@ def assert_same_away_from(span: slice, changed: np.ndarray, motion: np.ndarray):
 @pytest.mark.parametrize(("amount", "low", "high"), [(0, 0, 0.2), (0.5, 0.45, 0.55), (1.5, 1.35, 1.55), (2, 1.6, 2.1)])
 def test_energy_scales_the_speed(skeleton, gestures, amount, low, high):
     motion = gestures(skeleton)
-    livelier = control.energy(skeleton, motion, FPS, amount)
+    livelier = effects.energy(skeleton, motion, FPS, amount)
     assert_unit(livelier)
     for places in (wrists, directions_to_positions):
         assert low < speed(places(skeleton, livelier)) / speed(places(skeleton, motion)) < high
@@ -62,7 +63,7 @@ def test_energy_scales_the_speed(skeleton, gestures, amount, low, high):
 @pytest.mark.parametrize("amount", [0.5, 1.5])
 def test_energy_leaves_posture_and_timing_alone(skeleton, gestures, amount):
     motion = gestures(skeleton)
-    livelier = control.energy(skeleton, motion, FPS, amount)
+    livelier = effects.energy(skeleton, motion, FPS, amount)
     posture = degrees(slow_mean(livelier, FPS, 4), slow_mean(motion, FPS, 4)).mean(axis=0)
     shown = [skeleton.bone(name) for name in ("neck", "nose", *(f"{side}_{part}" for side in SIDES for part in _LIMB))]
     assert posture[shown].max() < 5
@@ -75,7 +76,7 @@ def test_energy_leaves_posture_and_timing_alone(skeleton, gestures, amount):
 def test_more_energy_leaves_the_shape_of_hands_alone(gestures):
     skeleton = load_skeleton("ted_expressive")
     motion = gestures(skeleton)
-    livelier = control.energy(skeleton, motion, FPS, 2)
+    livelier = effects.energy(skeleton, motion, FPS, 2)
     for side in SIDES:
         *_, hand = ([*part.bones] for part in arm_parts(skeleton, side) if part.kind == "hand")
         fingers = [*hand, *(bone for part in arm_parts(skeleton, side) if part.kind == "finger" for bone in part.bones)]
@@ -84,7 +85,7 @@ def test_more_energy_leaves_the_shape_of_hands_alone(gestures):
         assert degrees(livelier[:, fingers], motion[:, fingers]).mean() > 3  # it is the hand that turned
 
 
-@pytest.mark.parametrize("change", [lambda s, d: control.energy(s, d, FPS, 2), lambda s, d: control.extent(s, d, 2)])
+@pytest.mark.parametrize("change", [lambda s, d: effects.energy(s, d, FPS, 2), lambda s, d: effects.extent(s, d, 2)])
 def test_no_elbow_is_overstretched_or_folded(skeleton, gestures, change):
     motion = gestures(skeleton)
     larger = change(skeleton, motion)
@@ -102,7 +103,7 @@ def test_extent_scales_the_way_of_the_wrists_from_rest(skeleton, gestures, amoun
     resting = wrists(skeleton, control.rest_pose(skeleton)[None])
     before, after = (
         np.linalg.norm(wrists(skeleton, poses) - resting, axis=-1).mean()
-        for poses in (motion, control.extent(skeleton, motion, amount))
+        for poses in (motion, effects.extent(skeleton, motion, amount))
     )
     assert low <= after / before <= high
 
@@ -110,7 +111,7 @@ def test_extent_scales_the_way_of_the_wrists_from_rest(skeleton, gestures, amoun
 @pytest.mark.parametrize("amount", [0.5, 1.5])
 def test_extent_leaves_trunk_and_head_and_the_hand_on_its_wrist_alone(skeleton, gestures, amount):
     motion = gestures(skeleton)
-    changed = control.extent(skeleton, motion, amount)
+    changed = effects.extent(skeleton, motion, amount)
     assert_unit(changed)
     np.testing.assert_array_equal(changed[:, ~arms_of(skeleton)], motion[:, ~arms_of(skeleton)])
     if amount > 1:
@@ -122,7 +123,7 @@ def test_extent_leaves_trunk_and_head_and_the_hand_on_its_wrist_alone(skeleton, 
 
 def test_more_extent_does_not_hide_the_face(skeleton, gestures):
     motion = gestures(skeleton)
-    before, after = (wrists(skeleton, poses)[..., 1] for poses in (motion, control.extent(skeleton, motion, 2)))
+    before, after = (wrists(skeleton, poses)[..., 1] for poses in (motion, effects.extent(skeleton, motion, 2)))
     assert np.all(after > np.minimum(before, 0) - 1e-3)
     assert (before - after).max() > 0.05
 
@@ -131,7 +132,7 @@ def test_more_extent_does_not_hide_the_face(skeleton, gestures):
 def test_handedness_rests_the_other_arm_alone(skeleton, gestures, side):
     motion = gestures(skeleton)
     (other,) = set(SIDES) - {side}
-    one_handed = control.handedness(skeleton, motion, side)
+    one_handed = effects.handedness(skeleton, motion, side)
     resting = bones_of(arm_parts(skeleton, other))
     expected = np.broadcast_to(control.rest_pose(skeleton)[resting], one_handed[:, resting].shape)
     np.testing.assert_array_equal(one_handed[:, resting], expected)
@@ -142,8 +143,8 @@ def test_handedness_rests_the_other_arm_alone(skeleton, gestures, side):
 
 def test_a_mirror_changes_sides_and_nothing_else(skeleton, gestures):
     motion = gestures(skeleton)
-    mirrored = control.mirror(skeleton, motion)
-    np.testing.assert_array_equal(control.mirror(skeleton, mirrored), motion)
+    mirrored = effects.mirror(skeleton, motion)
+    np.testing.assert_array_equal(effects.mirror(skeleton, mirrored), motion)
     before, after = wrists(skeleton, motion), wrists(skeleton, mirrored)
     np.testing.assert_allclose(after[:, ::-1] * [-1, 1, 1], before, atol=1e-6)
     assert np.abs(after - before).max() > 0.05
@@ -151,19 +152,19 @@ def test_a_mirror_changes_sides_and_nothing_else(skeleton, gestures):
 
 def test_a_pinned_pose_is_held_and_the_rest_is_left_alone(skeleton, gestures):
     motion, pose = gestures(skeleton), gestures(skeleton, seed=5)[40]
-    held = control.pin(skeleton, motion, FPS, [control.Pin(4, 6, pose)])
+    held = effects.pin(skeleton, motion, FPS, [control.Pin(4, 6, pose)])
     assert_unit(held)
     np.testing.assert_array_equal(held[60:91], np.broadcast_to(pose, held[60:91].shape))
     assert_same_away_from(slice(60, 91), held, motion)
     # On the way no bone turns faster than it has to: its own speed and the way to the pose, at most 1.875 times.
     way = max(degrees(motion[rows], pose).max() for rows in (slice(50, 60), slice(91, 101)))
     steps, own = degrees(held[51:101], held[50:100]).max(), degrees(motion[51:101], motion[50:100]).max()
-    assert steps < own + 1.875 * way / (control.EASE * FPS)
+    assert steps < own + 1.875 * way / (effects.EASE * FPS)
 
 
 def test_a_pin_of_no_length_is_passed_through(skeleton, gestures):
     motion, pose = gestures(skeleton, fps=60), gestures(skeleton, seed=5)[40]
-    passed = control.pin(skeleton, motion, 60, [control.Pin(4.003, 4.003, pose)])
+    passed = effects.pin(skeleton, motion, 60, [control.Pin(4.003, 4.003, pose)])
     np.testing.assert_array_equal(passed[240], pose)
     assert degrees(passed[[238, 242]], pose).max() > 0
     np.testing.assert_array_equal(passed[:210], motion[:210])
@@ -172,14 +173,14 @@ def test_a_pin_of_no_length_is_passed_through(skeleton, gestures):
 
 def test_pins_near_each_other_are_both_held(skeleton, gestures):
     motion, first, second = gestures(skeleton), gestures(skeleton, seed=5)[40], gestures(skeleton, seed=6)[40]
-    held = control.pin(skeleton, motion, FPS, [control.Pin(5.2, 6, second), control.Pin(4, 5, first)])
+    held = effects.pin(skeleton, motion, FPS, [control.Pin(5.2, 6, second), control.Pin(4, 5, first)])
     np.testing.assert_array_equal(held[60:76], np.broadcast_to(first, held[60:76].shape))
     np.testing.assert_array_equal(held[78:91], np.broadcast_to(second, held[78:91].shape))
 
 
 def test_a_muted_span_rests_the_arms_and_leaves_the_rest_alone(skeleton, gestures):
     motion = gestures(skeleton)
-    muted = control.mute(skeleton, motion, FPS, [control.Span(4, 6)])
+    muted = effects.mute(skeleton, motion, FPS, [control.Span(4, 6)])
     arms = arms_of(skeleton)
     expected = np.broadcast_to(control.rest_pose(skeleton)[arms], muted[60:91, arms].shape)
     np.testing.assert_array_equal(muted[60:91, arms], expected)

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from fixtures.motions import swaying
-from scipy.spatial.transform import Rotation
 
 from ha2g_jax.motion import rigs, rotations, solver
 from ha2g_jax.motion.motion import Motion
 from ha2g_jax.motion.rigs import Transfer, retarget
-from ha2g_jax.motion.solver.frames import fit
 from ha2g_jax.motion.solver.twist import continue_angle, smooth_angle, transport
 
 X = np.array([1.0, 0.0, 0.0])
@@ -61,21 +59,6 @@ def test_a_transported_bone_moves_with_its_parent():
     along = rotations.rotate(above, rotations.unit(np.array([1.0, 1.0, 0.0])))
     local = rotations.multiply(rotations.conjugate(above), transport(above, X, along))
     np.testing.assert_allclose(rotations.angle_between(local, local[:1]), 0, atol=1e-7)
-
-
-def test_the_fit_is_that_of_scipy_and_reports_its_certainty():
-    random = np.random.default_rng(0)
-    rest = rotations.unit(random.normal(size=(4, 3)))
-    q = rotations.unit(random.normal(size=(30, 4)))
-    seen = [rotations.unit(rotations.rotate(q, vector) + random.normal(0, 0.05, (30, 3))) for vector in rest]
-    fitted, certainty = fit(seen, list(rest))
-    expected = [Rotation.align_vectors(np.stack(seen)[:, t], rest)[0].as_quat() for t in range(30)]
-    np.testing.assert_allclose(rotations.angle_between(fitted, np.array(expected)), 0, atol=1e-6)
-    assert certainty.min() > 0.8
-    line = [np.broadcast_to(X, (30, 3))] * 4
-    fitted, certainty = fit(line, list(rest))
-    np.testing.assert_allclose(certainty, 0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(fitted, axis=-1), 1, atol=1e-9)
 
 
 FPS, FRAMES = 15, 60
