@@ -36,7 +36,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.motion_folders import MANIFEST
 from ha2g_jax.files.npz import read_npz
 from ha2g_jax.files.reading import check_regular, file_sha256, parse_json, reading, shown
-from ha2g_jax.files.writing import temporary_folder, whole_file, whole_folder
+from ha2g_jax.files.writing import check_new, temporary_folder, whole_file, whole_folder
 from ha2g_jax.limits import MAX_MOTION_BYTES, MAX_RECORD_BYTES
 from ha2g_jax.motion.readers import joint_maps, smplx, smplx_arrays
 from ha2g_jax.motion.readers.smplx_body import read_body_model, template
@@ -72,7 +72,7 @@ def write_pack(
     joint_map: str = joint_maps.AUTO,
     source_fps: float | None = None,
 ) -> pathlib.Path:
-    """Write the motion of clips as a pack, completely or not at all.
+    """Write the motion of clips as a pack, completely or not at all, and return its path.
 
     Sample k of a clip is `sample_k/CLIP.npz`, with the arrays of BEAT2 at 30 frames per second, and exactly
     round(30 x seconds of the speech) frames. The same arguments give the same bytes.
@@ -90,14 +90,11 @@ def write_pack(
         body_model: SMPL-X body model (.npz), with which a person without a place stands on the floor.
         joint_map, source_fps: see `motion.readers.read_motion`, for `motion`.
 
-    Returns:
-        The path of the pack.
-
     Raises:
         UserError: `out` exists, a file cannot be used, names do not meet, or the pack cannot be written.
     """
     out = pathlib.Path(out)
-    _check_place(out)
+    check_new(out)
     paths = _by_name(find_speech([pathlib.Path(speech)]))
     shape_of = {} if shapes is None else read_shapes(pathlib.Path(shapes), list(paths))
     body = None if body_model is None else read_body_model(body_model)
@@ -116,7 +113,7 @@ def write_pack(
             _add_samples(folder, source, paths, shape_of)
             with stage("packing"):
                 _zip(folder, archive)
-            _check_place(out)  # another process may have made it meanwhile
+            check_new(out)  # another process may have made it meanwhile
     else:
         with whole_folder(out) as folder:
             _add_samples(folder, source, paths, shape_of)
@@ -153,11 +150,6 @@ def _by_name(paths: list[pathlib.Path]) -> dict[str, pathlib.Path]:
     return found
 
 
-def _check_place(out: pathlib.Path) -> None:
-    if out.exists():
-        raise UserError(f"{shown(out)} exists; choose another name or remove it")
-
-
 def _zip(folder: pathlib.Path, path: pathlib.Path) -> None:
     """Write all files of a folder to an archive without times; the files are compressed already."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
@@ -178,21 +170,14 @@ class _File(NamedTuple):
 
 
 def check_pack(pack: str | os.PathLike, speech: str | os.PathLike | None = None) -> Verdict:
-    """Check a pack.
-
-    Findings: a file has another name than `sample_K/CLIP.npz`; samples have different clips; the arrays are not those
-    of BEAT2, with other shapes or types, or values that are not finite; the frame rate is not 30; up is not y, or
-    there is no person; the samples of a clip differ in length, or do not differ in motion; the number of samples is
-    not five, or one; a file differs from the manifest; a clip has another length than its speech, or none.
-
-    Notes: there is no manifest; there is one sample, as of a system without randomness.
+    """Check the names, arrays, frame rates, axes, lengths, numbers of samples and hashes of a pack of any system.
 
     Args:
-        pack: folder or `.zip`, of this program or of another.
+        pack: folder or `.zip`.
         speech: folder of the speech, for clips and lengths; without it they are those of the manifest.
 
     Returns:
-        The findings, which are empty for a valid pack, and notes.
+        The findings, which are empty for a valid pack, and notes, as of a missing manifest.
 
     Raises:
         UserError: there is no pack.

@@ -46,17 +46,10 @@ _FORM: dict[str, Any] = {
         },
     }
 }
-_ERROR: dict[str, Any] = {
-    "content": {"application/json": {"schema": {"type": "object", "properties": {"error": {"type": "string"}}}}}
-}
+_ERROR = {"schema": {"type": "object", "properties": {"error": {"type": "string"}}}}
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"description": "file of the motion", "content": {kind: {} for kind in (*TYPES.values(), _BINARY)}},
-    400: {"description": "the body is not a form with one file", **_ERROR},
-    408: {"description": "the upload took too long", **_ERROR},
-    413: {"description": "the upload is too large", **_ERROR},
-    422: {"description": "the sound or the query cannot be used", **_ERROR},
-    429: {"description": "too many requests of this client, see Retry-After", **_ERROR},
-    503: {"description": "too many requests are running, see Retry-After", **_ERROR},
+    "default": {"description": "the reason as one line, see docs/serving.md", "content": {"application/json": _ERROR}},
 }
 
 # The decoder of MP3 is silenced by exchanging the standard error of the process, which one thread may do at a time.
@@ -155,7 +148,7 @@ async def _answer(service: Service, request: Request, query: MotionQuery) -> Res
             raise HTTPException(422, "the form has no file 'speech'; send one as multipart/form-data")
         name = shown(pathlib.PurePath(upload.filename or "speech").name or "speech")
         start = time.monotonic()
-        content = await service.compute(lambda: _file(service, upload.file, name, query.format, options))
+        content = await service.compute(_file, service, upload.file, name, query.format, options)
         service.counters.motion_seconds.observe(time.monotonic() - start)
     finally:
         await form.close()

@@ -26,35 +26,25 @@ _FEED_SECONDS = (0.002, 0.005, 0.01, 0.02, 0.04, 0.0667, 0.1, 0.2, 0.5, 1)
 class Counters:
     """Counters of one service in the form of Prometheus; where there are several workers, the sums over them.
 
-    Attributes:
-        requests: requests and streams that were answered, by route and status; a stream that begins has status 101.
-        motion_seconds: time from the upload of sound to its motion.
-        feed_seconds: time of the computation for one piece of sound of a stream, at most 0.2 s of sound.
-        frames: frames sent in streams.
-        errors: streams that ended with an error, by the code of the close.
-        running: requests for motion that are running.
-        sessions: streams that are running.
-        workers: processes that take requests.
+    A stream that begins counts among the requests with status 101; errors have the code of the close of the stream.
     """
 
     def __init__(self) -> None:
         self._registry = registry = CollectorRegistry()
         labels = ("route", "status")
         self.requests = Counter("ha2g_requests", "Requests answered", labels, registry=registry)
-        self.motion_seconds = Histogram(
-            "ha2g_motion_seconds", "Time to generate a motion", buckets=_MOTION_SECONDS, registry=registry
-        )
-        self.feed_seconds = Histogram(
-            "ha2g_feed_seconds",
-            "Computation for a piece of sound of a stream",
-            buckets=_FEED_SECONDS,
-            registry=registry,
+        self.motion_seconds = self._times("ha2g_motion_seconds", "Time to generate a motion", _MOTION_SECONDS)
+        self.feed_seconds = self._times(
+            "ha2g_feed_seconds", "Computation for a piece of sound of a stream", _FEED_SECONDS
         )
         self.frames = Counter("ha2g_frames", "Frames sent in streams", registry=registry)
         self.errors = Counter("ha2g_stream_errors", "Streams ended with an error", ("code",), registry=registry)
         self.running = self._gauge("ha2g_requests_running", "Requests for motion that are running")
         self.sessions = self._gauge("ha2g_sessions", "Streams that are running")
         self.workers = self._gauge("ha2g_workers", "Processes that take requests")
+
+    def _times(self, name: str, text: str, buckets: tuple[float, ...]) -> Histogram:
+        return Histogram(name, text, buckets=buckets, registry=self._registry)
 
     def _gauge(self, name: str, text: str) -> Gauge:
         """Return a gauge that is summed over the processes that run."""
@@ -161,9 +151,9 @@ class Service:
             stopped.cancel()
             task.cancel()
 
-    async def compute(self, function: Callable[[], Result]) -> Result:
+    async def compute(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """Return the result of a function that runs in a thread."""
-        work = self._threads.submit(function)
+        work = self._threads.submit(function, *arguments)
         self._work.add(work)
         work.add_done_callback(self._work.discard)
         return await asyncio.wrap_future(work)

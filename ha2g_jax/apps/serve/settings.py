@@ -53,21 +53,18 @@ class Settings:
 
 
 def check(settings: Settings) -> None:
-    """Check settings.
+    """Check what the options of the command do not: numbers in range, and a token where other machines reach the host.
 
     Raises:
         UserError: a setting is not valid, or the host is not a loopback address and there is no token.
     """
     if not 0 <= settings.port <= 65535:
         raise UserError(f"the port is {settings.port}; expected 0 to 65535")
-    if settings.workers < 1:
-        raise UserError(f"--workers is {settings.workers}; expected a number of at least 1")
-    for name in ("sessions", "requests", "rate", "grace"):
-        if not (math.isfinite(value := getattr(settings, name)) and value >= 0):
-            raise UserError(f"--{name} is {value}; expected a number of at least 0")
-    for name in ("max_bytes", "max_seconds", "upload_seconds", "message_bytes", "session_seconds", "idle_seconds"):
-        if not (math.isfinite(value := getattr(settings, name)) and value > 0):
-            raise UserError(f"--{name.replace('_', '-')} is {value}; expected a number above 0")
+    for name in ("rate", "grace", "max_seconds", "session_seconds", "idle_seconds"):
+        value, may_be_zero = getattr(settings, name), name in ("rate", "grace")
+        if not math.isfinite(value) or value < 0 or (value == 0 and not may_be_zero):
+            expected = "of at least 0" if may_be_zero else "above 0"
+            raise UserError(f"--{name.replace('_', '-')} is {value}; expected a number {expected}")
     token = settings.token
     if token is not None and not (len(token) >= _MIN_TOKEN and token.isascii() and token.isprintable()):
         raise UserError(f"the token is too short, or not ASCII; give {_MIN_TOKEN} or more random characters")

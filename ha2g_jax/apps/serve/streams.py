@@ -5,7 +5,6 @@ sends faster than the machine computes, or does not read its frames, is held up 
 """
 
 import asyncio
-import functools
 import json
 import logging
 import time
@@ -20,9 +19,7 @@ from ha2g_jax.apps.serve.messages import Begin, Change, read_message
 from ha2g_jax.apps.serve.service import Full, Service, Stopped
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import SAMPLE_RATE
-from ha2g_jax.motion.control import Controls
 from ha2g_jax.synthesis.stream import Stream
-from ha2g_jax.synthesis.style import Style
 
 _RETRY_SECONDS = 10
 _PIECE_SECONDS = 0.2  # of sound that is computed at once, so that streams take turns
@@ -73,35 +70,31 @@ class Session(NamedTuple):
 
     Attributes:
         resampler: from the rate of the client to 16 kHz, None where it is 16 kHz.
-        asked: first message of the client.
     """
 
     stream: Stream
     resampler: soxr.ResampleStream | None
-    asked: Begin
 
     @classmethod
-    def begin(cls, service: Service, asked: Begin) -> "Session":
+    def begin(cls, service: Service, asked: Begin, before: Stream | None = None) -> "Session":
         """Begin a session; the generator is compiled before this returns.
+
+        Args:
+            before: stream whose present style and controls are kept, in place of those that were asked for at first.
 
         Raises:
             UserError: the model cannot be streamed from, or a value cannot be used.
         """
-        return cls._of(service, asked, asked.style.style(), asked.controls.controls(), asked.muted)
-
-    @classmethod
-    def _of(cls, service: Service, asked: Begin, style: Style, controls: Controls, muted: bool) -> "Session":
+        style, controls, muted = asked.style.style(), asked.controls.controls(), asked.muted
+        if before is not None:
+            style, controls, muted = before.style, before.controls, before.muted
         stream = service.model.stream(
             look_ahead=asked.look_ahead, hop=asked.hop, seed=asked.seed, style=style, controls=controls
         )
         stream.muted = muted
         is_equal = asked.rate == SAMPLE_RATE
         resampler = None if is_equal else soxr.ResampleStream(asked.rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
-        return cls(stream, resampler, asked)
-
-    def cleared(self, service: Service) -> "Session":
-        """Return a session without the sound so far, with the present style and controls."""
-        return self._of(service, self.asked, self.stream.style, self.stream.controls, self.stream.muted)
+        return cls(stream, resampler)
 
     def feed(self, pcm: np.ndarray) -> np.ndarray:
         """Return the frames that became final with samples (samples,) of 16 bits."""
@@ -164,7 +157,7 @@ async def _run(service: Service, websocket: WebSocket) -> None:
     if isinstance(first, bytes):
         raise UserError('the first message is binary; expected JSON, such as {"look_ahead": 3}')
     asked = read_message(Begin, first)
-    session = await service.compute(lambda: Session.begin(service, asked))
+    session = await service.compute(Session.begin, service, asked)
     stream, sent = session.stream, 0  # frames that were sent since the last clear
     facts = {"fps": stream.fps, "skeleton": stream.skeleton.name, "bones": stream.skeleton.num_bones}
     timing = {"look_ahead": stream.look_ahead, "hop": stream.hop, "latency": round(stream.latency, 4)}
@@ -173,9 +166,9 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         message = await _receive(service, websocket)
         if isinstance(message, str):
             change = read_message(Change, message)
-            await service.compute(functools.partial(session.change, change))
+            await service.compute(session.change, change)
             if change.clear:
-                session, sent = await service.compute(functools.partial(session.cleared, service)), 0
+                session, sent = await service.compute(Session.begin, service, asked, session.stream), 0
                 await _send(service, websocket, {"cleared": True})
             if change.end:
                 break
@@ -186,7 +179,7 @@ async def _run(service: Service, websocket: WebSocket) -> None:
         length = round(asked.rate * _PIECE_SECONDS)
         for start in range(0, len(pcm), length):
             begun = time.monotonic()
-            frames = await service.compute(functools.partial(session.feed, pcm[start : start + length]))
+            frames = await service.compute(session.feed, pcm[start : start + length])
             service.counters.feed_seconds.observe(time.monotonic() - begun)
             sent = await _send_frames(service, websocket, sent, frames)
     sent = await _send_frames(service, websocket, sent, await service.compute(session.flush))

@@ -33,13 +33,8 @@ _THREE_LICENSE = "three.js r130 (three.min.js): MIT, Copyright 2010-2021 three.j
 _OLDEST_NODE = 20
 _RESULT = pathlib.Path("build") / "site"
 _UNREACHABLE = (
-    "ENOTFOUND",
-    "EAI_AGAIN",
-    "ECONNREFUSED",
-    "ECONNRESET",
-    "ETIMEDOUT",
-    "ENETUNREACH",
-    "ERR_SOCKET_TIMEOUT",
+    *("ENOTFOUND", "EAI_AGAIN", "ECONNREFUSED", "ECONNRESET"),
+    *("ETIMEDOUT", "ENETUNREACH", "ERR_SOCKET_TIMEOUT"),
 )
 _SECONDS = 900  # of one run of npm
 # What the site is built from; the tests of the npm package and what npm installs are left out.
@@ -85,7 +80,8 @@ def _add_page(folder: pathlib.Path, scripts: pathlib.Path) -> None:
     (folder / "viewer.js").write_text("".join(read_asset(name) for name in _VIEWER), encoding="utf-8")
     styles = "".join(read_asset(name) for name in _STYLES)
     (folder / "style.css").write_text(styles + (scripts / "style.css").read_text("utf-8"), encoding="utf-8")
-    shutil.copyfile(find_example(), folder / "hello.wav")
+    example = _installed("hello.wav", _package().parent / "examples") / "hello.wav"
+    shutil.copyfile(example, folder / "hello.wav")
     licenses = folder / "LICENSES.txt"
     licenses.write_text(f"{_THREE_LICENSE}\n\n{licenses.read_text('utf-8')}", encoding="utf-8")
 
@@ -123,13 +119,10 @@ def _check_place(out: pathlib.Path) -> None:
         if not out.exists() or (out.is_dir() and not any(out.iterdir())):
             return
         found = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()]
-    if LIST not in found:
+    content = read_json(out / LIST, "the list of the files of a site", _MAX_LIST_BYTES) if LIST in found else None
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise UserError(f"{shown(out)} exists and is not a site of ha2g web; choose another folder or remove it")
-    content = read_json(out / LIST, "the list of the files of a site", _MAX_LIST_BYTES)
-    listed = content.get("files") if isinstance(content, dict) and content.get("format") == _FORMAT else None
-    if not isinstance(listed, list):
-        raise UserError(f"{shown(out / LIST)} is not the list of a site; choose another folder or remove it")
-    if others := sorted(set(found) - {name for name in listed if isinstance(name, str)}):
+    if others := sorted(set(found) - set(content["files"])):
         raise UserError(f"{shown(out)} has {shown(others[0])}, which ha2g web has not written; choose another folder")
 
 
@@ -216,28 +209,20 @@ def _run(command: Sequence[str], folder: pathlib.Path) -> None:
 
 
 def find_sources() -> pathlib.Path:
-    """Return the folder of the sources of ha2g-web.
+    """Return the folder of the sources of ha2g-web."""
+    return _installed("package-lock.json", _package().parent / "integrations" / "web")
+
+
+def _installed(name: str, checkout: pathlib.Path) -> pathlib.Path:
+    """Return the folder of what a site is made of: that of the installed package, or one of a checkout.
 
     Raises:
-        UserError: there are no sources, neither packaged nor of a checkout.
+        UserError: neither has a file of this name.
     """
-    package = _package()
-    for folder in (package / "assets" / "web", package.parent / "integrations" / "web"):
-        if (folder / "package-lock.json").is_file() and (folder / "site").is_dir():
+    for folder in (_package() / "assets" / "web", checkout):
+        if (folder / name).is_file():
             return folder
     raise UserError("the sources of ha2g-web are not installed; install ha2g-jax again, or use a checkout")
-
-
-def find_example() -> pathlib.Path:
-    """Return the recording that the page offers to try.
-
-    Raises:
-        UserError: it is neither packaged nor in a checkout.
-    """
-    for folder in (_package() / "assets" / "web", _package().parent / "examples"):
-        if (folder / "hello.wav").is_file():
-            return folder / "hello.wav"
-    raise UserError("hello.wav is not installed; install ha2g-jax again, or use a checkout")
 
 
 def hash_sources(sources: pathlib.Path) -> str:
@@ -250,11 +235,7 @@ def hash_sources(sources: pathlib.Path) -> str:
 
 
 def copy_sources(sources: pathlib.Path, folder: pathlib.Path) -> pathlib.Path:
-    """Copy the sources to a folder with the files of this package that they import; return the folder of package.json.
-
-    Raises:
-        OSError: a file cannot be read or written.
-    """
+    """Copy the sources, and what they import of this package, to a folder; return the folder of package.json."""
     for name, path in _files(sources).items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, folder / name)

@@ -148,8 +148,9 @@ def test_a_pack_that_is_not_finished_leaves_nothing(speech, checkpoint, tmp_path
 
 
 def test_a_folder_that_exists_stays(speech, checkpoint, tmp_path, capsys):
+    (tmp_path / "before").mkdir()
     assert cli.main(["genea", "pack", str(speech), "-o", str(tmp_path), "--checkpoint", str(checkpoint)]) == 2
-    assert capsys.readouterr().err.endswith("exists; choose another name or remove it\n")
+    assert capsys.readouterr().err.endswith("exists already; choose another folder or remove it\n")
     given = ["genea", "pack", str(speech), "-o", str(tmp_path / "x"), "--motion", str(tmp_path), "--seed", "1"]
     assert cli.main(given) == 2
     assert "--motion packs what is there" in capsys.readouterr().err
