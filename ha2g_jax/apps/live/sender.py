@@ -27,12 +27,9 @@ class Meter:
         stated: latency in seconds without the time of the computation.
 
     Attributes:
-        computed: frames that the model computed.
-        sent: frames that were sent, at the rate of the sinks.
+        computed: frames that the model computed; those sent, late or dropped have the rate of the sinks.
         late: sent frames that left more than a hop after their time.
         dropped: frames that were not sent, because they were more than a second late.
-        compute_seconds: time of the computation.
-        sound_seconds: seconds of sound that were heard.
         lost_seconds: seconds of sound that were lost, see `Source.lost_seconds`.
     """
 
