@@ -25,8 +25,9 @@ import tqdm
 from ha2g_jax.cli.parser import positive
 from ha2g_jax.metrics.beats import alignment, stops
 from ha2g_jax.metrics.beats.alignment import Clip
-from ha2g_jax.metrics.beats.stops import FIRST_FRAME, THRESHOLD
+from ha2g_jax.metrics.beats.stops import THRESHOLD
 from ha2g_jax.metrics.beats.times import SIGMA
+from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import Skeleton, joint_angles, load_skeleton, normalize
 
 _FPS = 15
@@ -140,7 +141,7 @@ def loop_scores(
     rates: Sequence[list[float]], onsets: Sequence[np.ndarray], partners: np.ndarray
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
     """Compute recall, precision and F, and F with mismatched speech, of one clip after the other."""
-    spans = [(FIRST_FRAME / _FPS, (len(rate) + 1) / _FPS) for rate in rates]
+    spans = [(SEED_FRAMES / _FPS, (len(rate) + 1) / _FPS) for rate in rates]
     sounds = [
         [time - start for time in times.tolist() if start <= time < end]
         for times, (start, end) in zip(onsets, spans, strict=True)
@@ -163,11 +164,11 @@ def loop_scores(
 def loop_beats(rate: list[float]) -> list[float]:
     """Find the motion beats of one clip: strict minima that rise enough to the nearest maximum on both sides."""
     found = []
-    for middle in range(FIRST_FRAME + 1, len(rate) - 1):
+    for middle in range(SEED_FRAMES + 1, len(rate) - 1):
         if rate[middle - 1] <= rate[middle] or rate[middle + 1] <= rate[middle]:
             continue
         left = right = middle
-        while left > FIRST_FRAME and rate[left - 1] > rate[left]:
+        while left > SEED_FRAMES and rate[left - 1] > rate[left]:
             left -= 1
         while right < len(rate) - 1 and rate[right + 1] > rate[right]:
             right += 1

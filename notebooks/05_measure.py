@@ -109,7 +109,7 @@ print("\n".join(section["flags"]))
 # %%
 clips = [clip.directions for clip in truth]
 change = stops.mean_angle_change(corpus.skeleton, clips)
-jitter = sanity.rows(clips, mean_directions(clips))["white_jitter"]
+jitter = sanity.rows(clips, mean_directions(clips))[sanity.JITTER]
 number, (start, end) = 3, (0.3, 5.8)
 _, axes = plt.subplots(2, sharex=True, figsize=(12, 5))
 for axis, name, motion in zip(axes, ("ground truth", "white jitter"), (clips[number], jitter[number]), strict=True):

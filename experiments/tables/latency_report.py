@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, markdown, number
 from tables.claims import LEVEL, Spread
+from tables.curves import Panel, curve_chart
 from tables.look_aheads import (
     ABOVE_FLOOR,
     BEATS,

@@ -11,8 +11,9 @@ import numpy as np
 
 import ha2g_jax
 from ha2g_jax import metrics
-from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, markdown, number
+from ha2g_jax.evaluation.charts import Mark, markdown, number
 from tables.claims import LEVEL, Measured, Spread, interval, over_seeds, paired
+from tables.curves import Panel, curve_chart
 from tables.paper_tables import TABLE_12, THRESHOLDS, WITHOUT_GAN
 from tables.plan import Plan, Request, TablePlan
 from tables.runs import duration

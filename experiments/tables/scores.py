@@ -12,7 +12,7 @@ from ha2g_jax import metrics, synthesis
 from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.records import Clip
 from ha2g_jax.errors import UserError
-from ha2g_jax.evaluation import evaluate, retrieval
+from ha2g_jax.evaluation import evaluate
 from ha2g_jax.evaluation.clip_result import (
     ClipResult,
     check_fit,
@@ -25,18 +25,20 @@ from ha2g_jax.evaluation.clip_result import (
 )
 from ha2g_jax.evaluation.features import PoseFeatures
 from ha2g_jax.evaluation.rows import Rows, make_rows
-from ha2g_jax.evaluation.talk_scores import has_known_causes, rows_with_chance, score_known_causes, score_motion
-from ha2g_jax.evaluation.talk_trials import Trial, known_truth, observe, semantic_floors
+from ha2g_jax.evaluation.talk_scores import has_known_causes, rows_with_chance, score_known_causes
+from ha2g_jax.evaluation.talk_trials import Trial, known_truth, measure_causes, observe, semantic_floors
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.metrics import diversity
-from ha2g_jax.metrics.beats import stops, summary
+from ha2g_jax.metrics.beats import stops
+from ha2g_jax.metrics.beats.alignment import align, partners, with_partners
 from ha2g_jax.metrics.causes import CauseRow
 from ha2g_jax.metrics.row import SEED_FRAMES, Row
 from ha2g_jax.metrics.uncertainty import Estimate
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model
-from tables import look_aheads
+from tables import look_aheads, retrieval
 from tables.look_aheads import ABOVE_FLOOR, BEATS, EVERY, F1, FLOOR, GAIN, JERK, LOOK_AHEADS, RECALL
+from tables.paper_tables import THRESHOLDS
 from tables.plan import EVALUATION_VERSION, Plan, Request, TablePlan, scores_path
 from tables.tables import MODEL, TRUTH
 from tables.workdirs import Run, digest, read_stored
@@ -87,9 +89,16 @@ def _score(run: Run, plan: TablePlan, request: Request) -> dict[str, Any]:
         known = score_known_causes(model, corpus, split_limits(corpus, plan.splits), _SEED)
         for split in plan.splits:
             motion = {clip.id: clip.directions for clip in retrieved[split]}
-            known[split]["rows"][retrieval.NAME] = score_motion(corpus, split, motion, _SEED)
+            known[split]["rows"][retrieval.NAME] = _known_causes(corpus, split, motion)
             scores["splits"][split]["talk"] = known[split]
     return scores
+
+
+def _known_causes(corpus: Corpus, split: str, motion: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Return the scores of direction vectors (T, bones, 3), by the id of the clip, against known causes."""
+    clips = [clip for clip in corpus.clips(split) if clip.id in motion]
+    row = _causes(corpus, clips, [motion[clip.id] for clip in clips], SEED_FRAMES)
+    return {key: evaluate.score_as_json(value) for key, value in measure_causes(row).items()}
 
 
 def _retrieve(plan: TablePlan, request: Request) -> dict[str, list[ClipResult]]:
@@ -112,25 +121,43 @@ def _draws(rows: Rows) -> dict[str, list[float | None]]:
 
 
 def _sweep(rows: Rows) -> dict[str, dict[str, list[float | None]]]:
-    """Return BC of the model and of ground truth, and F with the own and with mismatched speech, by threshold."""
+    """Return the curves of Figure 3 of the model and of ground truth."""
     reference = rows.reference
     change = stops.mean_angle_change(reference.skeleton, reference.training)
 
-    def sweep(row: Row) -> dict[str, list[float | None]]:
+    def curves(row: Row) -> dict[str, list[float | None]]:
         sounds = {number: onsets for number, onsets in enumerate(row.onsets) if onsets is not None}
         rates = stops.angle_change_rates(reference.skeleton, [row.directions[number] for number in sounds], change)
-        found = summary.sweep(
-            rates,
-            list(sounds.values()),
-            reference.recordings[row.numbers[list(sounds)]],
-            reference.fps,
-            first_frame=SEED_FRAMES,
-            seed=_SEED,
-        )
-        curves = {"consistency": found.consistency, "own": found.own, "mismatched": found.mismatched}
-        return {name: _numbers(values) for name, values in curves.items()}
+        recordings = reference.recordings[row.numbers[list(sounds)]]
+        found = sweep(rates, list(sounds.values()), recordings, reference.fps)
+        return {name: _numbers(values) for name, values in found.items()}
 
-    return {name: sweep(rows.rows[name]) for name in (MODEL, TRUTH)}
+    return {name: curves(rows.rows[name]) for name in (MODEL, TRUTH)}
+
+
+def sweep(
+    rates: Sequence[np.ndarray], onsets: Sequence[np.ndarray], recordings: np.ndarray, fps: float
+) -> dict[str, np.ndarray]:
+    """Compute BC, and F with the own and with mismatched speech, of clips for each threshold of Figure 3.
+
+    The arguments are those of `stops.make_clips` and `alignment.mismatched`; the other clips, whose speech is
+    mismatched, are the same for all thresholds. F is the mean over the clips that are not silent.
+    """
+    others, curves = None, {"consistency": [], "own": [], "mismatched": []}
+    for threshold in THRESHOLDS:
+        clips = stops.make_clips(rates, onsets, fps, threshold=threshold)
+        others = partners(clips, recordings, seed=_SEED) if others is None else others
+        own = align(clips)
+        curves["consistency"].append(stops.beat_consistency(stops.consistency(rates, onsets, fps, threshold=threshold)))
+        curves["own"].append(_mean(own.f))
+        curves["mismatched"].append(_mean(np.where(own.is_silent, np.nan, with_partners(clips, others))))
+    return {name: np.array(values) for name, values in curves.items()}
+
+
+def _mean(values: np.ndarray) -> float:
+    """Return the mean of the values that are not NaN; NaN without any."""
+    there = values[~np.isnan(values)]
+    return float(there.mean()) if len(there) else np.nan
 
 
 def _numbers(values: np.ndarray) -> list[float | None]:

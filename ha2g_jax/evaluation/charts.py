@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # an extra, which takes a while to import
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999", "#000000")
 
 _NAME_LETTERS = 40
-_COLUMNS = 2  # of the panels of curves
 _ENDLESS = 1e6  # length of one side of an interval that has no end
 
 
@@ -29,20 +28,6 @@ class Mark(NamedTuple):
     value: float
     low: float = math.nan
     high: float = math.nan
-
-
-class Panel(NamedTuple):
-    """Curves of one measure.
-
-    Attributes:
-        title: title above the chart.
-        curves: name of a curve -> a mark for each place on the horizontal axis; a value is NaN where it is undefined.
-        reference: value of a dashed line, such as that of ground truth.
-    """
-
-    title: str
-    curves: Mapping[str, Sequence[Mark]]
-    reference: float | None = None
 
 
 def number(value: float | None) -> str:
@@ -91,68 +76,20 @@ def interval_chart(
     """
     series = list(dict.fromkeys(name for marks in rows.values() for name in marks))
     height = 0.9 + 0.16 * sum(len(marks) + 0.6 for marks in rows.values())
-    figure, ((axes,),) = _figure(8, height)
+    figure, ((axes,),) = make_figure(8, height)
     for count, name in enumerate(series):
         shift = (count - (len(series) - 1) / 2) / (len(series) + 0.6)
         places = {place + shift: marks[name] for place, marks in enumerate(rows.values()) if name in marks}
-        _draw_marks(axes, places, COLOURS[count % len(COLOURS)], name, is_horizontal=True)
+        draw_marks(axes, places, COLOURS[count % len(COLOURS)], name, is_horizontal=True)
     _set_limits(axes, (mark for marks in rows.values() for mark in marks.values()), reference)
-    axes.set_yticks(range(len(rows)), [_shown(name) for name in rows])
+    axes.set_yticks(range(len(rows)), [literal(name) for name in rows])
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xlabel(_shown(axis))
+    axes.set_xlabel(literal(axis))
     if reference is not None:
         axes.axvline(reference, color="#222222", linewidth=1, linestyle="--")
     if len(series) > 1:
         figure.legend(loc="outside upper center", ncols=4, frameon=False)
-    return _as_svg(figure, label)
-
-
-def curve_chart(
-    panels: Sequence[Panel], places: Sequence[float | str], *, label: str, axis: str, is_last_apart: bool = False
-) -> str:
-    """Draw an SVG document of panels with the same curves, two in a row, with one legend.
-
-    Args:
-        panels: panels in the order of reading.
-        places: places of the marks of all curves in ascending order, numbers or names.
-        label: description of the chart for screen readers.
-        axis: title of the horizontal axes.
-        is_last_apart: whether the last place is apart from the others, so that no line leads to it.
-    """
-    names = [str(place) for place in places] if isinstance(places[0], str) else None
-    across = np.arange(len(places), dtype=float) if names else np.array(places, float)
-    if is_last_apart:
-        across[-1] += 0.4
-    figure, grid = _figure(
-        8, 2.9 * -(-len(panels) // _COLUMNS), min(_COLUMNS, len(panels)), -(-len(panels) // _COLUMNS)
-    )
-    every = [axes for row in grid for axes in row]
-    for panel, axes in zip(panels, every, strict=False):
-        _draw_panel(axes, panel, across, is_last_apart)
-        axes.set_title(_shown(panel.title), fontsize=10, loc="left")
-        axes.set_xlabel(_shown(axis))
-        if names:
-            axes.set_xticks(across, [_shown(name) for name in names])
-    for axes in every[len(panels) :]:
-        axes.set_visible(False)
-    figure.legend(*every[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
-    return _as_svg(figure, label)
-
-
-def _draw_panel(axes: "Axes", panel: Panel, across: np.ndarray, is_last_apart: bool) -> None:
-    width = 0.06 * float(np.diff(across).min(initial=1)) if len(across) > 1 else 0
-    for count, (name, curve) in enumerate(panel.curves.items()):
-        colour, shift = COLOURS[count % len(COLOURS)], width * (count - (len(panel.curves) - 1) / 2)
-        has_bounds = any(math.isfinite(mark.low) for mark in curve)
-        joined = slice(None, -1 if is_last_apart else None)
-        values = np.array([mark.value for mark in curve])
-        line_name = None if has_bounds else _shown(name)
-        places = across + (shift if has_bounds else 0)
-        axes.plot(places[joined], values[joined], color=colour, linewidth=1.6, label=line_name)
-        if has_bounds:
-            _draw_marks(axes, dict(zip(places.tolist(), curve, strict=True)), colour, name, is_horizontal=False)
-    if panel.reference is not None:
-        axes.axhline(panel.reference, color="#222222", linewidth=1.2, linestyle="--", label="ground truth")
+    return as_svg(figure, label)
 
 
 def histogram(
@@ -172,20 +109,20 @@ def histogram(
         label: description of the chart for screen readers.
         curves: name of a curve -> its mean and standard deviation.
     """
-    figure, ((axes,),) = _figure(5, 2.5)
+    figure, ((axes,),) = make_figure(5, 2.5)
     density = np.asarray(counts) / (max(sum(counts), 1) * float(edges[1] - edges[0]))
     axes.stairs(density, edges, fill=True, color="#9db8dc", label="this corpus")
     values = np.linspace(edges[0], edges[-1], 241)
     for count, (name, (mean, deviation)) in enumerate((curves or {}).items(), start=1):
         line = np.exp(-0.5 * ((values - mean) / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
-        axes.plot(values, line, color=COLOURS[count], linestyle="--" if count == 1 else "-", label=_shown(name))
-    axes.set(xlabel=_shown(axis), yticks=[], xlim=(edges[0], edges[-1]))
+        axes.plot(values, line, color=COLOURS[count], linestyle="--" if count == 1 else "-", label=literal(name))
+    axes.set(xlabel=literal(axis), yticks=[], xlim=(edges[0], edges[-1]))
     if curves:
         axes.legend(frameon=False, fontsize=8)
-    return _as_svg(figure, label)
+    return as_svg(figure, label)
 
 
-def _draw_marks(axes: "Axes", places: Mapping[float, Mark], colour: str, name: str, *, is_horizontal: bool) -> None:
+def draw_marks(axes: "Axes", places: Mapping[float, Mark], colour: str, name: str, *, is_horizontal: bool) -> None:
     """Draw points with their intervals."""
     shown = {place: mark for place, mark in places.items() if math.isfinite(mark.value)}
     values = [mark.value for mark in shown.values()]
@@ -195,9 +132,9 @@ def _draw_marks(axes: "Axes", places: Mapping[float, Mark], colour: str, name: s
     ]
     style: dict[str, Any] = {"fmt": "o", "color": colour, "markersize": 4, "capsize": 2, "linewidth": 1.4}
     if is_horizontal:
-        axes.errorbar(values, list(shown), xerr=ends, label=_shown(name), **style)
+        axes.errorbar(values, list(shown), xerr=ends, label=literal(name), **style)
     else:
-        axes.errorbar(list(shown), values, yerr=ends, label=_shown(name), **style)
+        axes.errorbar(list(shown), values, yerr=ends, label=literal(name), **style)
 
 
 def _length(length: float) -> float:
@@ -214,7 +151,7 @@ def _set_limits(axes: "Axes", marks: Iterable[Mark], reference: float | None) ->
     axes.set_xlim(low - margin, high + margin)
 
 
-def _figure(width: float, height: float, columns: int = 1, rows: int = 1) -> tuple["Figure", list[list["Axes"]]]:
+def make_figure(width: float, height: float, columns: int = 1, rows: int = 1) -> tuple["Figure", list[list["Axes"]]]:
     """Make a figure of a size in inches with a grid of axes.
 
     Raises:
@@ -230,7 +167,7 @@ def _figure(width: float, height: float, columns: int = 1, rows: int = 1) -> tup
     return figure, grid
 
 
-def _as_svg(figure: "Figure", label: str) -> str:
+def as_svg(figure: "Figure", label: str) -> str:
     """Return an SVG document, the same for the same chart, which may stand in a page with others."""
     import matplotlib as mpl
 
@@ -246,7 +183,7 @@ def _as_svg(figure: "Figure", label: str) -> str:
     return text.replace("<svg ", head, 1).replace(">", f"><title>{shown}</title>", 1).strip() + "\n"
 
 
-def _shown(text: str) -> str:
+def literal(text: str) -> str:
     """Return a text as matplotlib shows it literally, cut if it is long."""
     text = _printable(text if len(text) <= _NAME_LETTERS else f"{text[: _NAME_LETTERS - 3]}...")
     return text.replace("$", r"\$")

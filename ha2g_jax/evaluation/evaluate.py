@@ -55,14 +55,14 @@ class Intervals:
     """Percentile intervals of statistics under resampling of recordings, with the same draws for every statistic."""
 
     def __init__(self, num_recordings: int, draws: int, seed: int):
-        self._recordings, self._draws, self._seed = np.arange(num_recordings), draws, seed
+        self._num_recordings, self._draws, self._seed = num_recordings, draws, seed
 
     def __call__(self, score: Score) -> dict[str, float | None]:
         """Return {"value", "low", "high"} of a score, None where undefined; a number has no bounds."""
         return self.of_statistic(score) if callable(score) else score_as_json(score)
 
     def of_statistic(self, statistic: Statistic) -> dict[str, float | None]:
-        return _as_json(bootstrap(statistic, self._recordings, draws=self._draws, seed=self._seed, level=LEVEL))
+        return _as_json(bootstrap(statistic, self._num_recordings, draws=self._draws, seed=self._seed, level=LEVEL))
 
 
 # A bootstrap decomposes thousands of small matrices, at which the threads of a linear algebra library only wait for

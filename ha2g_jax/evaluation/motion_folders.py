@@ -307,7 +307,7 @@ def score_beat2(
         for name, places in found.items():
             joints[name].append(places[:length])
     recordings, members = np.unique([truth[clip].recording for clip in ids], return_inverse=True)
-    speeds = rests.mean_speeds([places[:, _UPPER] for places in joints[TRUTH]], rests.FPS, first_frame=0)
+    speeds = rests.mean_speeds([places[:, _UPPER] for places in joints[TRUTH]], rests.FPS)
     onsets = [truth[clip].onsets for clip in ids]
     rows = {
         name: rests.Beat2Row(places, onsets, speeds, _UPPER, members, len(recordings))

@@ -12,7 +12,7 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.row import SEED_FRAMES, Reference, Row
-from ha2g_jax.metrics.sanity import FROZEN, HALF, JITTER, MEAN_POSE, MISMATCHED, SANITY_ROWS, SMOOTHED, TRUTH
+from ha2g_jax.metrics.sanity import HALF, MISMATCHED, SANITY_ROWS, TRUTH
 from ha2g_jax.skeleton import Skeleton
 
 if TYPE_CHECKING:
@@ -154,10 +154,11 @@ def _method_row(
 def _sanity_rows(reference: Reference) -> dict[str, Row]:
     truth, seed = reference.truth, reference.seed
     mean = mean_directions(reference.training)
-    made = sanity.rows(truth.directions, mean, seed=seed, first_frame=SEED_FRAMES)
-    keys = {MEAN_POSE: "mean_pose", FROZEN: "frozen", JITTER: "white_jitter", SMOOTHED: "smoothed"}
     no_borders = [np.zeros(0, int)] * len(truth.directions)
-    rows = {name: dataclasses.replace(truth, directions=made[key], borders=no_borders) for name, key in keys.items()}
+    rows = {
+        name: dataclasses.replace(truth, directions=made, borders=no_borders)
+        for name, made in sanity.rows(truth.directions, mean, seed=seed).items()
+    }
     rows[MISMATCHED] = dataclasses.replace(truth, onsets=_other_onsets(reference), has_counterpart=False)
     return {name: rows[name] for name in SANITY_ROWS if name not in (TRUTH, HALF)}
 

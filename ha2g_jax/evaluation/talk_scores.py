@@ -17,7 +17,6 @@ from ha2g_jax.evaluation.clip_result import check_fit, clip_identity, generate_c
 from ha2g_jax.evaluation.evaluate import score_as_json
 from ha2g_jax.evaluation.talk_trials import Trial, Truth
 from ha2g_jax.metrics.causes import PROBE_ACCURACY, CauseRow, Predictions
-from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import positions_to_directions
 from ha2g_jax.synthesis import Model, encode_features
 
@@ -133,22 +132,6 @@ def _score_split(
         },
         "notes": [_NOTE],
     }
-
-
-def score_motion(corpus: Corpus, split: str, motion: Mapping[str, np.ndarray], seed: int = 0) -> dict[str, Any]:
-    """Score motion from anywhere, direction vectors (T, bones, 3) by the id of the clip, against known causes.
-
-    Returns:
-        {metric: {"value", "low", "high", "error"}}, as a row of `score_known_causes`.
-    """
-    skeleton, fps = corpus.skeleton, corpus.fps
-    clips = [clip for clip in corpus.clips(split) if clip.id in motion]
-    trials = [
-        Trial(talk_trials.known_truth(skeleton, clip, fps), talk_trials.observe(skeleton, motion[clip.id], fps))
-        for clip in clips
-    ]
-    row = rows_with_chance(trials, fps, SEED_FRAMES, seed)[MODEL]
-    return {key: score_as_json(value) for key, value in talk_trials.measure_causes(row).items()}
 
 
 def _number(value: float) -> float | None:

@@ -24,42 +24,42 @@ _ROUNDING = 1e-6  # radians by which an angle may lie outside: two ways of round
 _RIGID = np.deg2rad(0.5)  # range of an angle that does not bend in the training motion
 
 
-def acceleration(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
+def acceleration(positions: np.ndarray, fps: float) -> float:
     """Compute the mean length of the second difference of joint positions (T, joints, 3) x fps^2 (GENEA).
 
-    It is in units of the positions per s^2; NaN where fewer than 3 frames are scored. Frames before `first_frame` were
-    given to the model.
+    It is in units of the positions per s^2; NaN for fewer than 3 frames.
     """
-    return _mean_difference(positions, 2, fps, first_frame)
+    return _mean_difference(positions, 2, fps)
 
 
-def jerk(positions: np.ndarray, fps: float, *, first_frame: int = 4) -> float:
+def jerk(positions: np.ndarray, fps: float) -> float:
     """Compute the mean length of the third difference x fps^3 (GENEA's average jerk), see `acceleration`."""
-    return _mean_difference(positions, 3, fps, first_frame)
+    return _mean_difference(positions, 3, fps)
 
 
-def l1_diversity(values: np.ndarray, *, first_frame: int = 4) -> float:
+def l1_diversity(values: np.ndarray) -> float:
     """Compute the spread of a sequence around the mean, (1/T) sum_t sum_d |x_td - mean_t x_d| (Audio2Gestures, 2021).
 
-    It is in units of the values (T, ...), 0 for motion that stands still; NaN without a scored frame.
+    It is in units of the values (T, ...), 0 for motion that stands still; NaN without a frame.
     """
-    scored = np.asarray(values, np.float64)[first_frame:]
-    scored = scored.reshape(len(scored), -1) if len(scored) else scored
-    return float(np.mean(np.sum(np.abs(scored - scored.mean(axis=0)), axis=1))) if len(scored) else np.nan
-
-
-def _mean_difference(positions: np.ndarray, order: int, fps: float, first_frame: int) -> float:
-    scored = np.asarray(positions, np.float64)[first_frame:]
-    if len(scored) <= order:
+    if not len(values):
         return np.nan
-    return float(np.mean(np.linalg.norm(np.diff(scored, n=order, axis=0), axis=-1)) * fps**order)
+    values = np.asarray(values, np.float64).reshape(len(values), -1)
+    return float(np.mean(np.sum(np.abs(values - values.mean(axis=0)), axis=1)))
+
+
+def _mean_difference(positions: np.ndarray, order: int, fps: float) -> float:
+    if len(positions) <= order:
+        return np.nan
+    differences = np.diff(np.asarray(positions, np.float64), n=order, axis=0)
+    return float(np.mean(np.linalg.norm(differences, axis=-1)) * fps**order)
 
 
 def _by_frames(function: Callable[..., float]) -> Callable[[Row], Statistic]:
     """Return a measure: the mean over clips, by scored frames."""
 
     def measure(row: Row) -> Statistic:
-        values = [function(positions, row.reference.fps, first_frame=SEED_FRAMES) for positions in row.positions]
+        values = [function(positions[SEED_FRAMES:], row.reference.fps) for positions in row.positions]
         return mean_over_clips(row, values, row.num_scored)
 
     return measure
@@ -71,7 +71,7 @@ def _over_truth(measure: Callable[[Row], Statistic]) -> Callable[[Row], Statisti
 
 
 def _spread(row: Row) -> Statistic:
-    values = [l1_diversity(directions, first_frame=SEED_FRAMES) for directions in row.directions]
+    values = [l1_diversity(directions[SEED_FRAMES:]) for directions in row.directions]
     return mean_over_clips(row, values, row.num_scored)
 
 
@@ -84,24 +84,22 @@ JERK = Metric("jerk", "jerk", "m/s³", "none", MOVEMENT, 1, _jerk, is_paired=Tru
 JERK_RATIO = Metric("jerk_ratio", "jerk / truth", "", "none", BEATS, 2, _over_truth(_jerk))
 
 
-def speed_edges(
-    reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS, first_frame: int = 4
-) -> np.ndarray:
+def speed_edges(reference: Sequence[np.ndarray], fps: float, *, bins: int = NUM_BINS) -> np.ndarray:
     """Return upper edges (joints, bins) at the quantiles 1/bins, 2/bins, ..., 1 of the reference's speeds."""
-    speeds = np.concatenate([_speeds(clip, fps, first_frame) for clip in reference])
+    speeds = np.concatenate([_speeds(clip, fps) for clip in reference])
     if not len(speeds):
         return np.zeros((speeds.shape[1], bins))
     return np.quantile(speeds, np.arange(1, bins + 1) / bins, axis=0).T
 
 
-def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float, *, first_frame: int = 4) -> np.ndarray:
+def speed_counts(positions: np.ndarray, edges: np.ndarray, fps: float) -> np.ndarray:
     """Count the speeds of each joint of one clip (T, joints, 3); the counts of clips add up.
 
     The edges, (bins,) or (joints, bins), are ascending upper edges, each within its bin, in units of the positions a
     second. The counts (joints, 1 + bins + 1) are those of standing still, of each bin, and of what lies beyond the
     last.
     """
-    speeds = _speeds(positions, fps, first_frame)
+    speeds = _speeds(positions, fps)
     num_joints, num_bins = speeds.shape[1], edges.shape[-1]
     counts = np.zeros((num_joints, num_bins + 2))
     for joint, joint_edges in enumerate(np.broadcast_to(edges, (num_joints, num_bins))):
@@ -129,15 +127,14 @@ def histogram_distance(counts: np.ndarray, reference: np.ndarray) -> float:
     return float(np.mean(np.sqrt(np.maximum(1 - overlap, 0)))) if moves.any() else 0.0
 
 
-def _speeds(positions: np.ndarray, fps: float, first_frame: int) -> np.ndarray:
-    """Return the speeds (frames - 1, joints) of the scored frames; 0 below the rounding of positions."""
-    scored = np.asarray(positions, np.float64)[first_frame:]
-    speeds = np.linalg.norm(np.diff(scored, axis=0), axis=-1) * fps
+def _speeds(positions: np.ndarray, fps: float) -> np.ndarray:
+    """Return the speeds (frames - 1, joints); 0 below the rounding of positions."""
+    speeds = np.linalg.norm(np.diff(np.asarray(positions, np.float64), axis=0), axis=-1) * fps
     return np.where(speeds < _STILL, 0, speeds)
 
 
 def _truth_edges(reference: Reference) -> np.ndarray:
-    return speed_edges(reference.truth.positions, reference.fps, first_frame=SEED_FRAMES)
+    return speed_edges([clip[SEED_FRAMES:] for clip in reference.truth.positions], reference.fps)
 
 
 def _speeds_by_recording(row: Row) -> np.ndarray:
@@ -145,7 +142,7 @@ def _speeds_by_recording(row: Row) -> np.ndarray:
     edges = reference.once(_truth_edges)
     counts = np.zeros((reference.num_recordings, reference.skeleton.num_joints, edges.shape[-1] + 2))
     for positions, member in zip(row.positions, row.members, strict=True):
-        counts[member] += speed_counts(positions, edges, reference.fps, first_frame=SEED_FRAMES)
+        counts[member] += speed_counts(positions[SEED_FRAMES:], edges, reference.fps)
     return counts
 
 
@@ -200,15 +197,14 @@ def training_limits(angles: np.ndarray) -> Limits:
     return Limits(low, high)
 
 
-def violation_counts(angles: np.ndarray, limits: Limits, *, first_frame: int = SEED_FRAMES) -> np.ndarray:
+def violation_counts(angles: np.ndarray, limits: Limits) -> np.ndarray:
     """Count the violations of one clip, from which the ratios of any set of clips follow.
 
     The angles (T, pairs) in radians are those of float64 directions. The counts (2 + pairs,) are numbers of frames, of
     frames with any angle outside, and of frames with each angle outside.
     """
-    scored = np.asarray(angles, np.float64)[first_frame:]
-    is_outside = (scored < limits.low - _ROUNDING) | (scored > limits.high + _ROUNDING)
-    return np.array([len(scored), is_outside.any(axis=1).sum(), *is_outside.sum(axis=0)], np.float64)
+    is_outside = (angles < limits.low - _ROUNDING) | (angles > limits.high + _ROUNDING)
+    return np.array([len(angles), is_outside.any(axis=1).sum(), *is_outside.sum(axis=0)], np.float64)
 
 
 def violations(counts: np.ndarray) -> Violations:
@@ -233,7 +229,8 @@ def _violations_by_recording(row: Row) -> np.ndarray:
     limits = reference.once(_usual_limits)
     counts = np.zeros((reference.num_recordings, 2 + len(reference.skeleton.angle_pairs)))
     for directions, member in zip(row.directions, row.members, strict=True):
-        counts[member] += violation_counts(joint_angles(reference.skeleton, np.asarray(directions, np.float64)), limits)
+        scored = np.asarray(directions[SEED_FRAMES:], np.float64)
+        counts[member] += violation_counts(joint_angles(reference.skeleton, scored), limits)
     return counts
 
 

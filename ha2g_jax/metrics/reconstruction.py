@@ -15,32 +15,31 @@ _CONSTANT = 1e-6  # standard deviation below which a dimension is constant
 _RANK = 1e-10  # eigenvalue of a correlation matrix below which dimensions repeat each other
 
 
-def joint_mae(generated: np.ndarray, real: np.ndarray, *, first_frame: int = SEED_FRAMES) -> float:
-    """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates (..., T, joints, 3).
+def joint_mae(generated: np.ndarray, real: np.ndarray) -> float:
+    """Compute the mean of |p_hat - p| over frames, joints (the root among them) and coordinates (T, joints, 3).
 
-    It is in units of the positions; NaN where no frame is scored. Frames before `first_frame` were given to the model.
+    It is in units of the positions; NaN without a frame.
     """
-    return _mean_absolute(_difference(generated, real, first_frame))
+    return _mean_absolute(_difference(generated, real))
 
 
-def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float, *, first_frame: int = SEED_FRAMES) -> float:
+def acceleration_error(generated: np.ndarray, real: np.ndarray, fps: float) -> float:
     """Compute the mean of |difference of the second differences of positions| x fps^2, see `joint_mae`."""
-    difference = _difference(generated, real, first_frame)
-    return np.nan if difference.shape[-3] < 3 else _mean_absolute(np.diff(difference, n=2, axis=-3) * fps**2)
+    difference = _difference(generated, real)
+    return np.nan if len(difference) < 3 else _mean_absolute(np.diff(difference, n=2, axis=0) * fps**2)
 
 
-def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA, first_frame: int = SEED_FRAMES) -> float:
+def pck(generated: np.ndarray, real: np.ndarray, *, delta: float = DELTA) -> float:
     """Compute PCK, the ratio of joints in all frames whose L1 error is below `delta`, in units of the positions.
 
     Without semantic weights of the frames it equals the semantic-relevant gesture recall of BEAT (Liu et al., 2022).
-    The other arguments are those of `joint_mae`.
     """
-    errors = np.abs(_difference(generated, real, first_frame)).sum(axis=-1)
+    errors = np.abs(_difference(generated, real)).sum(axis=-1)
     return float(np.mean(errors < delta)) if errors.size else np.nan
 
 
-def _difference(generated: np.ndarray, real: np.ndarray, first_frame: int) -> np.ndarray:
-    return (np.asarray(generated, np.float64) - np.asarray(real, np.float64))[..., first_frame:, :, :]
+def _difference(generated: np.ndarray, real: np.ndarray) -> np.ndarray:
+    return np.asarray(generated, np.float64) - np.asarray(real, np.float64)
 
 
 def _mean_absolute(values: np.ndarray) -> float:
@@ -54,7 +53,8 @@ def _to_counterpart(function: Callable[..., float]) -> Callable[[Row], Statistic
         if not row.has_counterpart:
             return None
         values = [
-            function(own, true, row.reference.fps) for own, true in zip(row.positions, row.true_positions, strict=True)
+            function(own[SEED_FRAMES:], true[SEED_FRAMES:], row.reference.fps)
+            for own, true in zip(row.positions, row.true_positions, strict=True)
         ]
         return mean_over_clips(row, values, row.num_scored)
 
@@ -101,7 +101,6 @@ def canonical_pairs(
     *,
     shrinkage: float = SHRINKAGE,
     seed: int = 0,
-    first_frame: int = SEED_FRAMES,
 ) -> dict[int, np.ndarray]:
     """Project generated and real frames on the directions of their first canonical correlation (GENEA).
 
@@ -111,13 +110,12 @@ def canonical_pairs(
             and the other half is projected. Without, all frames are fitted and projected, which is the global score of
             GENEA and rises with the number of dimensions.
         shrinkage: weight of the identity mixed into the correlations of either side; 0 is the plain analysis.
-        first_frame: first frame that is scored; those before it were given to the model.
 
     Returns:
         {index of a projected clip: (frames, 2) projections}; empty where there is nothing to fit. The correlation of
         the two columns is the score.
     """
-    sides = [[_flat(clip, first_frame) for clip in side] for side in (generated, real)]
+    sides = [[_flat(clip) for clip in side] for side in (generated, real)]
     lengths = [min(len(x), len(y)) for x, y in zip(*sides, strict=True)]
     xs, ys = ([clip[:length] for clip, length in zip(side, lengths, strict=True)] for side in sides)
     fitted = projected = range(len(xs))
@@ -149,9 +147,8 @@ def _canonical_weights(x: np.ndarray, y: np.ndarray, shrinkage: float) -> tuple[
     return scales[0] * (roots[0] @ left[:, 0]), scales[1] * (roots[1] @ right[0])
 
 
-def _flat(values: np.ndarray, first_frame: int) -> np.ndarray:
-    scored = np.asarray(values, np.float64)[first_frame:]
-    return scored.reshape(len(scored), int(np.prod(scored.shape[1:])))
+def _flat(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values, np.float64).reshape(len(values), int(np.prod(values.shape[1:])))
 
 
 def _correlation_with_truth(row: Row) -> Statistic | None:
@@ -160,7 +157,8 @@ def _correlation_with_truth(row: Row) -> Statistic | None:
     if not row.has_counterpart or reference.num_recordings < 2:
         return None
     names = reference.recordings[row.numbers]
-    pairs = canonical_pairs(row.positions, row.true_positions, names, seed=reference.seed)
+    sides = ([clip[SEED_FRAMES:] for clip in side] for side in (row.positions, row.true_positions))
+    pairs = canonical_pairs(*sides, names, seed=reference.seed)
     together = np.concatenate([np.zeros((0, 2)), *pairs.values()])
     if len(together) < 2:
         return None

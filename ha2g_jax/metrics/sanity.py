@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ha2g_jax.errors import UserError
+from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import normalize
 
 SMOOTHING = 5  # frames
@@ -24,21 +25,19 @@ TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED = (
 SANITY_ROWS = (TRUTH, HALF, MEAN_POSE, FROZEN, MISMATCHED, JITTER, SMOOTHED)
 
 
-def rows(
-    clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0, first_frame: int = 4
-) -> dict[str, list[np.ndarray]]:
+def rows(clips: Sequence[np.ndarray], mean_directions: np.ndarray, *, seed: int = 0) -> dict[str, list[np.ndarray]]:
     """Make the rows whose motion is made from the real one, clips of direction vectors (T, bones, 3).
 
     The mean directions (bones, 3) of the training motion need not be of unit length. Each row has a motion (T, bones,
-    3) of unit vectors, float64, for each clip. Frames before `first_frame` are given to a model.
+    3) of unit vectors, float64, for each clip.
     """
-    spread = difference_spread(clips, first_frame=first_frame)
+    spread = difference_spread(clips)
     rng = np.random.default_rng(seed)
     return {
-        "mean_pose": [mean_pose(clip, mean_directions) for clip in clips],
-        "frozen": [frozen(clip, first_frame=first_frame) for clip in clips],
-        "white_jitter": [white_jitter(clip, mean_directions, spread, rng) for clip in clips],
-        "smoothed": [smoothed(clip) for clip in clips],
+        MEAN_POSE: [mean_pose(clip, mean_directions) for clip in clips],
+        FROZEN: [frozen(clip) for clip in clips],
+        JITTER: [white_jitter(clip, mean_directions, spread, rng) for clip in clips],
+        SMOOTHED: [smoothed(clip) for clip in clips],
     }
 
 
@@ -48,15 +47,14 @@ def mean_pose(directions: np.ndarray, mean_directions: np.ndarray) -> np.ndarray
     return np.repeat(pose[None], len(directions), axis=0)
 
 
-def frozen(directions: np.ndarray, *, first_frame: int = 4) -> np.ndarray:
-    """Return real motion (T, bones, 3) up to `first_frame`, from there on with the last seed pose held."""
-    held = max(0, first_frame - 1)
-    return normalize(np.asarray(directions, np.float64))[np.minimum(np.arange(len(directions)), held)]
+def frozen(directions: np.ndarray) -> np.ndarray:
+    """Return the seed pose of real motion (T, bones, 3) with its last frame held from there on."""
+    return normalize(np.asarray(directions, np.float64))[np.minimum(np.arange(len(directions)), SEED_FRAMES - 1)]
 
 
-def difference_spread(clips: Sequence[np.ndarray], *, first_frame: int = 4) -> np.ndarray:
-    """Return the standard deviation (bones, 3) of the frame differences of clips (T, bones, 3); 0 without any."""
-    steps = np.concatenate([np.diff(np.asarray(clip, np.float64)[first_frame:], axis=0) for clip in clips])
+def difference_spread(clips: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the standard deviation (bones, 3) of the frame differences of clips (T, bones, 3) after the seed pose."""
+    steps = np.concatenate([np.diff(np.asarray(clip, np.float64)[SEED_FRAMES:], axis=0) for clip in clips])
     return steps.std(axis=0) if len(steps) else np.zeros(steps.shape[1:])
 
 
@@ -71,10 +69,10 @@ def white_jitter(
     return normalize(pose + rng.standard_normal(pose.shape) * spread)
 
 
-def smoothed(directions: np.ndarray, num_frames: int = SMOOTHING) -> np.ndarray:
-    """Return the normalised mean over `num_frames` (odd) around each frame of (T, bones, 3); fewer at the ends."""
+def smoothed(directions: np.ndarray) -> np.ndarray:
+    """Return the normalised mean over 5 frames around each frame of (T, bones, 3); fewer at the ends."""
     vectors = normalize(np.asarray(directions, np.float64))
-    half = num_frames // 2
+    half = SMOOTHING // 2
     sums = np.concatenate([np.zeros_like(vectors[:1]), np.cumsum(vectors, axis=0)])
     frames = np.arange(len(vectors))
     starts, ends = np.maximum(frames - half, 0), np.minimum(frames + half + 1, len(vectors))

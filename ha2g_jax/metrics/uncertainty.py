@@ -16,7 +16,7 @@ class Interval(NamedTuple):
 
 def bootstrap(
     statistic: Callable[[np.ndarray], float],
-    clusters: np.ndarray,
+    num_clusters: int,
     *,
     draws: int = 1000,
     seed: int = 0,
@@ -30,15 +30,13 @@ def bootstrap(
     give the same interval, and a draw in which the score is undefined (NaN) is left out.
 
     Args:
-        statistic: function of counts (G,), how often each cluster is drawn in the order of `np.unique(clusters)`, to a
-            number.
-        clusters: (n,) label of each sample's cluster (the recording that it comes from).
-        seed: seed of the draws; the same seed and clusters draw the same resamples for every statistic.
+        statistic: function of counts (G,), how often each cluster is drawn, to a number.
+        num_clusters: number G of clusters, the recordings that samples come from.
+        seed: seed of the draws; the same seed draws the same resamples for every statistic.
 
     Returns:
-        The interval; all NaN without samples, NaN bounds with one cluster or where no draw has a score.
+        The interval; all NaN without a cluster, NaN bounds with one or where no draw has a score.
     """
-    num_clusters = len(np.unique(np.asarray(clusters)))
     if not num_clusters:
         return Interval(np.nan, np.nan, np.nan)
     value = float(statistic(np.ones(num_clusters, np.int64)))
@@ -49,17 +47,13 @@ def bootstrap(
     for draw in range(draws):
         drawn = rng.integers(num_clusters, size=num_clusters)
         scores[draw] = statistic(np.bincount(drawn, minlength=num_clusters))
-    return Interval(value, *_percentiles(scores, level))
-
-
-def _percentiles(scores: np.ndarray, level: float) -> tuple[float, float]:
     scores = scores[~np.isnan(scores)]
     if not len(scores):
-        return np.nan, np.nan
+        return Interval(value, np.nan, np.nan)
     tail = (1 - level) / 2
     with np.errstate(invalid="ignore"):  # between two infinite scores there is no number
-        low, high = np.quantile(scores, [tail, 1 - tail])
-    return float(low), float(high)
+        low, high = np.quantile(scores, [tail, 1 - tail]).tolist()
+    return Interval(value, low, high)
 
 
 class Estimate(NamedTuple):

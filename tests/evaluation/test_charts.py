@@ -5,8 +5,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from tables.curves import Panel, curve_chart
 
-from ha2g_jax.evaluation.charts import Mark, Panel, curve_chart, histogram, html_table, interval_chart, markdown
+from ha2g_jax.evaluation.charts import Mark, histogram, html_table, interval_chart, markdown
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _CHARTS = {

@@ -58,6 +58,15 @@ def test_ground_truth_is_at_no_distance_from_itself(results):
     assert 0 < value(results, HALF, "fgd") < value(results, MEAN_POSE, "fgd")
 
 
+def test_the_seed_pose_is_not_scored(results, skeleton, perform, reference, features):
+    spoilt = perform(CLIPS, delay=0.25, borders=(30, 60, 90))
+    for clip in spoilt:
+        clip.directions[:4] = np.roll(clip.directions[:4], 1, axis=-1)
+    again = evaluate({"late": spoilt}, reference, skeleton, autoencoder=features, draws=2)
+    values = {name: score["value"] for name, score in again["rows"]["late"].items()}
+    assert values == {name: score["value"] for name, score in results["rows"]["late"].items()}
+
+
 def test_several_motions_for_one_speech_have_their_distance(skeleton, perform, reference, features):
     """Nothing where all are alike; else between them alone, whatever separates one speech from another."""
     others = perform(CLIPS, delay=0.25)

@@ -5,7 +5,6 @@ import json
 import pathlib
 
 import latency as command
-import numpy as np
 import pytest
 from tables import look_aheads
 from tables.claims import HELD, NOT_HELD, UNDECIDED, Spread
@@ -13,11 +12,8 @@ from tables.latency_report import Results, all_numbers, answers, as_markdown, fi
 from tables.look_aheads import ABOVE_FLOOR, GAIN, HIDDEN, LOOK_AHEADS, WHOLE, plan_settings, scores_path
 from tables.plan import Request
 from tables.runs import Stop
-from tables.scores import leave_one_out
 
 from ha2g_jax.errors import UserError
-from ha2g_jax.metrics.beats import strokes
-from ha2g_jax.metrics.causes import CauseRow
 
 NAMES = ("beat_f1", GAIN, "semantic_recall", ABOVE_FLOOR, "jerk_ratio", "beats_per_second")
 
@@ -43,25 +39,6 @@ def results():
     flat = dict.fromkeys(LOOK_AHEADS, 0.04) | {None: 0.31}
     request = Request("latency", "talk", "study", "", (0, 1, 2), pathlib.Path("runs"))
     return Results(request, 15, {HIDDEN: curve(rising), WHOLE: curve(flat)}, {}, {}, {"commit": "abc"})
-
-
-def test_scores_without_a_recording_are_those_of_the_other_clips():
-    row = CauseRow(
-        counts=np.array([[4, 2, 5, 3], [6, 6, 6, 6], [2, 0, 3, 1]], float),
-        mismatched=np.array([[4, 1, 5, 2]] * 2 + [[6, 0, 6, 1]] * 2 + [[2, 1, 3, 2]] * 2, float),
-        clips=np.array(["a0", "a1", "b0"]),
-        shapes=np.array([[0, 0], [1, 0], [1, 1], [2, 2]]),
-        word_clips=np.array(["a0", "a1", "b0", "b0"]),
-    )
-    found = leave_one_out(row, ["a", "a", "b"])
-    assert found["beat_f1"]["without"] == [strokes.f1(row.counts[2:]), strokes.f1(row.counts[:2])]
-    gains = [
-        strokes.f1(row.counts[part]) - strokes.f1(row.mismatched[::2][part]) for part in (slice(2, 3), slice(0, 2))
-    ]
-    assert found[GAIN]["without"] == pytest.approx(gains)
-    assert found["semantic_recall"] == {"value": 0.75, "without": [1.0, 0.5]}
-    # Half of all words are of class 0; at shuffled words 1/4 x 1/2 + 1/2 x 1/4 + 1/4 x 1/4 of the shapes match.
-    assert found["semantic_floor"]["value"] == 0.5 and found[ABOVE_FLOOR]["value"] == 0.25
 
 
 def test_differences_are_paired():

@@ -23,7 +23,7 @@ ROWS = sanity.rows(CLIPS, MEAN)
 
 
 def test_every_row_has_unit_vectors_for_every_frame_of_every_clip():
-    assert list(ROWS) == ["mean_pose", "frozen", "white_jitter", "smoothed"]
+    assert list(ROWS) == [sanity.MEAN_POSE, sanity.FROZEN, sanity.JITTER, sanity.SMOOTHED]
     for clips in ROWS.values():
         for clip, real in zip(clips, CLIPS, strict=True):
             assert clip.shape == real.shape and clip.dtype == np.float64
@@ -31,14 +31,13 @@ def test_every_row_has_unit_vectors_for_every_frame_of_every_clip():
 
 
 def test_the_mean_pose_is_the_mean_in_every_frame():
-    np.testing.assert_allclose(ROWS["mean_pose"][0][[0, 17, 33]], np.tile(normalize(MEAN), (3, 1, 1)), rtol=1e-6)
+    np.testing.assert_allclose(ROWS[sanity.MEAN_POSE][0][[0, 17, 33]], np.tile(normalize(MEAN), (3, 1, 1)), rtol=1e-6)
 
 
 def test_frozen_motion_holds_the_last_seed_pose():
     real = CLIPS[0]
-    np.testing.assert_allclose(ROWS["frozen"][0][:4], real[:4], atol=1e-6)
-    np.testing.assert_allclose(ROWS["frozen"][0][4:], np.tile(real[3:4], (30, 1, 1)), atol=1e-6)
-    np.testing.assert_allclose(sanity.frozen(real, first_frame=0), np.tile(real[:1], (34, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(ROWS[sanity.FROZEN][0][:4], real[:4], atol=1e-6)
+    np.testing.assert_allclose(ROWS[sanity.FROZEN][0][4:], np.tile(real[3:4], (30, 1, 1)), atol=1e-6)
 
 
 def test_jitter_is_white_and_as_large_as_real_differences():
@@ -56,16 +55,16 @@ def test_jitter_is_white_and_as_large_as_real_differences():
 
 
 def test_jitter_is_the_same_for_the_same_seed():
-    np.testing.assert_array_equal(sanity.rows(CLIPS, MEAN)["white_jitter"][1], ROWS["white_jitter"][1])
-    assert not np.array_equal(sanity.rows(CLIPS, MEAN, seed=1)["white_jitter"][1], ROWS["white_jitter"][1])
-    assert not np.array_equal(ROWS["white_jitter"][0], ROWS["white_jitter"][1][:34])
+    np.testing.assert_array_equal(sanity.rows(CLIPS, MEAN)[sanity.JITTER][1], ROWS[sanity.JITTER][1])
+    assert not np.array_equal(sanity.rows(CLIPS, MEAN, seed=1)[sanity.JITTER][1], ROWS[sanity.JITTER][1])
+    assert not np.array_equal(ROWS[sanity.JITTER][0], ROWS[sanity.JITTER][1][:34])
 
 
 def test_smoothing_is_the_mean_of_five_frames():
     real = CLIPS[1].astype(np.float64)
     for frame in (0, 1, 2, 40, 88, 89):
         expected = normalize(real[max(0, frame - 2) : frame + 3].mean(axis=0))
-        np.testing.assert_allclose(ROWS["smoothed"][1][frame], expected, atol=1e-6)
+        np.testing.assert_allclose(ROWS[sanity.SMOOTHED][1][frame], expected, atol=1e-6)
 
 
 def test_what_stands_still_stays_where_it_is():

@@ -16,7 +16,7 @@ import numpy as np
 from ha2g_jax.metrics.beats.times import kernel, nearest
 from ha2g_jax.metrics.kinematics import l1_diversity
 from ha2g_jax.metrics.metric import BEAT2, Metric, Statistic
-from ha2g_jax.metrics.row import mean_by_recording
+from ha2g_jax.metrics.row import SEED_FRAMES, mean_by_recording
 from ha2g_jax.skeleton import Skeleton
 
 SIGMA = 0.3  # seconds, width of the kernel; 0.5 in the experiments of SHOW
@@ -56,12 +56,12 @@ def order(fps: float) -> int:
     return max(1, int(ORDER * fps / 30))
 
 
-def mean_speeds(clips: Sequence[np.ndarray], fps: float, *, first_frame: int = 4) -> np.ndarray:
+def mean_speeds(clips: Sequence[np.ndarray], fps: float) -> np.ndarray:
     """Compute the mean speed (joints,) of each joint over clips (T, joints, 3), in units of the positions a second.
 
-    Clips with fewer than 2 scored frames are left out.
+    Clips with fewer than 2 frames are left out.
     """
-    speeds = [joint_speeds(clip[first_frame:], fps) for clip in clips if len(clip) >= first_frame + 2]
+    speeds = [joint_speeds(clip, fps) for clip in clips if len(clip) >= 2]
     return np.concatenate(speeds).mean(axis=0) if speeds else np.zeros(clips[0].shape[1])
 
 
@@ -91,7 +91,7 @@ def beat_align(
     *,
     sigma: float = SIGMA,
     threshold: float = THRESHOLD,
-    first_frame: int = 4,
+    first_frame: int = SEED_FRAMES,
 ) -> float:
     """Compute the mean over joints and onsets of exp(-d^2 / (2 sigma^2)), with d to the nearest rest of the joint.
 
@@ -154,7 +154,7 @@ def _by_frames(values: list[float], row: Beat2Row, lengths: list[int]) -> Statis
 
 
 def _diversity(row: Beat2Row) -> Statistic:
-    values = [l1_diversity(joints, first_frame=0) for joints in row.joints]
+    values = [l1_diversity(joints) for joints in row.joints]
     return _by_frames(values, row, [len(joints) for joints in row.joints])
 
 

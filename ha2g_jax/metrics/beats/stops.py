@@ -17,6 +17,7 @@ import numpy as np
 
 from ha2g_jax.metrics.beats.alignment import Alignment, Clip, align
 from ha2g_jax.metrics.beats.times import minima
+from ha2g_jax.metrics.row import SEED_FRAMES
 from ha2g_jax.skeleton import Skeleton
 
 CHANGE_FPS = 15  # frames per second at which `Skeleton.angle_change` was measured
@@ -28,7 +29,6 @@ _MIN_NORM = 1e-8
 _BLOCK = 384
 
 THRESHOLD = 0.03  # rise of the angle change rate on both sides of a motion beat
-FIRST_FRAME = 4  # frames before it are the seed poses
 
 
 def mean_angle_change(skeleton: Skeleton, clips: Iterable[np.ndarray]) -> np.ndarray:
@@ -141,53 +141,36 @@ def _angles(skeleton: Skeleton, frames: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(dots / (lengths[first] * lengths[second]), -1, 1)) / np.pi
 
 
-def stop_beats(
-    rate: np.ndarray, fps: float, first_frame: int = FIRST_FRAME, threshold: float = THRESHOLD
-) -> np.ndarray:
-    """Return the times in seconds, (n,), at which a motion stops: the local minima of its angle change rate (T - 1,).
-
-    The rate, which is about 1 on average, rises on both sides, to the nearest local maximum there, by at least the
-    threshold. A parabola through the minimum and its neighbours places it between frames. Minima are strict, but for
-    two equal samples, as a stop right on a frame makes them. A pose held without any change for longer is no motion
-    beat. Only frames from `first_frame` on are looked at.
-    """
-    times, _, rise = find_stops([rate], fps, first_frame)
-    return times[rise >= threshold]
-
-
 def make_clips(
     rates: Sequence[np.ndarray] | np.ndarray,
     onsets: Sequence[np.ndarray],
     fps: float | np.ndarray,
     *,
-    first_frame: int = FIRST_FRAME,
     threshold: float = THRESHOLD,
 ) -> list[Clip]:
-    """Find the motion beats of all clips at once, in the frames from first_frame to T - 1, as `stop_beats` does.
+    """Find the motion beats of all clips at once: the local minima of the angle change rate after the seed pose.
+
+    The rate, which is about 1 on average, rises on both sides, to the nearest local maximum there, by at least the
+    threshold. A parabola through the minimum and its neighbours places it between frames. Minima are strict, but for
+    two equal samples, as a stop right on a frame makes them. A pose held without any change for longer is no motion
+    beat.
 
     The rates (T - 1,) are those of `angle_change_rates`, the onsets (k,) are in seconds from frame 0, and fps is one of
     all clips or (n,).
     """
-    times, owners, rise = find_stops(rates, fps, first_frame)
-    is_beat = rise >= threshold
-    parts = np.split(times[is_beat], np.searchsorted(owners[is_beat], np.arange(1, len(rates))))[: len(rates)]
-    rows = zip(parts, onsets, rates, np.broadcast_to(fps, len(rates)).tolist(), strict=True)
-    return [Clip(beat, onset, first_frame / rate, (len(curve) + 1) / rate) for beat, onset, curve, rate in rows]
-
-
-def find_stops(
-    rates: Sequence[np.ndarray] | np.ndarray, fps: float | np.ndarray, first_frame: int = FIRST_FRAME
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time in seconds, clip and rise, (m,) each, of all minima of the rates (T - 1,) of n clips."""
-    scored = [rate[first_frame:] for rate in rates]
+    scored = [rate[SEED_FRAMES:] for rate in rates]
     lengths = np.array([len(rate) for rate in scored], int)
     starts = np.cumsum(lengths) - lengths
     is_first = np.zeros(lengths.sum(), bool)
     is_first[starts[lengths > 0]] = True
     found = minima(np.concatenate([np.zeros(0), *scored]), is_first=is_first, equal=True)
     owners = np.repeat(np.arange(len(lengths)), lengths)[found.sample]
-    frames = first_frame + found.sample - starts[owners] + found.offset + 0.5
-    return frames / np.broadcast_to(fps, len(lengths))[owners], owners, found.rise
+    speeds = np.broadcast_to(fps, len(lengths))
+    times = (SEED_FRAMES + found.sample - starts[owners] + found.offset + 0.5) / speeds[owners]
+    is_beat = found.rise >= threshold
+    parts = np.split(times[is_beat], np.searchsorted(owners[is_beat], np.arange(1, len(rates))))[: len(rates)]
+    rows = zip(parts, onsets, rates, speeds.tolist(), strict=True)
+    return [Clip(beat, onset, SEED_FRAMES / rate, (len(curve) + 1) / rate) for beat, onset, curve, rate in rows]
 
 
 def low_samples(rate: np.ndarray, threshold: float) -> np.ndarray:
@@ -202,7 +185,6 @@ def consistency(
     onsets: Sequence[np.ndarray],
     fps: float | np.ndarray,
     *,
-    first_frame: int = FIRST_FRAME,
     threshold: float = THRESHOLD,
 ) -> Alignment:
     """Align clips by the motion beats of the paper; BC is the sum of `onset_sum` over the sum of `num_onsets`.
@@ -212,8 +194,8 @@ def consistency(
     """
     clips = []
     for curve, sounds, rate in zip(rates, onsets, np.broadcast_to(fps, len(rates)).tolist(), strict=True):
-        samples = first_frame + low_samples(curve[first_frame:], threshold)
-        clips.append(Clip((samples + 0.5) / rate, sounds, first_frame / rate, (len(curve) + 1) / rate))
+        samples = SEED_FRAMES + low_samples(curve[SEED_FRAMES:], threshold)
+        clips.append(Clip((samples + 0.5) / rate, sounds, SEED_FRAMES / rate, (len(curve) + 1) / rate))
     return align(clips)
 
 

@@ -32,7 +32,7 @@ def test_speeds_are_central_differences():
     positions = np.zeros((4, 1, 3))
     positions[:, 0, 1] = [0, 1, 4, 9]
     np.testing.assert_allclose(rests.joint_speeds(positions, 2)[:, 0], [2, 4, 8, 10])
-    np.testing.assert_allclose(rests.mean_speeds([positions, positions[:1]], 2, first_frame=0), [6])
+    np.testing.assert_allclose(rests.mean_speeds([positions, positions[:1]], 2), [6])
 
 
 @settings(max_examples=50, deadline=None)
@@ -91,7 +91,7 @@ def test_what_stands_still_scores_nothing_and_what_cannot_be_scored_is_undefined
     assert np.isnan(rests.beat_align(still, np.zeros(0), np.ones(2), 15))
     for frames in (0, 4, 5):
         assert np.isnan(rests.beat_align(still[:frames], np.array([0.3]), np.ones(2), 15))
-        np.testing.assert_array_equal(rests.mean_speeds([still[:frames]], 15), 0)
+    np.testing.assert_array_equal(rests.mean_speeds([still[:1]], 15), 0)
 
 
 def stopping(rests: np.ndarray, frames: int = 600) -> np.ndarray:
@@ -106,7 +106,7 @@ def stopping(rests: np.ndarray, frames: int = 600) -> np.ndarray:
 def test_bc_is_the_kernel_of_the_distance_to_the_nearest_rest(delay):
     onsets = np.arange(3.01, 17.0, 1.5)  # between frames, so that one of them is the slowest
     joints = stopping(onsets + delay)
-    found = beat_consistency(joints, onsets, mean_speeds([joints], FPS, first_frame=0))
+    found = beat_consistency(joints, onsets, mean_speeds([joints], FPS))
     assert found == pytest.approx(np.exp(-(delay**2) / (2 * 0.3**2)), abs=0.03)
 
 
@@ -114,4 +114,4 @@ def test_the_ends_are_not_scored():
     onsets = np.array([0.5, 1.5, 19.0])  # within 2 s of an end of 20 s
     joints = stopping(onsets)
     assert EDGE / FPS == 2
-    assert np.isnan(beat_consistency(joints, onsets, mean_speeds([joints], FPS, first_frame=0)))
+    assert np.isnan(beat_consistency(joints, onsets, mean_speeds([joints], FPS)))

@@ -126,13 +126,6 @@ def test_bc_is_the_mean_of_the_kernel_over_all_onsets():
     assert np.isnan(beat_consistency(consistency([rate], [np.zeros(0)], FPS)))
 
 
-def test_what_lies_before_the_first_frame_is_not_scored():
-    rate = np.ones(30)
-    rate[2] = 0.5
-    assert beat_consistency(consistency([rate], [np.array([0.25, 1.0])], FPS)) == 0
-    assert beat_consistency(consistency([rate], [np.array([0.25, 1.0])], FPS, first_frame=0)) == pytest.approx(0.5)
-
-
 def test_the_release_finds_the_same_samples():
     """Its times are those of the later of the two frames that a change is between."""
     rate = np.random.default_rng(0).uniform(0, 1, 33)
