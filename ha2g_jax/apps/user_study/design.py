@@ -7,12 +7,13 @@ all lists every item occurs equally often. Rows start at different clips of the 
 The site of a study names stimuli by opaque ids alone; `key.json`, which is not published, says what they are.
 """
 
+import collections
 import dataclasses
 import itertools
 import json
 import math
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,14 +53,14 @@ class Stimulus(NamedTuple):
         clip: clip that the motion was made for.
         matched: whether the sound is that of the clip.
         sound_of: clip whose sound the video has; None for an attention check, whose sound says a number.
-        sha256: hash of the file, as 64 hexadecimal digits.
+        sha256: hash of the file, as 64 hexadecimal digits; empty before it is rendered.
     """
 
     system: str
     clip: str
     matched: bool
     sound_of: str | None
-    sha256: str
+    sha256: str = ""
 
 
 class Item(NamedTuple):
@@ -163,29 +164,24 @@ class Scene(NamedTuple):
     number: int | None = None
 
 
-class Planned(NamedTuple):
-    """A stimulus that is to be rendered, with its opaque id: the motion of a system for a clip, in a scene."""
-
-    id: str
-    scene: Scene
-    system: str
-    clip: str
-
-
 class Design(NamedTuple):
-    """Stimuli and items in the order of their ids, lists of ids of items, and how many of each kind a list has."""
+    """Stimuli of each scene by opaque id, items, lists of ids of items, and how many of each kind a list has."""
 
-    stimuli: tuple[Planned, ...]
+    scenes: Mapping[Scene, Mapping[str, Stimulus]]
     items: tuple[Item, ...]
     lists: tuple[tuple[str, ...], ...]
     per_participant: dict[str, int]
+
+
+_Add = Callable[[Scene, str, str], str]
 
 
 class _Row(NamedTuple):
     kind: str
     row: int  # number of the system, or of the pair of systems
     column: int  # number of the clip
-    stimuli: tuple[Planned, ...]
+    stimuli: tuple[str, ...]
+    expected: int | None = None
 
 
 def make_design(
@@ -214,21 +210,26 @@ def make_design(
     _check(systems, durations, parts, attention)
     random = np.random.default_rng(seed)
     clips = [str(clip) for clip in random.permutation(np.array(list(durations), dtype=object))]
-    rows = _main_rows(systems, clips, parts, random)
+    scenes: dict[Scene, dict[str, Stimulus]] = collections.defaultdict(dict)
+
+    def add(scene: Scene, system: str, clip: str) -> str:
+        """Add a stimulus to a scene, and return its id."""
+        name, sound = random.bytes(_ID_BYTES).hex(), None if scene.part == ATTENTION else scene.clip
+        scenes[scene][name] = Stimulus(system, clip, clip == sound, sound)
+        return name
+
+    rows = _main_rows(systems, clips, parts, add) if {RATING, PREFERENCE} & set(parts) else []
     if MISMATCH in parts:
-        rows += _mismatch_rows(systems, clips, mismatched_clips(clips, durations), random)
-    checks = _checks(systems, clips, attention, random)
-    rows = [rows[index] for index in random.permutation(len(rows))]
+        rows += _mismatch_rows(systems, clips, mismatched_clips(clips, durations), add)
+    checks = _checks(systems, clips, attention, random, add)
+    rows = [*(rows[index] for index in random.permutation(len(rows))), *checks]
     placed = []
-    digits = max(3, len(str(len(rows) + len(checks))))
-    for number, entry in enumerate([*rows, *checks], start=1):
+    for number, entry in enumerate(rows, start=1):
         # The order of a pair must not tell which of them is which.
-        shown = tuple(entry.stimuli[index].id for index in random.permutation(len(entry.stimuli)))
-        item = Item(f"i{number:0{digits}}", entry.kind, shown, entry.stimuli[0].scene.number)
-        placed.append((item, entry))
+        shown = tuple(entry.stimuli[index] for index in random.permutation(len(entry.stimuli)))
+        placed.append((Item(f"i{number:0{max(3, len(str(len(rows))))}}", entry.kind, shown, entry.expected), entry))
     lists, counts = _lists(placed, len(clips), per_participant, attention)
-    used = {stimulus.id: stimulus for entry in [*rows, *checks] for stimulus in entry.stimuli}
-    return Design(tuple(used[name] for name in sorted(used)), tuple(item for item, _ in placed), lists, counts)
+    return Design(scenes, tuple(item for item, _ in placed), lists, counts)
 
 
 def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> dict[str, str]:
@@ -244,18 +245,10 @@ def mismatched_clips(clips: Sequence[str], durations: Mapping[str, float]) -> di
     return {clip: group[(index + 1) % len(group)] for group in pairs for index, clip in enumerate(group)}
 
 
-def _new_id(random: np.random.Generator) -> str:
-    return random.bytes(_ID_BYTES).hex()
-
-
-def _main_rows(
-    systems: Sequence[str], clips: Sequence[str], parts: Sequence[str], random: np.random.Generator
-) -> list[_Row]:
-    if not {RATING, PREFERENCE} & set(parts):
-        return []
+def _main_rows(systems: Sequence[str], clips: Sequence[str], parts: Sequence[str], add: _Add) -> list[_Row]:
     rows = []
     for column, clip in enumerate(clips):
-        stimuli = [Planned(_new_id(random), Scene(RATING, clip), system, clip) for system in systems]
+        stimuli = [add(Scene(RATING, clip), system, clip) for system in systems]
         if RATING in parts:
             rows += [_Row(RATING, row, column, (stimulus,)) for row, stimulus in enumerate(stimuli)]
         if PREFERENCE in parts:
@@ -264,28 +257,23 @@ def _main_rows(
     return rows
 
 
-def _mismatch_rows(
-    systems: Sequence[str], clips: Sequence[str], others: Mapping[str, str], random: np.random.Generator
-) -> list[_Row]:
+def _mismatch_rows(systems: Sequence[str], clips: Sequence[str], others: Mapping[str, str], add: _Add) -> list[_Row]:
     """Return the items of the mismatch; their stimuli are their own, as a shared one would show that it is matched."""
-    return [
-        _Row(
-            MISMATCH,
-            row,
-            column,
-            tuple(Planned(_new_id(random), Scene(MISMATCH, clip), system, shown) for shown in (clip, others[clip])),
-        )
-        for column, clip in enumerate(clips)
-        for row, system in enumerate(systems)
-    ]
-
-
-def _checks(systems: Sequence[str], clips: Sequence[str], count: int, random: np.random.Generator) -> list[_Row]:
-    numbers = random.permutation(np.arange(POINTS[0], POINTS[1] + 1))[:count].tolist()
     rows = []
-    for number in numbers:
+    for column, clip in enumerate(clips):
+        for row, system in enumerate(systems):
+            pair = tuple(add(Scene(MISMATCH, clip), system, shown) for shown in (clip, others[clip]))
+            rows.append(_Row(MISMATCH, row, column, pair))
+    return rows
+
+
+def _checks(
+    systems: Sequence[str], clips: Sequence[str], count: int, random: np.random.Generator, add: _Add
+) -> list[_Row]:
+    rows = []
+    for number in random.permutation(np.arange(POINTS[0], POINTS[1] + 1))[:count].tolist():
         clip, system = (names[int(random.integers(len(names)))] for names in (clips, systems))
-        rows.append(_Row(ATTENTION, 0, 0, (Planned(_new_id(random), Scene(ATTENTION, clip, number), system, clip),)))
+        rows.append(_Row(ATTENTION, 0, 0, (add(Scene(ATTENTION, clip, number), system, clip),), number))
     return rows
 
 

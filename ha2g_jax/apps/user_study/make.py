@@ -21,7 +21,6 @@ from ha2g_jax.apps.user_study.design import (
     RATING,
     Design,
     Key,
-    Planned,
     Scene,
     Stimulus,
     item_as_json,
@@ -109,7 +108,7 @@ def make_study(
     with whole_folder(out) as folder:
         media = folder / "site" / "media"
         media.mkdir(parents=True)
-        render(design.stimuli, sources, media, size=size)
+        render(design.scenes, sources, media, size=size)
         key = _make_key(design, media, list(systems), list(sources.durations), wording, seed)
         write_site(folder / "site", key, design.lists, wording)
         write_key(folder / KEY_FILE, key)
@@ -119,7 +118,8 @@ def make_study(
 def _make_key(
     design: Design, media: pathlib.Path, systems: list[str], clips: list[str], wording: Wording, seed: int
 ) -> Key:
-    stimuli = {planned.id: _stimulus(planned, media / f"{planned.id}.mp4") for planned in design.stimuli}
+    unhashed = sorted(itertools.chain.from_iterable(stimuli.items() for stimuli in design.scenes.values()))
+    stimuli = {name: stimulus._replace(sha256=file_sha256(media / f"{name}.mp4")) for name, stimulus in unhashed}
     content = [wording, seed, systems, [item_as_json(item) for item in design.items], stimuli]
     study = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:_ID_LETTERS]
     return Key(
@@ -133,12 +133,6 @@ def _make_key(
         items=design.items,
         per_participant=design.per_participant,
     )
-
-
-def _stimulus(planned: Planned, video: pathlib.Path) -> Stimulus:
-    is_check = planned.scene.part == ATTENTION
-    sound = None if is_check else planned.scene.clip
-    return Stimulus(planned.system, planned.clip, planned.clip == sound, sound, file_sha256(video))
 
 
 class Sources(NamedTuple):
@@ -286,28 +280,24 @@ def _read(path: pathlib.Path, skeleton: str, seconds: float, **options) -> Motio
     return Motion.from_directions(load_skeleton(skeleton), motion.directions[:count], motion.fps)
 
 
-def render(stimuli: Sequence[Planned], sources: Sources, folder: pathlib.Path, *, size: int = 480) -> None:
+def render(
+    scenes: Mapping[Scene, Mapping[str, Stimulus]], sources: Sources, folder: pathlib.Path, *, size: int = 480
+) -> None:
     """Write the video of each stimulus as `ID.mp4`, a square of `size` pixels.
 
     Raises:
         UserError: espeak-ng cannot be loaded, or a file cannot be written.
     """
-
-    def scene_of(stimulus: Planned) -> tuple[str, str, int]:
-        return stimulus.scene.part, stimulus.scene.clip, stimulus.scene.number or 0
-
-    # Within a scene in the order of the random ids, so that the times of the files do not tell the system.
-    ordered = sorted(stimuli, key=lambda stimulus: (scene_of(stimulus), stimulus.id))
-    with progress_bar("rendering", len(stimuli), "video") as bar:
-        for _, together in itertools.groupby(ordered, key=scene_of):
-            compared = list(together)
-            motions = [sources.motions[stimulus.system][stimulus.clip] for stimulus in compared]
-            sound, text = _sound(compared[0].scene, motions, sources), _text(compared[0].scene)
-            view = fit_view(motions, len(sound) / SAMPLE_RATE)
-            view = view._replace(top=view.top - _BAND) if text else view
-            for stimulus, motion in zip(compared, motions, strict=True):
-                path = folder / f"{stimulus.id}.mp4"
-                write_video(path, {text: motion}, sound, size=size, view=view, has_progress=False)
+    with progress_bar("rendering", sum(map(len, scenes.values())), "video") as bar:
+        for scene, stimuli in scenes.items():
+            # In the order of the random ids, so that the times of the files do not tell the system.
+            motions = {name: sources.motions[stimuli[name].system][stimuli[name].clip] for name in sorted(stimuli)}
+            sound = _sound(scene, list(motions.values()), sources)
+            view = fit_view(motions.values(), len(sound) / SAMPLE_RATE)
+            view = view._replace(top=view.top - _BAND) if scene.part == ATTENTION else view
+            text = f"Please choose {scene.number}" if scene.part == ATTENTION else ""
+            for name, motion in motions.items():
+                write_video(folder / f"{name}.mp4", {text: motion}, sound, size=size, view=view, has_progress=False)
                 bar.update()
 
 
@@ -318,8 +308,3 @@ def _sound(scene: Scene, motions: Sequence[Motion], sources: Sources) -> np.ndar
         return np.pad(words, round(_SILENCE * SAMPLE_RATE))
     seconds = min(sources.durations[scene.clip], *(motion.num_frames / motion.fps for motion in motions))
     return sources.sounds[scene.clip][: round(seconds * SAMPLE_RATE)]
-
-
-def _text(scene: Scene) -> str:
-    """Return what is written above the figure, which is nothing but in a check."""
-    return f"Please choose {scene.number}" if scene.part == ATTENTION else ""

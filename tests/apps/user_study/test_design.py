@@ -17,13 +17,17 @@ SYSTEMS = ("a", "b", "c")
 DURATIONS = {f"clip {number}": 10.0 for number in range(7)}
 
 
+def stimuli_of(design):
+    """Id -> the scene and the stimulus."""
+    return {name: (scene, one) for scene, stimuli in design.scenes.items() for name, one in stimuli.items()}
+
+
 def rows_of(design):
     """Item -> its kind, its systems and the clip that is heard."""
-    stimuli = {stimulus.id: stimulus for stimulus in design.stimuli}
-    rows = {}
+    stimuli, rows = stimuli_of(design), {}
     for item in design.items:
         shown = [stimuli[name] for name in item.stimuli]
-        rows[item.id] = (item.kind, frozenset(stimulus.system for stimulus in shown), shown[0].scene.clip)
+        rows[item.id] = (item.kind, frozenset(stimulus.system for _, stimulus in shown), shown[0][0].clip)
     return rows
 
 
@@ -62,17 +66,16 @@ def test_a_list_has_different_clips_for_different_systems():
 def test_equal_seeds_give_equal_designs_and_others_other_names():
     first, second, third = (make_design(SYSTEMS, DURATIONS, PARTS, seed=seed) for seed in (3, 3, 4))
     assert first == second
-    assert not {stimulus.id for stimulus in first.stimuli} & {stimulus.id for stimulus in third.stimuli}
+    assert not stimuli_of(first).keys() & stimuli_of(third).keys()
 
 
 def test_items_compare_what_they_are_for_and_share_sound_and_length():
     design = make_design(SYSTEMS, DURATIONS, PARTS, attention=5)
-    stimuli = {stimulus.id: stimulus for stimulus in design.stimuli}
-    first_is_matched = []
+    stimuli, first_is_matched = stimuli_of(design), []
     for item in design.items:
-        shown = [stimuli[name] for name in item.stimuli]
-        assert len({stimulus.scene for stimulus in shown}) == 1
-        clip = shown[0].scene.clip
+        scenes, shown = zip(*(stimuli[name] for name in item.stimuli), strict=True)
+        assert len(set(scenes)) == 1
+        clip = scenes[0].clip
         if item.kind == "preference":
             assert shown[0].system != shown[1].system and {stimulus.clip for stimulus in shown} == {clip}
         if item.kind == "mismatch":
