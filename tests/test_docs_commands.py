@@ -251,7 +251,7 @@ def functions_of(test):
 
 def write_smplx(folder):
     """Write poses as in BEAT2, poses with a body model, and positions as ExPose gives them."""
-    write, beat = functions_of("importers/mocap/test_import_smplx.py"), folder / "beat2"
+    write, beat = functions_of("importers/test_import_smplx.py"), folder / "beat2"
     write["_motion"](beat / "smplxflame_30" / "2_scott_0_1_1.npz")
     write["_speech"](beat / "wave16k" / "2_scott_0_1_1.wav", beat / "textgrid" / "2_scott_0_1_1.TextGrid")
     write["_motion"](folder / "poses.npz")
@@ -278,7 +278,7 @@ def write_ted(folder):
 
 def write_recipes(folder):
     """Write files in the layouts of the collections that the recipes speak of, beside those of `CAPTURED`."""
-    beat, root = functions_of("importers/mocap/test_import_smplx.py"), folder / "BEAT2" / "beat_english_v2.0.0"
+    beat, root = functions_of("importers/test_import_smplx.py"), folder / "BEAT2" / "beat_english_v2.0.0"
     for number, name in enumerate(PEOPLE, start=1):
         stem = f"{number}_{name}_0_1_1"
         beat["_motion"](root / "smplxflame_30" / f"{stem}.npz")

@@ -83,7 +83,7 @@ def _import(arguments: argparse.Namespace) -> None:
         report = importer.import_ted(arguments.src, arguments.dst, **given)
     else:
         from ha2g_jax.importers import mocap
-        from ha2g_jax.importers.mocap.importing import ImportOptions
+        from ha2g_jax.importers.mocap import ImportOptions
 
         common = {name: given.pop(name) for name in (*_MOTION, "split") if name in given}
         options = ImportOptions(

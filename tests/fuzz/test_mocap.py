@@ -137,7 +137,7 @@ def write_recording(folder: pathlib.Path, stem: str) -> pathlib.Path:
 
 
 def test_a_name_that_is_not_utf8_is_imported_as_text(tmp_path, refused):
-    from ha2g_jax.importers.mocap.importing import ImportOptions
+    from ha2g_jax.importers.mocap import ImportOptions
 
     path = write_recording(tmp_path / ODD, ODD)
     import_bvh(path, tmp_path / "out", ImportOptions(skeleton="ted_gesture"))

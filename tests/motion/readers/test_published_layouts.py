@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.mocap import import_smplx
-from ha2g_jax.importers.mocap.importing import ImportOptions
+from ha2g_jax.importers.mocap import ImportOptions, import_smplx
 from ha2g_jax.motion.readers.smplx import read_smplx
 from ha2g_jax.motion.readers.smplx_body import JOINTS, template
 from ha2g_jax.skeleton import load_skeleton

@@ -12,8 +12,7 @@ from motion.readers import bvh_files
 
 from ha2g_jax.data.corpus import Corpus
 from ha2g_jax.errors import UserError
-from ha2g_jax.importers.mocap import import_bvh
-from ha2g_jax.importers.mocap.importing import ImportOptions, with_constant_lengths
+from ha2g_jax.importers.mocap import ImportOptions, import_bvh, with_constant_lengths
 from ha2g_jax.motion.readers.bvh_motion import read_motion
 from ha2g_jax.skeleton import load_skeleton, positions_to_directions
 
