@@ -8,10 +8,11 @@ import os
 import pathlib
 import pickle
 import signal
+import threading
 import traceback
 from collections.abc import Callable, Generator, Sequence
 from multiprocessing import connection
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, TypeVar
 
 from ha2g_jax.errors import UserError, require
@@ -30,22 +31,18 @@ class WorkerDied(Exception):
 
 class _Worker(NamedTuple):
     process: SpawnProcess
-    item: int
+    item: Any
     tries: int
 
 
 def local(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int | None = None
 ) -> Generator[tuple[Item, Result | Exception], None, None]:
-    """Call a function on each item, each time in a new process.
+    """Call a function that is importable by name on each item, each time in a new process with one thread of OpenMP.
 
-    When a process dies (a crash in a library, no memory left), its item is tried once more. Processes that a worker
-    has started end with it, and all workers end with this process, even if it is killed.
-
-    Args:
-        function: function that is importable by name; runs with one thread of OpenMP, as on a cluster.
-        items: items that can be pickled.
-        workers: number of simultaneous processes; one per core by default.
+    When a process dies (a crash in a library, no memory left), its item is tried once more. All workers, and the
+    processes that they have started, end with this process, even if it is killed. There is a worker per core by
+    default.
 
     Yields:
         (item, result) in the order in which they finish; the result may be the function's exception or `WorkerDied`.
@@ -53,30 +50,66 @@ def local(
     # spawn: the workers must not inherit state of this process or of an accelerator library.
     context = multiprocessing.get_context("spawn")
     workers = workers or os.cpu_count() or 1
-    waiting = collections.deque((item, 1) for item in range(len(items)))
+    waiting = collections.deque((item, 1) for item in items)
     running: dict[connection.Connection, _Worker] = {}
     try:
         while waiting or running:
             while waiting and len(running) < workers:
                 item, tries = waiting.popleft()
-                pipe, process = _start(context, function, items[item])
-                running[pipe] = _Worker(process, item, tries)
+                ours, theirs = context.Pipe(duplex=False)
+                process = context.Process(target=_work, args=(theirs, pickle.dumps((function, item))), daemon=True)
+                process.start()
+                theirs.close()  # so that the pipe ends when the worker does
+                running[ours] = _Worker(process, item, tries)
             for pipe in connection.wait([*running]):
                 assert isinstance(pipe, connection.Connection)
                 worker = running[pipe]
-                outcome = _receive(pipe, worker.process)
-                _end(pipe, worker.process)
-                del running[pipe]
-                if outcome is not None:
-                    yield items[worker.item], outcome[0]
+                outcome: list[Any] = []
+                with pipe, contextlib.suppress(EOFError, OSError):  # it died
+                    outcome.append(pipe.recv())
+                worker.process.join(_EXIT_SECONDS)
+                cause = _cause(worker.process.exitcode)
+                _end(running.pop(pipe))
+                if outcome:
+                    yield worker.item, outcome[0]
                 elif worker.tries < _TRIES:
                     waiting.append((worker.item, worker.tries + 1))
                 else:
-                    reason = _cause(worker.process.exitcode)
-                    yield items[worker.item], WorkerDied(f"its process died {_TRIES} times, the last time {reason}")
+                    yield worker.item, WorkerDied(f"its process died {_TRIES} times, the last time {cause}")
     finally:
-        for pipe, worker in running.items():
-            _end(pipe, worker.process)
+        for worker in running.values():
+            _end(worker)
+
+
+def _end(worker: _Worker) -> None:
+    """End a worker and all that it has started."""
+    assert worker.process.pid is not None
+    with contextlib.suppress(ProcessLookupError, PermissionError):  # nothing of its group is left
+        os.killpg(worker.process.pid, signal.SIGKILL)
+    worker.process.kill()
+    worker.process.join()
+
+
+def _work(pipe: connection.Connection, call: bytes) -> None:
+    """Run one call in a worker, which leads a process group so that Ctrl-C reaches only the parent."""
+    os.setsid()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # before the function's libraries are imported
+    try:
+        function, item = pickle.loads(call)
+        pipe.send(function(item))
+    except UserError as error:
+        pipe.send(error)
+    except (Exception, SystemExit) as error:  # the parent reports it and goes on with other items
+        pipe.send(RuntimeError(_line(error)))
+
+
+def _end_with_parent() -> None:
+    """End this worker and all that it has started when its parent was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    connection.wait([parent.sentinel])
+    os.killpg(0, signal.SIGKILL)
 
 
 def ray(
@@ -90,8 +123,6 @@ def ray(
     Every node must have this package, and find the files of the items under the same paths.
 
     Args:
-        function: function that is importable by name.
-        items: items that can be pickled.
         workers: number of simultaneous tasks; the number of CPUs of the cluster by default.
         address: address of the cluster; None for the one that $RAY_ADDRESS names or that runs on this machine, else a
             new one for this call.
@@ -135,72 +166,9 @@ def ray(
 
 
 def _call_apart(function: Callable[[Any], Any], item: Any) -> Any:
-    """Call in a new process, so that a crash does not end the Ray worker, and a killed worker leaves no process."""
+    """Call in a new process, so that a crash does not end the Ray worker."""
     [(_, outcome)] = local(function, [item], 1)
     return outcome
-
-
-def _start(
-    context: SpawnContext, function: Callable[[Any], Any], item: Any
-) -> tuple[connection.Connection, SpawnProcess]:
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, pickle.dumps((function, item))), daemon=True)
-    process.start()
-    theirs.close()  # so that the pipe ends when the worker does
-    return ours, process
-
-
-def _work(pipe: connection.Connection, call: bytes) -> None:
-    """Run one call in a worker, which leads a process group so that Ctrl-C reaches only the parent."""
-    os.setsid()
-    _guard()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # before the function's libraries are imported
-    try:
-        function, item = pickle.loads(call)
-        pipe.send(function(item))
-    except UserError as error:
-        pipe.send(error)
-    except (Exception, SystemExit) as error:  # the parent reports it and goes on with other items
-        pipe.send(RuntimeError(_line(error)))
-
-
-def _guard() -> None:
-    """Fork a process that kills the group, including all that the worker has started, when the worker or its parent
-    ends.
-
-    The worker cannot do this itself, because it may be killed: a Ray worker that ends kills its children.
-    """
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    ours, _ = os.pipe()  # the other end is closed when the worker ends, for any reason
-    if os.fork():
-        os.close(ours)
-        return
-    for number in {int(path.name) for path in pathlib.Path("/dev/fd").iterdir()} - {0, 1, 2, ours, parent.sentinel}:
-        with contextlib.suppress(OSError):  # the descriptor that listed the folder is closed already
-            os.close(number)
-    connection.wait([ours, parent.sentinel])
-    os.killpg(0, signal.SIGKILL)
-
-
-def _receive(pipe: connection.Connection, process: SpawnProcess) -> tuple[Any] | None:
-    """Return the result that a worker has sent, None if it died before."""
-    try:
-        outcome = (pipe.recv(),)
-    except (EOFError, OSError):
-        return None
-    process.join(_EXIT_SECONDS)
-    return outcome
-
-
-def _end(pipe: connection.Connection, process: SpawnProcess) -> None:
-    """End a worker and all that it has started, unless it has succeeded."""
-    if process.pid and process.exitcode != 0:  # a group exists until all its members have ended
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.kill()
-        process.join()
-    pipe.close()
 
 
 def _cause(exit_code: int | None) -> str:
