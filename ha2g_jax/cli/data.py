@@ -230,14 +230,14 @@ def _add_inspect(data: Any) -> None:
     command = data.add_parser("inspect", help="print the numbers of a corpus, check it, or write a page on it")
     command.description = (
         "Print hours, speakers, words, bone lengths and angles of a corpus; check every file and record of it; or "
-        "write a page with statistics, the report of its import, and clips to watch; of Talk also one of its causes."
+        "write a page with statistics, the report of its import, clips to watch, and the causes of Talk's motion."
     )
     command.add_argument("corpus", type=pathlib.Path, metavar="CORPUS", help="folder of a corpus")
     command.add_argument("--check", action="store_true", help="check it; the exit code is 1 if an error is found")
     command.add_argument("-o", "--out", type=pathlib.Path, metavar="FILE", help="page to write, .html")
     command.add_argument("--samples", type=int, metavar="N", help="clips to watch in the page (default: 4)")
     command.add_argument(
-        "--recording", type=pathlib.Path, metavar="BVH", help="a real speaker to compare a Talk corpus with in the page"
+        "--recording", type=pathlib.Path, metavar="BVH", help="a real speaker to compare the motion with in the page"
     )
     command.add_argument("--json", action="store_true", help="print JSON")
     command.set_defaults(run=_inspect)
@@ -255,15 +255,11 @@ def _inspect(arguments: argparse.Namespace) -> int:
         summary = summarise(arguments.corpus)
         print(json.dumps(summary, indent=1) if arguments.json else as_table(summary))
         return 0
-    from ha2g_jax.data.corpus import Corpus
-    from ha2g_jax.evaluation import corpus_report
+    from ha2g_jax.evaluation.corpus_report import write_report
 
     refuse_others(arguments, (), ("json",), "a page")
     samples = 4 if arguments.samples is None else arguments.samples
-    print(corpus_report.write_report(arguments.corpus, arguments.out, num_samples=samples))
-    if Corpus.open(arguments.corpus).metadata.get("name", "").startswith("talk"):
-        causes = arguments.out.with_stem(f"{arguments.out.stem}_causes")
-        print(corpus_report.write_talk_report(arguments.corpus, causes, recording=arguments.recording))
+    print(write_report(arguments.corpus, arguments.out, num_samples=samples, recording=arguments.recording))
     return 0
 
 

@@ -1,6 +1,7 @@
-"""Write HTML reports of a corpus: its sizes, import, speech, motion and clips; and the causes of the motion of Talk."""
+"""Write the HTML report of a corpus: its sizes, import, speech, motion and clips, and the causes of Talk's motion."""
 
 import base64
+import collections
 import html
 import importlib.resources
 import io
@@ -10,7 +11,7 @@ import re
 import string
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -19,10 +20,9 @@ from tqdm import tqdm
 
 from ha2g_jax import figure
 from ha2g_jax.data import recording as filters
-from ha2g_jax.data.corpus import Corpus
+from ha2g_jax.data.corpus import TRAIN, Corpus
 from ha2g_jax.data.recording import SplitReport
 from ha2g_jax.data.records import Clip
-from ha2g_jax.data.talk import teacher
 from ha2g_jax.data.talk.speakers import Style, look_of
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation.charts import Mark, histogram, html_table, interval_chart
@@ -34,12 +34,12 @@ from ha2g_jax.evaluation.corpus_statistics import (
     angle_rows,
     bone_rows,
     joint_rows,
-    pair_names,
     report_of,
     split_rows,
     summarise,
 )
 from ha2g_jax.features.audio import SAMPLE_RATE
+from ha2g_jax.files.reading import shown
 from ha2g_jax.files.writing import whole_file
 from ha2g_jax.motion.formats.video import write_video
 from ha2g_jax.motion.motion import Motion
@@ -48,7 +48,6 @@ from ha2g_jax.skeleton import (
     Skeleton,
     directions_to_positions,
     joint_angles,
-    load_skeleton,
     positions_to_directions,
 )
 
@@ -56,7 +55,8 @@ _SAMPLE_SECONDS, _SAMPLE_SIZE = 8, 400
 _LOOK_AHEAD = 100  # clips to search for a speaker who is not shown yet
 _MAX_WORDS = 40  # words of a sample, written under it
 _MAX_FAILURES = 50
-_MAX_CAUSED = 200  # clips of Talk whose motion is described
+_MAX_DESCRIBED = 200  # clips of training whose wrists and causes are described
+_MIN_FRAMES = 4  # of a recording
 _STILL = 0.1  # m/s; a slower wrist pauses
 _STROKE_SPEED, _STROKE_PROMINENCE = 0.15, 0.08  # m/s; minimum height and prominence of a stroke's peak of speed
 _STRIPS, _STRIP_FRAMES, _STRIP_STEP, _STRIP_SIZE = 6, 10, 4, 150
@@ -73,23 +73,32 @@ _REASONS = {
 }
 
 
-def write_report(path: str | os.PathLike, out: str | os.PathLike, *, num_samples: int = 4) -> pathlib.Path:
+def write_report(
+    path: str | os.PathLike,
+    out: str | os.PathLike,
+    *,
+    num_samples: int = 4,
+    recording: str | os.PathLike | None = None,
+) -> pathlib.Path:
     """Write a self-contained HTML page with videos. Equal corpora give equal pages.
 
     Args:
         out: path of the page, an `.html`.
         num_samples: number of clips to watch, of different speakers if possible; 0 for none.
+        recording: path of a BVH motion capture of a real speaker, to compare the motion with.
 
     Returns:
         Path of the page.
 
     Raises:
-        UserError: there is no corpus, a record cannot be used, the page cannot be written, or matplotlib is missing.
+        UserError: there is no corpus, a record or the recording cannot be used, the page cannot be written, or
+            matplotlib is missing.
     """
     out = pathlib.Path(out)
     if out.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"the report is an HTML page, not {out.name!r}; name it {out.name}.html")
     corpus = Corpus.open(path)
+    recorded = None if recording is None else _read_recording(recording, corpus)
     summary = summarise(path)
     sections = [
         _head(summary),
@@ -98,18 +107,24 @@ def write_report(path: str | os.PathLike, out: str | os.PathLike, *, num_samples
         "<h2>Splits</h2>" + html_table(split_rows(summary)),
         *_import(summary),
         *_speech(summary),
-        *_motion(summary),
+        *_motion(summary, corpus.skeleton, recorded),
+        *_wrists(corpus, recorded),
+        *_causes(corpus),
     ]
-    return _write(out, f"{summary['name']}: corpus report", sections)
-
-
-def _write(out: pathlib.Path, title: str, sections: Sequence[str]) -> pathlib.Path:
     template = importlib.resources.files("ha2g_jax") / "assets" / "corpus_report.html"
-    body = "\n".join(sections)
-    page = string.Template(template.read_text()).substitute(title=html.escape(title), body=body)
+    title = html.escape(f"{summary['name']}: corpus report")
+    page = string.Template(template.read_text()).substitute(title=title, body="\n".join(sections))
     with whole_file(out) as temporary:
         temporary.write_text(page, encoding="utf-8")
     return out
+
+
+def _read_recording(recording: str | os.PathLike, corpus: Corpus) -> np.ndarray:
+    """Read recorded motion (T, joints, 3) with the bone lengths of a corpus, so that speeds are comparable."""
+    positions = read_motion(recording, corpus.skeleton, fps=corpus.fps).positions
+    if len(positions) < _MIN_FRAMES:
+        raise UserError(f"{shown(recording)} has {len(positions)} frames; give a longer recording")
+    return directions_to_positions(corpus.skeleton, positions_to_directions(corpus.skeleton, positions))
 
 
 def _inline(svg: str) -> str:
@@ -203,9 +218,7 @@ def _poster(motion: Motion) -> str:
     view = figure.fit([(motion.positions, motion.skeleton)])
     middle = motion.positions[motion.num_frames // 2]
     image = figure.draw_figure(middle, motion.skeleton, figure.DEFAULT_LOOK, _SAMPLE_SIZE, _SAMPLE_SIZE, view)
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "JPEG", quality=80)
-    return _base64(buffer.getvalue())
+    return _image(image, "JPEG", quality=80)
 
 
 def _base64(data: bytes) -> str:
@@ -274,8 +287,8 @@ def _speech(summary: dict[str, Any]) -> Iterator[str]:
     yield f'<h2>Speech and clips</h2><div class="grid2">{"".join(figures)}</div>'
 
 
-def _motion(summary: dict[str, Any]) -> Iterator[str]:
-    """Make the section on motion: angles and bones of the training split beside the published ones."""
+def _motion(summary: dict[str, Any], skeleton: Skeleton, recorded: np.ndarray | None) -> Iterator[str]:
+    """Make the section on motion: angles and bones of training beside the published ones and those of a recording."""
     training = summary["training"]
     if training is None:
         return
@@ -297,6 +310,10 @@ def _motion(summary: dict[str, Any]) -> Iterator[str]:
         }
         for name, angle in training["angles"].items()
     }
+    if recorded is not None:  # BVH has no face; that of the recording is fixed to the head
+        angles = np.rad2deg(joint_angles(skeleton, positions_to_directions(skeleton, recorded)))
+        for marks, mean, deviation in zip(rows.values(), angles.mean(axis=0), angles.std(axis=0), strict=True):
+            marks["recording"] = _deviation(float(mean), float(deviation))
     label = "Mean and standard deviation of the angle between two bones"
     yield (
         f"<details><summary>All {len(rows)} angles of the physical loss</summary>"
@@ -316,143 +333,90 @@ def _deviation(mean: float, deviation: float) -> Mark:
     return Mark(mean, mean - deviation, mean + deviation)
 
 
-def write_talk_report(
-    path: str | os.PathLike, out: str | os.PathLike, recording: str | os.PathLike | None = None
-) -> pathlib.Path:
-    """Write a self-contained HTML page that compares the motion of a Talk corpus with TED's angles and a recording.
+def _wrists(corpus: Corpus, recorded: np.ndarray | None) -> Iterator[str]:
+    """Make the table of how the wrists move in training, beside those of a recording."""
+    clips = _training(corpus)
+    motions = [fields["positions"] for fields in clips if fields["window_starts"]]
+    people = {"this corpus": motions, "recording": [] if recorded is None else [recorded]}
+    columns = {name: wrist_motion(corpus.skeleton, each, corpus.fps) for name, each in people.items() if each}
+    if columns:
+        titles = next(iter(columns.values()))
+        rows = [[title, *(f"{column[title]:.2f}" for column in columns.values())] for title in titles]
+        yield "<h3>Movement of the wrists</h3>" + html_table([["", *columns], *rows])
 
-    Args:
-        out: path of the page, whose suffix becomes .html.
-        recording: path of a BVH motion capture of a real speaker.
+
+def _training(corpus: Corpus) -> list[dict[str, Any]]:
+    """Return the fields of the first clips of training; audio and images stay compressed."""
+    clips = corpus.clips(TRAIN) if corpus.has_clips(TRAIN) else []
+    return [clips.fields(index) for index in range(min(len(clips), _MAX_DESCRIBED))]
+
+
+def wrist_motion(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) -> dict[str, float]:
+    """Measure how both wrists move in positions (T, joints, 3) in metres, of at least 4 frames each.
+
+    A stroke is a peak of the speed of a wrist; a wrist that is slower than 0.1 m/s pauses.
 
     Returns:
-        Path of the page.
-
-    Raises:
-        UserError: there is no Talk corpus, the page cannot be written, the recording cannot be read, or matplotlib is
-            missing.
+        Title of each quantity, with its unit -> its value.
     """
-    corpus = Corpus.open(path)
-    skeleton = load_skeleton(corpus.metadata["skeleton"])
-    clips = corpus.clips("train")[:_MAX_CAUSED]
-    if corpus.skeleton.name != teacher.SKELETON or not clips or not all(map(_is_of_talk, clips)):
-        raise UserError(f"{path} has no styles and strokes; give a corpus made by `ha2g data make-talk`")
-    people = {"Talk": kinematics(skeleton, [clip.positions for clip in clips], corpus.fps)}
-    if recording is not None:
-        people["recording"] = kinematics(skeleton, [_read_recording(recording, skeleton, corpus.fps)], corpus.fps)
-    minutes = sum(len(clip.positions) for clip in clips) / corpus.fps / 60
-    title = f"{corpus.path.name}: motion and its causes"
-    sections = [
-        f"<h1>{html.escape(title)}</h1><p>{len(clips)} clips, {minutes:.1f} minutes of the training split. Talk is a "
-        "testbed: its numbers say nothing about people.</p>",
-        "<h2>Wrists</h2>" + html_table(_motion_rows(people)),
-        "<h2>Angles</h2>" + _angles(skeleton, people),
-        "<h2>Causes</h2>" + html_table(_stroke_rows(clips, minutes)),
-        "<h2>Images</h2>" + _strips(skeleton, clips),
-    ]
-    return _write(pathlib.Path(out).with_suffix(".html"), title, sections)
-
-
-def _is_of_talk(clip: Clip) -> bool:
-    return len(clip.style) == len(Style._fields) and len(clip.positions) >= _STRIP_FRAMES * _STRIP_STEP
-
-
-def _read_recording(recording: str | os.PathLike, skeleton: Skeleton, fps: float) -> np.ndarray:
-    """Read the recorded motion (T, joints, 3) with the bone lengths of `skeleton`, so that speeds are comparable."""
-    positions = read_motion(recording, skeleton, fps=fps).positions
-    return directions_to_positions(skeleton, positions_to_directions(skeleton, positions))
-
-
-class Kinematics(NamedTuple):
-    """Kinematics of the two wrists over all clips.
-
-    Attributes:
-        speed, acceleration, jerk: (n,) magnitudes in m/s, m/s^2 and m/s^3.
-        pauses: (p,) length in seconds of each stretch in which a wrist is slower than 0.1 m/s.
-        strokes_per_minute: number of peaks of a wrist's speed per minute, mean of both wrists.
-        still: fraction of the time in which a wrist pauses.
-        angles: (frames, pairs) angles in degrees.
-    """
-
-    speed: np.ndarray
-    acceleration: np.ndarray
-    jerk: np.ndarray
-    pauses: np.ndarray
-    strokes_per_minute: float
-    still: float
-    angles: np.ndarray
-
-
-def kinematics(skeleton: Skeleton, motions: Sequence[np.ndarray], fps: float) -> Kinematics:
-    """Compute the kinematics of several motions, positions (T, joints, 3) in metres of at least 4 frames each."""
     wrists = [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]
-    derivatives: list[list[np.ndarray]] = [[], [], []]
-    pauses, strokes, frames = [], 0.0, 0
-    for motion in motions:
-        moving = motion[:, wrists].astype(np.float64)
-        for order, found in enumerate(derivatives, start=1):
-            found.append(np.linalg.norm(np.diff(moving, order, axis=0), axis=-1).ravel() * fps**order)
-        speed = np.linalg.norm(np.diff(moving, axis=0), axis=-1) * fps
-        smooth = ndimage.convolve1d(speed, [0.25, 0.5, 0.25], axis=0, mode="nearest")
-        for wrist in smooth.T:
+    paths = [motion[:, wrists].astype(np.float64) for motion in motions]
+    found = {}
+    for order, title in enumerate(("speed, m/s", "acceleration, m/s²", "jerk, m/s³"), start=1):
+        sizes = [np.linalg.norm(np.diff(path, order, axis=0), axis=-1).ravel() * fps**order for path in paths]
+        values = np.concatenate(sizes)
+        found |= {f"{title}, mean": values.mean(), f"{title}, median": np.median(values)}
+        found[f"{title}, 95 %"] = np.percentile(values, 95)
+    pauses, strokes, seconds = [], 0, 0.0  # seconds of each wrist
+    for path in paths:
+        speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) * fps
+        seconds += len(speed) / fps
+        for wrist in ndimage.convolve1d(speed, [0.25, 0.5, 0.25], axis=0, mode="nearest").T:
             peaks, _ = signal.find_peaks(wrist, height=_STROKE_SPEED, prominence=_STROKE_PROMINENCE)
-            strokes += len(peaks) / 2
+            strokes += len(peaks)
             edges = np.flatnonzero(np.diff(np.concatenate([[0], wrist < _STILL, [0]])))
             pauses += list((edges[1::2] - edges[::2]) / fps)
-        frames += len(speed)
-    angles = [np.rad2deg(joint_angles(skeleton, positions_to_directions(skeleton, motion))) for motion in motions]
-    speed, acceleration, jerk = (np.concatenate(found) for found in derivatives)
-    seconds = frames / fps
-    still = float(sum(pauses) / (2 * seconds))
-    return Kinematics(
-        speed, acceleration, jerk, np.array(pauses), strokes / seconds * 60, still, np.concatenate(angles)
+    return found | {
+        "strokes per minute and hand": strokes / seconds * 30,
+        "fraction of time still": sum(pauses) / (2 * seconds),
+        "length of a pause, median, s": np.median(pauses) if pauses else 0.0,
+    }
+
+
+def _causes(corpus: Corpus) -> Iterator[str]:
+    """Make the section on what causes the motion of a Talk corpus, and what its speakers look like."""
+    clips = _training(corpus)
+    if not clips or not all(fields["style"] and fields["strokes"] for fields in clips):
+        return
+    minutes = sum(len(fields["positions"]) for fields in clips) / corpus.fps / 60
+    kinds = collections.Counter(stroke.kind for fields in clips for stroke in fields["strokes"])
+    causes = {"beat": "loud syllables", "nod": "pitch accents", "posture": "pauses", "semantic": "words"}
+    rows = [["stroke", "cause", "per minute"]]
+    rows += [[kind, cause, f"{kinds[kind] / minutes:.1f}"] for kind, cause in causes.items()]
+    yield (
+        f"<h2>Causes</h2><p>Of {len(clips)} clips of the training split. Talk is a testbed: its numbers say nothing "
+        f"about people.</p>{html_table(rows)}{_strips(corpus.skeleton, clips)}"
     )
 
 
-def _motion_rows(people: dict[str, Kinematics]) -> list[list[str]]:
-    rows = [["", *people]]
-    quantities = {"speed, m/s": "speed", "acceleration, m/s²": "acceleration", "jerk, m/s³": "jerk"}
-    for title, field in quantities.items():
-        for name, statistic in {"mean": np.mean, "median": np.median, "95 %": lambda x: np.percentile(x, 95)}.items():
-            rows.append([f"{title}, {name}", *(f"{statistic(getattr(who, field)):.2f}" for who in people.values())])
-    rows.append(["strokes per minute and hand", *(f"{who.strokes_per_minute:.0f}" for who in people.values())])
-    rows.append(["fraction of time still", *(f"{who.still:.2f}" for who in people.values())])
-    medians = (np.median(who.pauses) if len(who.pauses) else 0 for who in people.values())
-    return [*rows, ["length of a pause, median, s", *(f"{median:.2f}" for median in medians)]]
-
-
-def _stroke_rows(clips: Sequence[Clip], minutes: float) -> list[list[str]]:
-    kinds = [stroke.kind for clip in clips for stroke in clip.strokes]
-    causes = {"beat": "loud syllables", "nod": "pitch accents", "posture": "pauses", "semantic": "words"}
-    rows = [["stroke", "cause", "per minute"]]
-    return rows + [[kind, cause, f"{kinds.count(kind) / minutes:.1f}"] for kind, cause in causes.items()]
-
-
-def _angles(skeleton: Skeleton, people: dict[str, Kinematics]) -> str:
-    rows = {}
-    for number, name in enumerate(pair_names(skeleton)):
-        mean, deviation = 180 * skeleton.angle_mean[number], 180 * np.sqrt(skeleton.angle_variance[number])
-        rows[name] = {"TED": _deviation(float(mean), float(deviation))}
-        for person, found in people.items():
-            angles = found.angles[:, number]
-            rows[name][person] = _deviation(float(angles.mean()), float(angles.std()))
-    note = "<p>BVH has no face; that of the recording is fixed to the head.</p>" if len(people) > 1 else ""
-    label = "Mean and standard deviation of the angle between two bones"
-    return note + _inline(interval_chart(rows, label=label, axis="degrees"))
-
-
-def _strips(skeleton: Skeleton, clips: Sequence[Clip]) -> str:
+def _strips(skeleton: Skeleton, clips: Sequence[dict[str, Any]]) -> str:
     """Draw poses of a few clips of different speakers, one row per clip."""
-    speakers = {clip.speaker: clip for clip in clips if len(clip.positions) >= _STRIP_FRAMES * _STRIP_STEP}
-    shown = list(speakers.values())[:_STRIPS]
-    view = figure.fit((clip.positions[: _STRIP_FRAMES * _STRIP_STEP], skeleton) for clip in shown)
+    num_frames = _STRIP_FRAMES * _STRIP_STEP
+    speakers = {fields["speaker"]: fields for fields in clips if len(fields["positions"]) >= num_frames}
+    first = list(speakers.values())[:_STRIPS]
+    if not first:
+        return ""
+    view = figure.fit((fields["positions"][:num_frames], skeleton) for fields in first)
     rows = []
-    for clip in shown:
-        look = look_of(Style(*clip.style))
-        poses = clip.positions[: _STRIP_FRAMES * _STRIP_STEP : _STRIP_STEP]
+    for fields in first:
+        look, poses = look_of(Style(*fields["style"])), fields["positions"][:num_frames:_STRIP_STEP]
         images = [figure.draw_figure(pose, skeleton, look, _STRIP_SIZE, _STRIP_SIZE, view) for pose in poses]
         rows.append(np.concatenate(images, axis=1))
+    image = _image(np.concatenate(rows, axis=0), "PNG", optimize=True)
+    return f'<img alt="Poses of clips of different speakers" src="data:image/png;base64,{image}">'
+
+
+def _image(pixels: np.ndarray, kind: str, **options: Any) -> str:
     buffer = io.BytesIO()
-    Image.fromarray(np.concatenate(rows, axis=0)).save(buffer, format="PNG", optimize=True)
-    label = "Poses of clips of different speakers"
-    return f'<img alt="{label}" src="data:image/png;base64,{_base64(buffer.getvalue())}">'
+    Image.fromarray(pixels).save(buffer, kind, **options)
+    return _base64(buffer.getvalue())

@@ -16,7 +16,6 @@ from ha2g_jax.data.corpus_writer import CorpusWriter
 from ha2g_jax.data.records import encode_clip
 from ha2g_jax.errors import UserError
 from ha2g_jax.evaluation import corpus_report as report
-from ha2g_jax.evaluation.corpus_report import kinematics, write_talk_report
 from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import load_skeleton
 
@@ -97,7 +96,7 @@ def test_a_page_of_its_own(corpus, tmp_path):
         for name in ("src", "href", "poster"):
             assert attributes.get(name, "data:").startswith("data:")
     assert not re.search(r"url\((?!#)|@import|https?://", text)
-    for heading in ("Clips", "Splits", "Import", "Speech and clips", "Motion"):
+    for heading in ("Clips", "Splits", "Import", "Speech and clips", "Motion", "Causes"):
         assert f"<h2>{heading}</h2>" in text
     for svg in page.of("svg"):
         assert svg["role"] == "img"
@@ -135,34 +134,27 @@ def test_refusals(corpus, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_causes_of_talk_are_a_page_of_its_own(tiny_talk, tmp_path):
-    page = write_talk_report(tiny_talk, tmp_path / "report")
-    text = page.read_text()
-    assert page.name == "report.html"
-    assert text.count("data:image/png;base64,") == text.count("<svg") == 1
-    assert not re.search(r"https?://", text)
-
-
-def test_kinematics_of_a_known_swing():
+def test_wrists_of_a_known_swing():
     times = np.arange(600) / 15
     motion = np.tile(_SKELETON.mean_pose.astype(np.float64), (600, 1, 1))
     wrists = [_SKELETON.joint("left_wrist"), _SKELETON.joint("right_wrist")]
     motion[:, wrists, 1] += 0.1 * np.sin(2 * np.pi * 0.5 * times)[:, None]  # peak speed 0.314 m/s, 60 peaks a minute
-    found = kinematics(_SKELETON, [motion], 15)
-    assert found.speed.max() == pytest.approx(0.1 * np.pi, rel=0.02)
-    assert found.strokes_per_minute == pytest.approx(60, abs=3)
-    assert found.still == pytest.approx(2 * np.arcsin(0.1 / (0.1 * np.pi)) / np.pi, abs=0.05)
+    found = report.wrist_motion(_SKELETON, [motion], 15)
+    assert found["speed, m/s, mean"] == pytest.approx(0.2, rel=0.02)
+    assert found["strokes per minute and hand"] == pytest.approx(60, abs=3)
+    assert found["fraction of time still"] == pytest.approx(2 * np.arcsin(1 / np.pi) / np.pi, abs=0.05)
 
 
-def test_compares_with_a_recording(tiny_talk, private_data, tmp_path):
+def test_talk_has_its_causes_and_a_recording_stands_beside_it(tiny_talk, private_data, tmp_path):
     recording = next((private_data / "zeroeggs_067").glob("*.bvh"))
-    page = write_talk_report(tiny_talk, tmp_path / "report", recording)
-    assert '<th scope="col">recording</th>' in page.read_text()
+    page = report.write_report(tiny_talk, tmp_path / "a.html", num_samples=0, recording=recording).read_text()
+    assert "<h2>Causes</h2>" in page and page.count("data:image/png;base64,") == 1
+    assert '<th scope="col">recording</th>' in page and ">recording</text>" in page  # in the table and in the chart
 
 
 def test_a_recording_that_is_no_bvh_is_named(tiny_talk, tmp_path):
     path = tmp_path / "speech.bvh"
     path.write_text("hello")
     with pytest.raises(UserError, match=r"speech\.bvh, line 1"):
-        write_talk_report(tiny_talk, tmp_path / "report", path)
+        report.write_report(tiny_talk, tmp_path / "report.html", recording=path)
     assert not (tmp_path / "report.html").exists()
