@@ -5,7 +5,7 @@ import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
-from ha2g_jax.cli.parser import add_reading, positive, read_seed, refuse_others, stored_text
+from ha2g_jax.cli.parser import add_reading, positive, print_verdict, read_seed, refuse_others, stored_text
 from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import shown
 from ha2g_jax.skeleton import SKELETONS
@@ -246,8 +246,10 @@ def _add_inspect(data: Any) -> None:
 def _inspect(arguments: argparse.Namespace) -> int:
     page = ("samples", "recording", "out")
     if arguments.check:
+        from ha2g_jax.data.validation import examine
+
         refuse_others(arguments, (), page, "--check")
-        return _check(arguments)
+        return print_verdict(examine(arguments.corpus), arguments.corpus, arguments.json)
     if arguments.out is None:
         from ha2g_jax.evaluation.corpus_statistics import as_table, summarise
 
@@ -261,18 +263,6 @@ def _inspect(arguments: argparse.Namespace) -> int:
     samples = 4 if arguments.samples is None else arguments.samples
     print(write_report(arguments.corpus, arguments.out, num_samples=samples, recording=arguments.recording))
     return 0
-
-
-def _check(arguments: argparse.Namespace) -> int:
-    from ha2g_jax.data import validation
-
-    verdict = validation.examine(arguments.corpus)
-    if arguments.json:
-        print(json.dumps(verdict._asdict(), indent=1))
-    else:
-        notes = [f"note: {note}" for note in verdict.notes]
-        print(*notes, *(verdict.findings or [f"{arguments.corpus} is valid"]), sep="\n")
-    return 1 if verdict.findings else 0
 
 
 def _add_merge(data: Any) -> None:

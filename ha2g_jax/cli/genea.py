@@ -1,12 +1,11 @@
 """The commands `ha2g genea pack` and `check`: arguments only; each calls one function of the package."""
 
 import argparse
-import json
 import pathlib
 from typing import Any
 
 from ha2g_jax.cli.generate import add_style, read_style
-from ha2g_jax.cli.parser import add_reading, positive, read_seed, reading
+from ha2g_jax.cli.parser import add_reading, positive, print_verdict, read_seed, reading
 from ha2g_jax.errors import UserError
 
 
@@ -78,10 +77,4 @@ def _pack(arguments: argparse.Namespace) -> None:
 def _check(arguments: argparse.Namespace) -> int:
     from ha2g_jax.apps.genea.pack import check_pack
 
-    verdict = check_pack(arguments.pack, arguments.speech)
-    if arguments.json:
-        print(json.dumps(verdict._asdict(), indent=1))
-    else:
-        notes = [f"note: {note}" for note in verdict.notes]
-        print(*notes, *(verdict.findings or [f"{arguments.pack} is valid"]), sep="\n")
-    return 1 if verdict.findings else 0
+    return print_verdict(check_pack(arguments.pack, arguments.speech), arguments.pack, arguments.json)

@@ -1,6 +1,7 @@
 """The parser of the commands, and the values and options that several commands have."""
 
 import argparse
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -91,3 +92,13 @@ def refuse_others(arguments: argparse.Namespace, allowed: Sequence[str], every: 
     if given:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise UserError(f"{options} {'does' if len(given) == 1 else 'do'} not apply to {kind}; leave {options} out")
+
+
+def print_verdict(verdict: Any, checked: Any, is_json: bool) -> int:
+    """Print the `notes` and the `findings` of a check of a folder or file; return the exit code, 1 for findings."""
+    if is_json:
+        print(json.dumps(verdict._asdict(), indent=1))
+    else:
+        notes = [f"note: {note}" for note in verdict.notes]
+        print(*notes, *(verdict.findings or [f"{checked} is valid"]), sep="\n")
+    return 1 if verdict.findings else 0

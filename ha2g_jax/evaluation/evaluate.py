@@ -15,7 +15,7 @@ from ha2g_jax.evaluation.clip_result import ClipResult
 from ha2g_jax.evaluation.rows import Rows, make_rows
 from ha2g_jax.metrics import reconstruction
 from ha2g_jax.metrics.beats import rests, stops, summary, times
-from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION, is_too_few
+from ha2g_jax.metrics.frechet import SAMPLES_PER_DIMENSION
 from ha2g_jax.metrics.legacy import legacy_notes
 from ha2g_jax.metrics.metric import Score, Section, Statistic
 from ha2g_jax.metrics.row import FGD_SEEDED_CUT, SEED_FRAMES, Row, cut_windows, reference_cut, row_latents
@@ -191,9 +191,7 @@ def _paired() -> list[str]:
     return [name for name, metric in metrics.of_section("rows").items() if metric.is_paired]
 
 
-def _difference(first: Score, second: Score) -> Statistic:
-    if not callable(first) or not callable(second):
-        raise TypeError("a paired metric must measure a statistic")
+def _difference(first: Any, second: Any) -> Statistic:
     return lambda counts: first(counts) - second(counts)
 
 
@@ -328,7 +326,7 @@ def _latent_warnings(truth: Row, autoencoder: "PoseFeatures | None") -> list[str
     if autoencoder is None or found is None:
         return []
     sentences, count, latent_dim = [], len(found.latents), autoencoder.latent_dim
-    if is_too_few(count, latent_dim):
+    if count < SAMPLES_PER_DIMENSION * latent_dim:
         sentences.append(
             f"{count} windows for {latent_dim} latent values, less than {SAMPLES_PER_DIMENSION} times as many: the FGD "
             f"says more about their number than about the motion; compare it with the row {HALF}"
@@ -407,13 +405,11 @@ def number(value: float) -> float | None:
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
-def score_as_json(score: Score) -> dict[str, float | None]:
+def score_as_json(score: Estimate | float | None) -> dict[str, float | None]:
     """Return {"value", "low", "high"} of a score that needs no bootstrap, with "error" where it has a standard error.
 
     The bounds are 1.96 standard errors below and above the value; a number has none.
     """
-    if callable(score):
-        raise TypeError("a statistic needs the recordings of a table; use `Intervals`")
     if not isinstance(score, Estimate):
         return _as_json(Interval(math.nan if score is None else score, math.nan, math.nan))
     value, error = score

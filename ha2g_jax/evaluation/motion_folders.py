@@ -1,6 +1,7 @@
 """A folder of motion from any system and one of reference motion: read, paired by name, at one frame rate."""
 
 import collections
+import functools
 import os
 import pathlib
 import re
@@ -60,17 +61,13 @@ class Folders(NamedTuple):
 
 
 class _Pair(NamedTuple):
-    """Files of one clip, and how to read them."""
+    """Files of one clip."""
 
     name: str
     recording: str
     motion: pathlib.Path
     reference: pathlib.Path
     audio: pathlib.Path | None
-    skeleton: str
-    joint_map: str
-    source_fps: float | None
-    with_audio: bool
 
 
 class FileMotion(NamedTuple):
@@ -130,12 +127,20 @@ def from_folders(
         audio = next(
             (sounds[key] for key in (sound_key(references[clip]), sound_key(motions[file])) if key in sounds), None
         )
-        recording = clip.rpartition("/")[0] or clip
-        paths = motions[file], references[clip], audio
-        pairs.append(_Pair(clip, recording, *paths, skeleton, joint_map, source_fps, with_audio))
+        pairs.append(_Pair(clip, clip.rpartition("/")[0] or clip, motions[file], references[clip], audio))
+    options = {"skeleton": skeleton, "joint_map": joint_map, "source_fps": source_fps, "with_audio": with_audio}
     processes = min(os.cpu_count() or 1, 1 + len(pairs) // _PAIRS_PER_PROCESS)
     with parallel_map(processes, _DIED) as each:
-        read = list(tqdm(each(_read, pairs), "reading", len(pairs), unit="clip", disable=None, leave=False))
+        read = list(
+            tqdm(
+                each(functools.partial(_read, **options), pairs),
+                "reading",
+                len(pairs),
+                unit="clip",
+                disable=None,
+                leave=False,
+            )
+        )
     once = {pair.reference.id: pair for pair in read}
     left_out = {"motion": len(motions) - len(clips), "reference": len(references) - len(once)}
     notes = _notes(read, list(once.values()), left_out)
@@ -216,9 +221,9 @@ def sound_key(path: pathlib.Path) -> tuple[pathlib.Path, str]:
     return path.parent, path.stem.removesuffix(_GENERATED).lower()
 
 
-def _read(pair: _Pair) -> _Read:
+def _read(pair: _Pair, skeleton: str, joint_map: str, source_fps: float | None, with_audio: bool) -> _Read:
     motion, reference = (
-        read_directions(path, pair.skeleton, joint_map=pair.joint_map, source_fps=pair.source_fps)
+        read_directions(path, skeleton, joint_map=joint_map, source_fps=source_fps)
         for path in (pair.motion, pair.reference)
     )
     audio = None if pair.audio is None else read_audio(pair.audio)
@@ -226,23 +231,14 @@ def _read(pair: _Pair) -> _Read:
     if audio is not None:
         onsets = audio_onsets(audio, len(audio) / SAMPLE_RATE)
         num_frames = max(1, round(len(audio) / SAMPLE_RATE * FPS))
-    true = reference._replace(directions=reference.directions[:num_frames])
+    own = {"id": pair.name, "recording": pair.recording, "fps": FPS}
+    true = {"onsets": onsets, "audio": audio if with_audio else None, "borders": reference.borders}
     return _Read(
-        _clip_result(pair, pair.motion, motion),
-        _clip_result(pair, pair.reference, true, onsets, audio if pair.with_audio else None),
+        ClipResult(directions=motion.directions, borders=motion.borders, path=pair.motion, **own),
+        ClipResult(directions=reference.directions[:num_frames], path=pair.reference, **true, **own),
         (motion.fps, reference.fps),
         num_frames < len(reference.directions) - 1,
     )
-
-
-def _clip_result(
-    pair: _Pair,
-    path: pathlib.Path,
-    motion: FileMotion,
-    onsets: np.ndarray | None = None,
-    audio: np.ndarray | None = None,
-) -> ClipResult:
-    return ClipResult(pair.name, pair.recording, motion.directions, FPS, onsets, audio, motion.borders, path)
 
 
 def _notes(read: list[_Read], once: list[_Read], left_out: dict[str, int]) -> list[str]:

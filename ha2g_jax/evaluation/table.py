@@ -18,11 +18,7 @@ PARTS = ("legacy_v1", "known_causes", "recording", "beat2")
 
 
 def as_table(results: Mapping[str, Any]) -> str:
-    """Return results of `inputs.make_results` as text for a terminal, section by section.
-
-    Raises:
-        UserError: a section lacks a sanity row, or has a score that is not registered.
-    """
+    """Return results of `scoring.make_results` as text for a terminal, see `section_table`."""
     parts = [_inputs(results)]
     for name, section in results["sections"].items():
         parts += ["", f"{name}:", section_table(section)]
@@ -30,11 +26,7 @@ def as_table(results: Mapping[str, Any]) -> str:
 
 
 def as_markdown(results: Mapping[str, Any]) -> str:
-    """Return results of `inputs.make_results` as Markdown, section by section.
-
-    Raises:
-        UserError: a section lacks a sanity row, or has a score that is not registered.
-    """
+    """Return results of `scoring.make_results` as Markdown, see `section_markdown`."""
     parts = [_inputs(results)]
     for name, section in results["sections"].items():
         parts += ["", f"## {name}", "", section_markdown(section).rstrip()]
@@ -59,11 +51,7 @@ def section_table(section: Mapping[str, Any]) -> str:
 
 
 def section_markdown(section: Mapping[str, Any]) -> str:
-    """Return one section as Markdown.
-
-    Raises:
-        UserError: a sanity row is missing, or a score is not registered.
-    """
+    """Return one section as Markdown; the errors are those of `section_table`."""
     lines = _head(section)
     for title, rows, columns in _parts(section):
         cells = [["", *(metric.heading for metric in columns.values())]]

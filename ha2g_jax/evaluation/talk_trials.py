@@ -20,21 +20,6 @@ _HANDS = {"left": [0], "right": [1], "both": [0, 1]}
 _STYLE = [Style._fields.index(name) for name in ("amplitude", "handedness")]
 
 
-class Word(NamedTuple):
-    """A gesture-bearing word of a clip.
-
-    Attributes:
-        clip: id of the clip.
-        shown, true: class of the hand shape that is shown, and that of the word.
-        flexions: (5,) flexion of the fingers that is shown, mean over the hands that should gesture.
-    """
-
-    clip: str
-    shown: int
-    true: int
-    flexions: np.ndarray
-
-
 class Observed(NamedTuple):
     """Wrists (T, 2, 3) in metres, times of the beats (n,) in seconds and flexions of the fingers (T, 2, 5)."""
 
@@ -85,14 +70,14 @@ def known_truth(skeleton: Skeleton, clip: Clip, fps: float) -> Truth:
 def cause_row(trials: Sequence[Trial], fps: float, first_frame: int) -> CauseRow:
     """Return what the metrics of known causes measure, from the first frame on that was not given to the model."""
     spans = [end - start for start, end in (_shared_time(trial, fps, first_frame) for trial in trials)]
-    words = word_shapes(trials, fps, first_frame)
+    shapes, flexions, word_clips = word_shapes(trials, fps, first_frame)
     return CauseRow(
         counts=beat_counts(trials, fps, first_frame),
         seconds=np.array(spans),
         clips=np.array([trial.truth.clip.id for trial in trials]),
-        shapes=np.array([(word.shown, word.true) for word in words], int).reshape(-1, 2),
-        flexions=np.array([(word.flexions, _SHAPES[word.true]) for word in words]).reshape(-1, 2, _SHAPES.shape[1]),
-        word_clips=np.array([word.clip for word in words]),
+        shapes=shapes,
+        flexions=flexions,
+        word_clips=word_clips,
         seen=np.array([movement(trial.observed.wrists, fps) for trial in trials]),
         asked=np.array([trial.truth.clip.style for trial in trials])[:, _STYLE],
         speakers=np.array([trial.truth.clip.speaker for trial in trials]),
@@ -151,19 +136,23 @@ def beat_counts(trials: Sequence[Trial], fps: float, first_frame: int) -> np.nda
     return np.array(counts, float).reshape(-1, 4)
 
 
-def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> list[Word]:
-    """Return the gesture-bearing words of all clips, and what the hands show at each."""
-    words = []
+def word_shapes(trials: Sequence[Trial], fps: float, first_frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what hands show at the gesture-bearing words: shapes, flexions and clips of words of a `CauseRow`."""
+    shapes, flexions, clips = [], [], []
     for trial in trials:
         start, end = _shared_time(trial, fps, first_frame)
         for stroke in trial.truth.clip.strokes:
             if stroke.kind == "semantic" and start <= stroke.time < end:
                 hands = trial.observed.flexions[:, _HANDS[stroke.hand]]
-                flexions = shown_flexions(hands, stroke.time, fps)
-                shown = hand_shape(flexions, _SHAPES)
-                true = CLASSES.index(stroke.word_class)
-                words.append(Word(trial.truth.clip.id, shown, true, flexions.mean(axis=0)))
-    return words
+                shown, true = shown_flexions(hands, stroke.time, fps), CLASSES.index(stroke.word_class)
+                shapes.append((hand_shape(shown, _SHAPES), true))
+                flexions.append((shown.mean(axis=0), _SHAPES[true]))
+                clips.append(trial.truth.clip.id)
+    return (
+        np.array(shapes, int).reshape(-1, 2),
+        np.array(flexions).reshape(-1, 2, _SHAPES.shape[1]),
+        np.array(clips),
+    )
 
 
 def semantic_floors(row: CauseRow) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

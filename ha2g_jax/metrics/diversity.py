@@ -51,18 +51,13 @@ def diversity(
     return Draws(*distances)
 
 
-def multimodality(latents: np.ndarray, *, order: int = 1) -> float:
-    """Compute the mean distance between the gestures that a method makes for one and the same speech, over all speech.
+def multimodality(latents: np.ndarray) -> float:
+    """Compute the mean L1 distance between the latents (samples, d) of gestures for one and the same speech.
 
-    Unlike diversity it shows the variety for one input: 0 for a method without randomness. The latents are (inputs,
-    samples, d), the distances L1, or L2 with `order` 2; NaN with fewer than two samples or no input.
+    Unlike diversity it shows the variety for one input: 0 for a method without randomness.
     """
-    latents = np.asarray(latents, np.float64)
-    first, second = np.triu_indices(latents.shape[1], k=1)
-    if not len(latents) or not len(first):
-        return np.nan
-    pairs = [np.linalg.norm(samples[first] - samples[second], ord=order, axis=1).mean() for samples in latents]
-    return float(np.mean(pairs))
+    first, second = np.triu_indices(len(latents), k=1)
+    return float(np.abs(latents[first] - latents[second]).sum(axis=1).mean())
 
 
 def _both(latents: Latents, seed: int) -> Callable[[np.ndarray], tuple[float, float]]:
@@ -121,7 +116,7 @@ def _multimodality(row: Row) -> Statistic | None:
     groups = [group for group in groups if len(group) > 1]
     if not groups:
         return None
-    distances = [multimodality(latents.latents[group][None]) for group in groups]
+    distances = [multimodality(latents.latents[group]) for group in groups]
     members = latents.members[[group[0] for group in groups]]
     return mean_by_recording(distances, members, row.reference.num_recordings)
 

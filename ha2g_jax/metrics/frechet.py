@@ -76,11 +76,6 @@ def distance(a: Moments, b: Moments) -> float:
     return float(np.sum(np.square(a.mean - b.mean)) + (spread if spread > rounding else 0.0))
 
 
-def is_too_few(count: int, latent_dim: int) -> bool:
-    """Return whether a set of latents is too small for the distance to be reliable (n < 10 d)."""
-    return count < SAMPLES_PER_DIMENSION * latent_dim
-
-
 def half_split_floor(latents: np.ndarray, recordings: np.ndarray, *, num_draws: int = 10, seed: int = 0) -> np.ndarray:
     """Compute the distances (num_draws,) between halves of a set, below which no FGD can be expected to fall.
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ha2g_jax.errors import UserError
 from ha2g_jax.features.audio import window_samples
 from ha2g_jax.metrics import sanity
 from ha2g_jax.metrics.beats.stops import angle_change_rates, low_samples
@@ -33,8 +32,8 @@ THRESHOLD = 0.03
 
 BATCH = 32  # windows of a batch, as in the evaluation of the release
 
-_CUT = Cut("legacy", 0, 34)
-_WINDOW_SAMPLES = window_samples(34, 15)
+_CUT = Cut("legacy", 0, NUM_FRAMES)
+_WINDOW_SAMPLES = window_samples(NUM_FRAMES, FPS)
 
 
 class LegacyErrors(NamedTuple):
@@ -73,13 +72,12 @@ def legacy_feature_distance(generated: np.ndarray, real: np.ndarray) -> float:
     return float(np.abs(np.asarray(generated, np.float64) - np.asarray(real, np.float64)).sum(axis=1).mean())
 
 
-def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int | np.random.Generator) -> float:
+def legacy_diversity(latents: np.ndarray, batch_size: int, seed: int) -> float:
     """Compute the diversity by the rules of the release: whole batches against whole batches.
 
     The first 500 batches of the latents (n, d), in the order of the loader, meet the first 500 of a random permutation
     of all batches, row by row. The value, the mean L1 distance over the rows, depends on the batch size, and a batch
-    may meet itself. The last, partial batch is dropped; NaN without a whole one. A generator may take the place of the
-    seed.
+    may meet itself. The last, partial batch is dropped; NaN without a whole one.
     """
     num_batches = len(latents) // batch_size
     if not num_batches:
@@ -144,9 +142,11 @@ def legacy_bc(
 ) -> float:
     """Compute the mean over the onsets of all clips with motion beats of exp(-d^2 / (2 0.1^2)), d to the nearest beat.
 
-    It is a recall of the onsets alone, leaves motionless clips out, and scores white jitter highest. "paper" takes the
-    angles of mean-subtracted vectors, as the published numbers were made, "fixed" those of the poses; the mean absolute
-    angle changes are of the poses in both. Angles of rigid parts, whose rounding the rule divides by, are left out.
+    It is a recall of the onsets alone, leaves motionless clips out, and scores white jitter highest. A motion beat is
+    at the time t / 15 of a frame t whose rate is below its neighbours, once by the threshold. "paper" takes the angles
+    of mean-subtracted vectors, as the published numbers were made, "fixed" those of the poses; the mean absolute
+    angle changes are of the poses in both. Angles of rigid parts, whose rounding the rule divides by, are left out, and
+    so are clips without an onset, whose number it divides by.
 
     Args:
         skeleton: skeleton with mean directions, angle pairs and mean absolute angle changes.
@@ -157,43 +157,17 @@ def legacy_bc(
         threshold: least rise of the rate to the next frame, on either side.
 
     Returns:
-        The score; NaN where no clip has a motion beat.
-
-    Raises:
-        UserError: other windows than 34 frames, another variant, or a clip with motion beats and without onsets, where
-            the rule divides by zero.
+        The score; NaN where no clip has a motion beat and an onset.
     """
-    if variant not in VARIANTS:
-        raise UserError(f"legacy beat consistency has no variant {variant!r}; choose one of {', '.join(VARIANTS)}")
-    if directions.ndim != 4 or directions.shape[1] != NUM_FRAMES:
-        raise UserError(
-            f"legacy beat consistency got motion of shape {directions.shape}; it is defined on windows of {NUM_FRAMES} "
-            "frames at 15 fps, (n, 34, bones, 3)"
-        )
-    if len(onsets) != len(directions):
-        raise UserError(f"legacy beat consistency got {len(directions)} windows and {len(onsets)} lists of onsets")
     mean = skeleton.mean_directions if variant == "paper" else np.zeros_like(skeleton.mean_directions)
     rates = angle_change_rates(skeleton, (clip - mean[None] for clip in directions))
     total, count = 0.0, 0
-    for number, (rate, sounds) in enumerate(zip(rates, onsets, strict=True)):
-        found = legacy_motion_beats(rate, threshold)
-        if not len(found):
-            continue
-        if not len(sounds):
-            raise UserError(
-                f"clip {number} has motion beats but no onsets, and the legacy rule divides by their number; leave "
-                "silent clips out, or use the default beat alignment, which counts them"
-            )
-        total += float(kernel(nearest(np.sort(sounds), found), SIGMA).sum())
-        count += len(sounds)
+    for rate, sounds in zip(rates, onsets, strict=True):
+        beats = (1 + low_samples(rate, threshold)) / FPS
+        if len(beats) and len(sounds):
+            total += float(kernel(nearest(np.sort(sounds), beats), SIGMA).sum())
+            count += len(sounds)
     return total / count if count else float("nan")
-
-
-def legacy_motion_beats(rate: np.ndarray, threshold: float = THRESHOLD) -> np.ndarray:
-    """Return the times t / 15 of the frames t = 2 to 32 whose rate (33,) is below its neighbours, once by the
-    threshold.
-    """
-    return (1 + low_samples(rate, threshold)) / FPS
 
 
 def window_onsets(reference: Reference) -> dict[tuple[int, int], np.ndarray] | None:
@@ -241,8 +215,6 @@ def _feature_distance(own: np.ndarray, true: np.ndarray, seed: int) -> float | N
 
 
 def _beat_consistency(variant: str) -> Callable[[Row], float | None]:
-    """Return a measure; windows without an onset, where the rule divides by zero, are left out."""
-
     def measure(row: Row) -> float | None:
         reference, windows = row.reference, row.once(_windows)
         onsets = reference.once(window_onsets)
@@ -255,10 +227,7 @@ def _beat_consistency(variant: str) -> Callable[[Row], float | None]:
             if len(set(names)) < 2:
                 return None
             sounds = [sounds[other] for other in sanity.derangement(names, np.random.default_rng(reference.seed))]
-        kept = [index for index, times in enumerate(sounds) if len(times)]
-        if not kept:
-            return None
-        return legacy_bc(reference.skeleton, windows[kept], [sounds[index] for index in kept], variant=variant)
+        return legacy_bc(reference.skeleton, windows, sounds, variant=variant)
 
     return measure
 

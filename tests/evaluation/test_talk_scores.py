@@ -158,10 +158,9 @@ def test_shapes_are_read_from_the_hand_that_gestures():
     flexions = np.zeros((300, 2, 5))
     flexions[:75, 0] = 1
     seen = Observed(np.zeros((300, 2, 3)), np.zeros(0), flexions)
-    shown = word_shapes([Trial(truth_of("a", np.zeros(0), words), seen)], 15, 4)
-    names = [(CLASSES[word.shown], CLASSES[word.true]) for word in shown]
+    shapes, _, _ = word_shapes([Trial(truth_of("a", np.zeros(0), words), seen)], 15, 4)
+    names = [(CLASSES[shown], CLASSES[true]) for shown, true in shapes]
     assert names == [("fist", "fist"), ("open", "fist"), ("open", "open")]
-    shapes = np.array([(word.shown, word.true) for word in shown])
     majority, shuffled = semantic_floors(CauseRow(shapes=shapes, word_clips=np.array(list("abc"))))
     assert majority["semantic_recall"].value == pytest.approx(2 / 3)
     assert shuffled["semantic_recall"].value == pytest.approx(2 / 9 + 2 / 9)
