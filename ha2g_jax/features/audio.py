@@ -72,11 +72,7 @@ def read_audio(path: str | pathlib.Path, max_seconds: float = MAX_SOUND_SECONDS)
     """Read the audio of any file that libsndfile or PyAV (FFmpeg) reads, including videos.
 
     Channels are averaged; samples that are NaN or infinite become 0, with a warning in the log; audio with a peak above
-    1 is scaled to a peak of 1.
-
-    Args:
-        path: path of the file.
-        max_seconds: seconds of sound at most; no more than these are decoded.
+    1 is scaled to a peak of 1. No more than `max_seconds` are decoded.
 
     Returns:
         (samples,) float32, mono, 16 kHz; duration x 16000 samples, rounded.
@@ -128,22 +124,16 @@ def _collect(blocks: Iterator[_Block], name: str, max_seconds: float) -> np.ndar
     return samples[:expected] if len(samples) >= expected else np.pad(samples, (0, expected - len(samples)))
 
 
-def check_samples(samples: np.ndarray, rate: int, name: str) -> np.ndarray:
-    """Check samples, and replace those that are not finite.
-
-    Args:
-        samples: (samples,) float32.
-        rate: samples per second.
-        name: name of the audio in an error message.
-
-    Returns:
-        (samples,) float32, in which NaN and infinite samples are replaced by 0, with a warning in the log.
+def check_samples(samples: np.ndarray) -> np.ndarray:
+    """Return speech (samples,) float32 at 16 kHz with 0 in place of samples that are not finite, with a warning in the
+    log.
 
     Raises:
-        UserError: the audio is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
+        UserError: the speech is shorter than 0.2 s or longer than 65 minutes, or no sample is finite.
     """
-    _check_least(len(samples), rate, name)
-    _check_most(len(samples), rate, 1, name, MAX_SOUND_SECONDS)
+    name = "the speech"
+    _check_least(len(samples), SAMPLE_RATE, name)
+    _check_most(len(samples), SAMPLE_RATE, 1, name, MAX_SOUND_SECONDS)
     samples, num_bad = _finite(samples)
     _report(num_bad, len(samples), name)
     return samples
@@ -183,17 +173,7 @@ def window_samples(num_frames: int, fps: float) -> int:
 
 
 def wave_window(audio: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the samples of the window that starts at a frame.
-
-    Args:
-        audio: (samples,) of a whole clip at 16 kHz.
-        start_frame: first frame of the window, from 0.
-        num_frames: length of the window in frames.
-        fps: frames per second.
-
-    Returns:
-        (`window_samples`,); past the end of the clip there is silence.
-    """
+    """Return the samples (`window_samples`,) of a window of a clip (samples,) at 16 kHz; past its end is silence."""
     start, samples = round(start_frame * SAMPLE_RATE / fps), window_samples(num_frames, fps)
     window = audio[start : start + samples]
     return np.pad(window, (0, samples - len(window)))
@@ -237,11 +217,7 @@ def _ffmpeg_blocks(path: pathlib.Path) -> Generator[_Block, None, None]:
 
 
 def has_sound(path: pathlib.Path) -> bool:
-    """Return whether the beginning of a file is one of sound, or of a video with sound.
-
-    Args:
-        path: path of a regular file.
-    """
+    """Return whether the beginning of a regular file is one of sound, or of a video with sound."""
     try:
         with contextlib.closing(_libsndfile_blocks(path)) as blocks:
             return next(blocks, None) is not None
@@ -296,10 +272,7 @@ def _mix(block: np.ndarray) -> np.ndarray:
 
 
 def open_media(path: pathlib.Path) -> InputContainer:
-    """Open a file of sound or images, which the caller must close.
-
-    Args:
-        path: path of the file, with any characters.
+    """Open a file of sound or images, of any name, which the caller must close.
 
     Raises:
         One of `MEDIA_ERRORS`: the file cannot be read, or is no recording.

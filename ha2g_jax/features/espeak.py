@@ -106,14 +106,8 @@ _Callback = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_short), ctype
 def say(markup: str, voice: Voice) -> Utterance:
     """Speak one text; the same text and voice give the same bytes in any process and any order.
 
-    Not thread-safe: espeak-ng keeps its state in global variables.
-
-    Args:
-        markup: plain words, or SSML (`<emphasis level="strong">`, `<prosody rate="90%">`, `<break time="200ms"/>`).
-        voice: voice of the speaker.
-
-    Returns:
-        The samples and the words with their times.
+    Not thread-safe: espeak-ng keeps its state in global variables. The text is plain words, or SSML
+    (`<emphasis level="strong">`, `<prosody rate="90%">`, `<break time="200ms"/>`).
 
     Raises:
         UserError: espeak-ng cannot be loaded.
@@ -156,13 +150,10 @@ def say(markup: str, voice: Voice) -> Utterance:
 
 @contextlib.contextmanager
 def fresh_library() -> Iterator[tuple[ctypes.CDLL, int]]:
-    """Load espeak-ng anew and unload it at the end.
+    """Load espeak-ng anew, and unload it at the end; yields the library and its sample rate in hertz.
 
     espeak-ng keeps the phase of the voice, its flutter and its echo in static variables from one utterance to the
     next. Only unloading the library resets them (4 ms) and makes the samples independent of earlier utterances.
-
-    Yields:
-        The library and its sample rate in hertz.
 
     Raises:
         UserError: the library or its voices cannot be loaded.

@@ -13,27 +13,20 @@ from ha2g_jax.errors import UserError
 from ha2g_jax.files.reading import quiet, reason, shown
 from ha2g_jax.limits import MAX_PICTURE_BYTES, MAX_PICTURE_PASSES, MAX_PICTURE_PIXELS
 
-PICTURE_ERRORS = (
+# Exceptions by which Pillow answers damaged pictures.
+_ERRORS = (
     *(OSError, ValueError, ArithmeticError, SyntaxError, EOFError, LookupError, TypeError, AttributeError),
     *(RuntimeError, struct.error, zlib.error, Image.DecompressionBombError, MemoryError),
 )
-"""Exceptions by which Pillow answers damaged pictures."""
-
 # Pillow knows dozens of formats, of which some start other programs, and some are decoded slowly.
-FORMATS = ("BMP", "GIF", "JPEG", "PNG", "TGA", "TIFF", "WEBP")
+_FORMATS = ("BMP", "GIF", "JPEG", "PNG", "TGA", "TIFF", "WEBP")
 _START_OF_SCAN = b"\xff\xda"
 _TILE_SIDES = (322, 323)  # tags of TIFF
 _WIDE = ("I", "F")  # modes of 32 bits, whose range is unknown
 
 
 def read_picture(path: str | pathlib.Path) -> Image.Image:
-    """Read a picture of any size within the limits, upright.
-
-    Args:
-        path: path of a PNG, JPEG or other common picture.
-
-    Returns:
-        The picture in RGB, of 8 bits.
+    """Read a PNG, JPEG or other common picture of any size within the limits, upright, in RGB of 8 bits.
 
     Raises:
         UserError: the file is missing or no picture, or it is damaged or too large.
@@ -45,31 +38,19 @@ def read_picture(path: str | pathlib.Path) -> Image.Image:
             raise ValueError(f"more than {MAX_PICTURE_BYTES} bytes")
         with warnings.catch_warnings(), quiet():  # the decoder of TIFF prints
             warnings.simplefilter("ignore")  # of damage that does not matter, and of sizes, which are checked here
-            return decode_picture(content)
-    except PICTURE_ERRORS as error:
+            return _decode(content)
+    except _ERRORS as error:
         raise UserError(
             f"{shown(path)} cannot be read as an image ({reason(error)}); expected a PNG or JPEG of a person"
         ) from error
 
 
-def decode_picture(content: bytes, max_pixels: int = MAX_PICTURE_PIXELS) -> Image.Image:
-    """Decode a picture, upright.
-
-    Args:
-        content: content of a file.
-        max_pixels: maximum of width x height, which is checked before the picture is decoded.
-
-    Returns:
-        The picture in RGB, of 8 bits.
-
-    Raises:
-        One of `PICTURE_ERRORS`: the picture is damaged or too large.
-    """
-    with Image.open(io.BytesIO(content), formats=FORMATS) as image:
+def _decode(content: bytes) -> Image.Image:
+    with Image.open(io.BytesIO(content), formats=_FORMATS) as image:
         tile = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in _TILE_SIDES]
         for width, height in (image.size, tile):
-            if width * height > max_pixels:
-                raise ValueError(f"{width} x {height}, which is more than {max_pixels} pixels")
+            if width * height > MAX_PICTURE_PIXELS:
+                raise ValueError(f"{width} x {height}, which is more than {MAX_PICTURE_PIXELS} pixels")
         if image.format == "JPEG" and content.count(_START_OF_SCAN) * image.width * image.height > MAX_PICTURE_PASSES:
             raise ValueError(f"a progressive JPEG of {content.count(_START_OF_SCAN)} passes; save it as PNG")
         if image.mode in _WIDE:

@@ -39,11 +39,7 @@ class RunningMel:
         self._first = 0
 
     def add(self, samples: np.ndarray) -> None:
-        """Add samples to the end, and compute the columns that they complete.
-
-        Args:
-            samples: (samples,) float32 at 16 kHz.
-        """
+        """Add samples (samples,) float32 at 16 kHz to the end, and compute the columns that they complete."""
         self._samples = np.concatenate([self._samples, samples])
         while HOP_LENGTH * (self._num_columns + 1) <= self._first + len(self._samples):
             if self._num_columns == 0:  # the start is reflected; the weight of the first sample of a column is 0
@@ -66,15 +62,9 @@ class RunningMel:
         self._add_column(padded[start : start + FFT_SIZE])
 
     def window(self, start: int, columns: int) -> np.ndarray:
-        """Return columns of the spectrogram.
+        """Return columns of the spectrogram, (128, columns) float32 dB, at the precision of `data.speech`.
 
-        Args:
-            start: number of the first column, which may lie before the start of the speech.
-            columns: number of columns.
-
-        Returns:
-            (128, columns) float32 dB, at the precision of `data.speech`; columns before the start, and those that are
-            not computed, are silence.
+        Columns before the start of the speech, and those that are not computed, are silence.
         """
         end = start + columns
         known = min(max(end, start), self._num_columns)

@@ -50,11 +50,10 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
 
     For a clip of ordinary loudness this is `librosa.power_to_db(melspectrogram(...), ref=np.max)`. Unlike that of
     librosa, the floor is relative to the clip, so that the result does not depend on the volume, and silence is at the
-    floor and not at 0 dB.
+    floor and not at 0 dB. `reference` is the mel power of 0 dB, by default the maximum of the clip.
 
     Args:
         audio: (samples,) float32 at 16 kHz, at least 1 sample.
-        reference: mel power of 0 dB; the maximum of the clip by default.
 
     Returns:
         (128, 1 + samples // 512) float32 in [-80, 0].
@@ -64,13 +63,9 @@ def log_mel(audio: np.ndarray, reference: float | None = None) -> np.ndarray:
 
 
 def mel_power(padded: np.ndarray) -> np.ndarray:
-    """Compute the mel powers of sound.
+    """Compute the mel powers (128, 1 + (samples - 1024) // 512) float32 of sound (samples,) float32 at 16 kHz.
 
-    Args:
-        padded: (samples,) float32 at 16 kHz, at least 1024 samples; column c is that of samples 512 c to 512 c + 1023.
-
-    Returns:
-        (128, 1 + (samples - 1024) // 512) float32.
+    Column c is that of samples 512 c to 512 c + 1023.
     """
     return mel_spectrum(power_spectrum(padded, FFT_SIZE, HOP_LENGTH), SAMPLE_RATE, FFT_SIZE, NUM_MELS)
 
@@ -107,16 +102,9 @@ def window_columns(num_frames: int, fps: float) -> int:
 
 
 def mel_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram of the window that starts at a frame.
+    """Return the spectrogram (128, `window_columns`) of a window of a clip (128, columns) in dB.
 
-    Args:
-        mel: (128, columns) of a whole clip, in dB.
-        start_frame: first frame of the window, from 0.
-        num_frames: length of the window in frames.
-        fps: frames per second.
-
-    Returns:
-        (128, `window_columns`); past the end of the clip there is silence (-80 dB).
+    Past the end of the clip there is silence (-80 dB).
     """
     start, columns = window_column(start_frame, fps), window_columns(num_frames, fps)
     window = mel[:, start : start + columns]
@@ -129,25 +117,14 @@ def heard_columns(end_frame: int, fps: float) -> int:
 
     Column c is centred on sample 512 c and is computed from 1024 samples, so that it needs the first 512 (c + 1)
     samples of the clip; floor(end_frame / fps x 16000) of them have been heard.
-
-    Args:
-        end_frame: number of frames whose time has passed: the speech before the moment end_frame / fps is known.
-        fps: frames per second.
     """
     return int(end_frame * SAMPLE_RATE // (fps * HOP_LENGTH))
 
 
 def hide_unheard(mel: np.ndarray, start_frame: int, heard: int, fps: float) -> np.ndarray:
-    """Hide the columns of a window that need speech from after its first frames.
+    """Return the spectrogram (128, columns) of a window with `HIDDEN_DB` in the columns that need later speech.
 
-    Args:
-        mel: (128, columns) dB of a window.
-        start_frame: first frame of the window in its clip, from 0.
-        heard: number of frames of the window whose time has passed.
-        fps: frames per second.
-
-    Returns:
-        (128, columns) dB, a copy in which the hidden columns are `HIDDEN_DB`.
+    `start_frame` is the first frame of the window in its clip, `heard` the number of its frames whose time has passed.
     """
     known = heard_columns(start_frame + heard, fps) - window_column(start_frame, fps)
     hidden = np.array(mel)
@@ -167,7 +144,7 @@ def asr_log_mel(audio: np.ndarray, num_mels: int = NUM_ASR_MELS) -> np.ndarray:
 
     Args:
         audio: (samples,) float32 at 16 kHz, at least 1 sample.
-        num_mels: number of mel bands, which must be that of the encoder.
+        num_mels: number of mel bands of the encoder.
 
     Returns:
         (num_mels, 1 + samples // 160) float32.
@@ -190,17 +167,9 @@ def asr_columns(num_frames: int, fps: float) -> int:
 
 
 def asr_window(mel: np.ndarray, start_frame: int, num_frames: int, fps: float) -> np.ndarray:
-    """Return the spectrogram of the window that starts at a frame.
+    """Return the spectrogram (num_mels, `asr_columns`) of a window of a clip (num_mels, columns).
 
-    Args:
-        mel: (num_mels, columns) of a whole clip, as from `asr_log_mel`.
-        start_frame: first frame of the window, from 0.
-        num_frames: length of the window in frames.
-        fps: frames per second.
-
-    Returns:
-        (num_mels, `asr_columns`) of the type of `mel`; past the end of the clip there is the floor of the clip, which
-        silence in the clip has, too.
+    Past the end of the clip there is the floor of the clip, which silence in the clip has, too.
     """
     start, columns = round(start_frame * ASR_COLUMNS_PER_SECOND / fps), asr_columns(num_frames, fps)
     window = mel[:, start : start + columns]
@@ -216,8 +185,6 @@ def power_spectrum(padded: np.ndarray, fft_size: int, hop_length: int) -> np.nda
 
     Args:
         padded: (samples,) float32 sound, at least `fft_size` samples; the first column begins with the first sample.
-        fft_size: samples of a column.
-        hop_length: samples from one column to the next.
 
     Returns:
         (1 + fft_size // 2, 1 + (samples - fft_size) // hop_length) float32, in column-major order.
@@ -241,7 +208,6 @@ def mel_spectrum(power: np.ndarray, sample_rate: int, fft_size: int, num_mels: i
 
     Args:
         power: (1 + fft_size // 2, columns) float32, from `power_spectrum`.
-        sample_rate, fft_size, num_mels: as for `mel_filters`.
 
     Returns:
         (num_mels, columns) float32.

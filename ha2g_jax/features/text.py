@@ -16,13 +16,7 @@ MAX_PLAIN_WORDS = 32  # including the marks of start and end; 2.3 s of speech ha
 
 
 class Word(NamedTuple):
-    """A spoken word.
-
-    Attributes:
-        text: the word.
-        start: start in seconds.
-        end: end in seconds.
-    """
+    """A spoken word, and its start and end in seconds."""
 
     text: str
     start: float
@@ -65,18 +59,10 @@ class Vocabulary:
 def words_to_frames(
     words: Sequence[Word], vocabulary: Vocabulary, start_time: float, num_frames: int, fps: float
 ) -> np.ndarray:
-    """Align words with frames: the index of each word at the frame in which it starts, 0 elsewhere.
+    """Align words, in order of time, with frames: the index of each word at the frame in which it starts, 0 elsewhere.
 
-    Args:
-        words: words in order of time, in the clock of `start_time`.
-        vocabulary: vocabulary of the indices.
-        start_time: start of the window in seconds.
-        num_frames: length N of the window in frames.
-        fps: frames per second.
-
-    Returns:
-        (N,) int32. A word that starts before the window and is still spoken at its start is at frame 0; of two words
-        in one frame, the later one is kept.
+    A word that starts before the window, whose start is `start_time` in the clock of the words, and is still spoken
+    then is at frame 0; of two words in one frame, the later one is kept. Returns (num_frames,) int32.
     """
     frames = np.zeros(num_frames, np.int32)
     for word in words:
@@ -90,13 +76,7 @@ def words_to_frames(
 
 
 def plain_words(words: Sequence[Word], vocabulary: Vocabulary, start_time: float, duration: float) -> np.ndarray:
-    """Return the words of a stretch of speech without their times, for a model that reads sentences.
-
-    Args:
-        words: words in order of time, in the clock of `start_time`.
-        vocabulary: vocabulary of the indices.
-        start_time: start of the stretch in seconds.
-        duration: length of the stretch in seconds; words that overlap the stretch belong to it.
+    """Return the words that overlap a stretch of speech without their times, for a model that reads sentences.
 
     Returns:
         (32,) int32: the mark of the start, `len(vocabulary)`; the words, at most the first 30; the mark of the end,

@@ -42,11 +42,6 @@ def read_word_vectors(path: str | os.PathLike, vocabulary: Vocabulary, dim: int)
     needed rows of the matrix are read. A fastText `.bin` has a vector for every word, which for an unknown word is
     computed from its character n-grams (Bojanowski et al. 2017).
 
-    Args:
-        path: path of the file.
-        vocabulary: words to look up.
-        dim: width of the vectors that the model expects.
-
     Returns:
         (len(vocabulary), dim) float32. Rows that the file does not have, including padding and unknown, are drawn from
         N(0, 1 / dim) with a fixed seed.

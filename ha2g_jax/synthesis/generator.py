@@ -67,7 +67,7 @@ def read_speech(speech: Speech) -> Audio:
     samples = np.asarray(speech)
     if samples.ndim != 1 or not np.issubdtype(samples.dtype, np.floating):
         raise UserError(f"speech is an array of {samples.dtype}, shape {samples.shape}; expected float mono at 16 kHz")
-    return Audio(check_samples(samples.astype(np.float32), SAMPLE_RATE, "the speech"))
+    return Audio(check_samples(samples.astype(np.float32)))
 
 
 def read_seed_pose(source: SeedPose, skeleton: Skeleton, fps: float, count: int) -> tuple[np.ndarray, str]:

@@ -1,4 +1,6 @@
-"""Alignment of a text with its audio by pocketsphinx, in pieces of at most 30 s.
+"""Words of a recording from a plain text, aligned by pocketsphinx, or from the sound alone, recognised by Whisper.
+
+A text is aligned in pieces of at most 30 s.
 
 1. The audio is cut at quiet moments and recognised with a language model made of the text alone (after Moreno et al.,
    "A recursive algorithm for the forced alignment of very long audio segments", 1998). Runs of three words or more
@@ -18,15 +20,17 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import threadpoolctl
 
 from ha2g_jax.errors import UserError, require
 from ha2g_jax.features.audio import SAMPLE_RATE
 from ha2g_jax.features.espeak import fresh_library
 from ha2g_jax.features.text import Word
-from ha2g_jax.features.words.timing import Stretch, fill_gaps, split_words, without_overlap
+from ha2g_jax.features.words.timing import Stretch, fill_gaps, split_words, spread, without_overlap
 from ha2g_jax.limits import MAX_WORDS
 
 if TYPE_CHECKING:
+    from faster_whisper import WhisperModel
     from pocketsphinx import Decoder
 
 MAX_PIECE_SECONDS = 30.0
@@ -70,16 +74,10 @@ class _Placed(NamedTuple):
 
 
 def align(audio: np.ndarray, text: str) -> tuple[Word, ...]:
-    """Find the times at which the words of an English text are spoken.
+    """Find the times at which the words of an English text are spoken in a recording (samples,) float32 at 16 kHz.
 
-    The words of a piece that pocketsphinx cannot align keep their provisional times, with a warning in the log.
-
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-        text: spoken text in order; numbers may be written in digits.
-
-    Returns:
-        The words in order of time, without those that do not fit anywhere.
+    Numbers may be written in digits. The words of a piece that pocketsphinx cannot align keep their provisional times,
+    with a warning in the log; words that do not fit anywhere are left out.
 
     Raises:
         UserError: pocketsphinx is not installed, or the text has no words or too many.
@@ -300,3 +298,60 @@ def _phonemes(word: str, translate) -> str:  # type: ignore[no-untyped-def]
 def _to_phones(phonemes: str) -> str:
     symbols = (symbol.strip(_STRESS) for symbol in phonemes.replace(" ", _SEPARATOR).split(_SEPARATOR))
     return " ".join(_PHONES[symbol] for symbol in symbols if symbol in _PHONES) or "AH"
+
+
+def recognise(audio: np.ndarray, *, model: str = "tiny.en", language: str | None = None) -> tuple[Word, ...]:
+    """Recognise the words of a recording (samples,) float32 at 16 kHz by Whisper, in order of time.
+
+    Whisper's own times are wrong by up to half a second. English words are aligned again by `align`; for other
+    languages pocketsphinx has no model, and Whisper's times are kept.
+
+    Args:
+        model: name of a Whisper model, which is downloaded once, or a folder of one in CTranslate2's format.
+        language: language code such as "en"; recognised from the first 30 s by default.
+
+    Raises:
+        UserError: faster-whisper or pocketsphinx is not installed, or the model cannot be loaded.
+    """
+    whisper = _load_whisper(model)
+    # For reproducible words in any process: at temperature 0 nothing is drawn at random, and the number of threads,
+    # which changes the last bits of the spectrogram and sometimes a word, is always one. Without conditioning on the
+    # previous text, a repetition cannot go on after its half minute.
+    with threadpoolctl.threadpool_limits(1, "blas"):
+        segments, info = whisper.transcribe(
+            audio,
+            language=language,
+            word_timestamps=True,
+            temperature=0.0,
+            condition_on_previous_text=False,
+            vad_filter=True,
+        )
+    words = without_overlap(
+        Word(text, start, end)
+        for segment in segments
+        for word in segment.words or ()
+        for text, start, end in spread(split_words(word.word), float(word.start), float(max(word.start, word.end)))
+    )
+    if info.language != "en" or not words:
+        return words
+    return align(audio, " ".join(word.text for word in words))
+
+
+def _load_whisper(model: str) -> "WhisperModel":
+    whisper = require("faster_whisper", "import", by="recognising words (a recording without a transcript)")
+    folder = pathlib.Path(model)
+    missing = [name for name in ("model.bin", "tokenizer.json") if not (folder / name).is_file()]
+    if folder.is_dir() and missing:
+        raise UserError(
+            f"{folder} has no Whisper model in CTranslate2's format ({', '.join(missing)} missing); "
+            "give the folder that ct2-transformers-converter made, with the tokenizer"
+        )
+    try:
+        return whisper.WhisperModel(model, device="cpu", compute_type="int8", cpu_threads=1)
+    except Exception as error:  # the libraries raise plain Exception, among others
+        reason = " ".join(str(error).split())[:100]
+        where = "in that folder" if folder.is_dir() else "on the Hugging Face Hub and in its cache (HF_HOME)"
+        raise UserError(
+            f"Whisper model {model!r} cannot be loaded ({reason}); searched {where}: "
+            "connect once to download it, or give a folder with model.bin, config.json, tokenizer.json and vocabulary"
+        ) from error

@@ -38,11 +38,7 @@ class _Cue(NamedTuple):
 
 
 def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """Parse SubRip: one stretch per subtitle, or one per word if the file has times of words.
-
-    Args:
-        text: contents of the file.
-        path: path of the file, to name it in an error message.
+    """Parse SubRip, of a file at `path`: one stretch per subtitle, or one per word if it has times of words.
 
     Raises:
         UserError: the text is not SubRip, or the package srt is missing.
@@ -64,13 +60,9 @@ def parse_srt(text: str, path: pathlib.Path) -> list[Stretch]:
 
 
 def parse_vtt(text: str, path: pathlib.Path) -> list[Stretch]:
-    """Parse WebVTT: one stretch per cue, or one per word if the file has times of words.
+    """Parse WebVTT, of a file at `path`: one stretch per cue, or one per word if it has times of words.
 
     A cue with unreadable times is left out, with a warning in the log.
-
-    Args:
-        text: contents of the file.
-        path: path of the file, to name it in an error message.
 
     Raises:
         UserError: the text is not WebVTT, or the package webvtt-py is missing.
@@ -161,17 +153,9 @@ def _to_seconds(time: str) -> float:
 
 
 def without_brackets(text: str, openings: str, instead: str) -> str:
-    """Replace each bracket with at most 200 letters in it, all on one line.
+    """Replace each bracket that begins with one of `openings`, some of `{[(<`, with at most 200 letters on one line.
 
     A regular expression would try 200 letters for each opening bracket, which takes minutes for a file full of them.
-
-    Args:
-        text: any text.
-        openings: opening brackets to look for, some of `{[(<`.
-        instead: text that takes the place of a bracket.
-
-    Returns:
-        The text without the brackets.
     """
     kept, position = [], 0
     for opening in re.finditer(f"[{re.escape(openings)}]", text):

@@ -26,15 +26,11 @@ _NUM_INTERVALS = re.compile(
 
 
 def parse_textgrid(text: str, path: pathlib.Path) -> list[Stretch]:
-    """Parse the labels of the word tier.
+    """Parse the labels of the word tier of a file at `path`.
 
     The word tier is the one named words, word, ORT etc.; else one whose name contains such a word; else the interval
     tier with the most labels, except tiers of phones. Empty labels, `sil`, `sp`, `<...>`, `[...]` and `{...}` are
     silence.
-
-    Args:
-        text: contents of the file.
-        path: path of the file, to name it in an error message.
 
     Raises:
         UserError: the text is not a complete TextGrid, or has no tier of words, or the package praatio is missing.

@@ -51,9 +51,7 @@ def fill_gaps(
     or if the gap has no known end, the text was probably not spoken and is left out.
 
     Args:
-        stretches: stretches in the order of the text.
-        start: start of the whole text in seconds, None if unknown.
-        end: end of the whole text in seconds, None if unknown.
+        start, end: start and end of the whole text in seconds, None if unknown.
         slack: seconds by which the neighbours' times may be wrong; infinite for words that surely were spoken.
 
     Returns:
@@ -80,17 +78,13 @@ def _is_timed(stretch: Stretch) -> bool:
 
 
 def to_words(stretches: Iterable[Stretch], path: pathlib.Path) -> tuple[Word, ...]:
-    """Convert the stretches of a file to words in order of time that do not overlap.
+    """Convert the stretches of a file at `path`, in any order, to words in order of time that do not overlap.
 
     A stretch is divided among its words by letters. Times before 0 are cut off. A word ends at the latest where the
     next one starts. Words that start at the same time, such as words of no length, divide the time up to the next one.
 
-    Args:
-        stretches: stretches in any order; those without times are left out.
-        path: path of the file, to name it in an error message.
-
     Returns:
-        Words with 0 <= start < end in seconds, each at least 1 ms long.
+        Words with 0 <= start < end in seconds, each at least 1 ms long; stretches without times are left out.
 
     Raises:
         UserError: a time is not finite or beyond 100 hours, a stretch ends before it starts, or there are too many

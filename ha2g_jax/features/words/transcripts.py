@@ -39,15 +39,10 @@ _MAX_ROW = 1 << 16
 
 
 def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | None) -> tuple[Word, ...]:
-    """Return the words of a recording: read from a transcript, aligned from a plain text, or recognised.
+    """Return the words within a recording (samples,) float32 at 16 kHz, in seconds from its start.
 
-    Args:
-        audio: (samples,) float32 at 16 kHz.
-        path: path of a transcript that `read_words` reads, or of a .txt file without times, or None.
-        recognise: name or folder of the Whisper model that is used if `path` is None; None for no recognition.
-
-    Returns:
-        Words within the recording, in seconds from its start.
+    They are read from a transcript that `read_words` reads, aligned from a .txt file without times, or, if `path` is
+    None, recognised by the Whisper model of the name or folder `recognise`.
 
     Raises:
         UserError: there is neither a transcript nor a model, or one of them fails.
@@ -58,13 +53,13 @@ def words_of(audio: np.ndarray, path: pathlib.Path | None, *, recognise: str | N
                 "the recording has no transcript beside it; give one (.TextGrid .json .srt .vtt .tsv .txt) or the name "
                 "of a Whisper model that recognises the words, such as tiny.en"
             )
-        from ha2g_jax.features.words.recognition import recognise as recognise_words
+        from ha2g_jax.features.words import alignment
 
-        words = recognise_words(audio, model=recognise)
+        words = alignment.recognise(audio, model=recognise)
     elif path.suffix.lower() == ".txt":
-        from ha2g_jax.features.words.alignment import align
+        from ha2g_jax.features.words import alignment
 
-        words = align(audio, _read_text(path))
+        words = alignment.align(audio, _read_text(path))
     else:
         words = read_words(path)
     return inside(words, len(audio) / SAMPLE_RATE)
@@ -75,14 +70,11 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 
     The first match wins: a file with the recording's stem; with the stem and a language, as in `talk.en.vtt`; with the
     stem cut at its last dot, and so on; the only file called `words.*`, if no other recording is in the folder. The
-    order among files of one stem is .TextGrid, .json, .tsv, .csv, .vtt, .srt, .txt.
+    order among files of one stem is .TextGrid, .json, .tsv, .csv, .vtt, .srt, .txt. Returns None if there is none.
 
     Args:
         media: path of the audio, video or motion file of the recording, which need not exist.
         is_alone: whether no other recording is in the folder.
-
-    Returns:
-        Path of the transcript, None if there is none.
     """
     media = pathlib.Path(media)
     if not media.parent.is_dir():
@@ -107,13 +99,8 @@ def find(media: pathlib.Path, *, is_alone: bool = True) -> pathlib.Path | None:
 def read_words(path: pathlib.Path) -> tuple[Word, ...]:
     """Read a transcript with times: TextGrid, Gentle, Whisper or whisperX JSON, SRT, VTT, TSV or CSV.
 
-    If a file has times only for lines or segments, these are divided among their words by letters.
-
-    Args:
-        path: path of the transcript.
-
-    Returns:
-        Words in lower case without punctuation, in order of time, not overlapping, 0 <= start < end in seconds.
+    If a file has times only for lines or segments, these are divided among their words by letters. The words are in
+    lower case without punctuation, in order of time, not overlapping, 0 <= start < end in seconds.
 
     Raises:
         UserError: the file cannot be read, or has no words, impossible times, or no times.
