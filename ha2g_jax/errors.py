@@ -13,13 +13,7 @@ class UserError(Exception):
 
 
 def require(module: str, extra: str, *, by: str = "this", package: str = "") -> Any:
-    """Import a module that one of the extras of ha2g-jax installs.
-
-    Args:
-        module: name of the module.
-        extra: name of the extra.
-        by: what needs it, for the message.
-        package: name of its package, if that is not the name of the module.
+    """Import a module that one of the extras of ha2g-jax installs; `by` says in the message what needs it.
 
     Raises:
         UserError: the package, or a library that it needs, is missing.

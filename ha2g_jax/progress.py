@@ -18,12 +18,8 @@ _LINE_SECONDS = 10.0  # seconds between two plain lines
 def progress_bar(desc: str, total: int | None = None, unit: str = "it") -> tqdm:
     """Return a bar that is removed when it is closed; where stderr is no terminal it prints plain lines.
 
-    Work that ends within ten seconds prints no plain line, so that an error stays the only line of a command.
-
-    Args:
-        desc: what is done.
-        total: number of units; None for a clock.
-        unit: name of one unit.
+    Work that ends within ten seconds prints no plain line, so that an error stays the only line of a command. Without
+    a `total` it is a clock.
     """
     if sys.stderr.isatty():
         style: dict[str, Any] = {} if total is not None else {"bar_format": "{desc} ... {elapsed}"}
@@ -34,11 +30,7 @@ def progress_bar(desc: str, total: int | None = None, unit: str = "it") -> tqdm:
 
 @contextlib.contextmanager
 def stage(desc: str) -> Iterator[None]:
-    """Say on stderr what the work of the context is and how long it has taken, while it lasts.
-
-    Args:
-        desc: what is done, such as "loading the model".
-    """
+    """Say on stderr what the work of the context is, such as "loading the model", and how long it has taken."""
     done = threading.Event()
     with progress_bar(desc) as bar:
         interval = _LINE_SECONDS if isinstance(bar, _Lines) else _TICK

@@ -29,10 +29,8 @@ def on_stop_signals(
     Outside of the main thread, where Python allows no handlers, and for signals that are ignored, as SIGHUP under
     nohup, nothing changes.
 
-    Args:
-        handle: function that is called between two instructions of the main thread.
-        numbers: signals to handle.
-        once: signals that are handled once, and that then do what they did before, as a second Ctrl-C interrupts.
+    The function is called between two instructions of the main thread. Signals in `once` are handled once, and then do
+    what they did before, as a second Ctrl-C interrupts.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -34,10 +34,9 @@ def cache_folder() -> pathlib.Path:
 
 @contextlib.contextmanager
 def one_maker(path: pathlib.Path) -> Iterator[None]:
-    """Let one process at a time make something in the cache folder; another one waits and says so.
+    """Let one process at a time make a file or folder in the cache folder; another one waits and says so.
 
-    Args:
-        path: file or folder to make; the lock, which ends with its process, is beside it.
+    The lock, which ends with its process, is beside it.
 
     Raises:
         UserError: the cache folder cannot be written.

@@ -35,7 +35,7 @@ def read_npz(
 
     Args:
         path: path of a `.npz` file, or of a `.npy` file, whose array has the file's stem as its name.
-        max_bytes: maximum size of all arrays together in bytes.
+        max_bytes: maximum size of all arrays together.
         names: names of the arrays to read if they exist, None for all; others are neither read nor checked.
 
     Returns:

@@ -44,12 +44,9 @@ def shown(path: str | os.PathLike) -> str:
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike, expected: str, *also: type[Exception]) -> Iterator[None]:
-    """Turn the exceptions of a reader into a `UserError` that names the file.
+    """Turn the exceptions of a reader, and those in `also`, into a `UserError` that names the file.
 
-    Args:
-        path: path of the file that is read in this context.
-        expected: kind of file, with its article: "a BVH file".
-        also: further exceptions by which the parser answers damaged content.
+    `expected` is the kind of file with its article: "a BVH file".
 
     Raises:
         UserError: the file is missing or unreadable, its content is not as expected, or memory did not suffice. A
@@ -117,12 +114,9 @@ def check_utf8(path: str | os.PathLike) -> None:
 
 
 def read_bytes(path: str | os.PathLike, expected: str, max_bytes: int) -> bytes:
-    """Read a whole file that must not be larger than `max_bytes`.
+    """Read a whole file or pipe that must not be larger than `max_bytes`.
 
-    Args:
-        path: path of a regular file or a pipe.
-        expected: kind of file, with its article.
-        max_bytes: maximum size in bytes, checked while reading: the size that a system reports may be 0 or old.
+    This is checked while reading, because the size that a system reports may be 0 or old.
 
     Raises:
         UserError: the file is missing, a folder, unreadable or too large.

@@ -19,16 +19,10 @@ TYPES = ("F32", "F16", "BF16")  # of tensors that are read
 
 @contextlib.contextmanager
 def open_tensors(path: str | os.PathLike) -> Iterator[Any]:
-    """Open a file of tensors, each of which stays on the disk until it is read.
+    """Open a file of tensors by `safetensors.safe_open`; each tensor stays on the disk until it is read.
 
     The library checks the header, whose size is limited here: names, types and shapes fit the bytes that follow, which
     they cover without gaps and overlaps.
-
-    Args:
-        path: path of the file.
-
-    Yields:
-        What `safetensors.safe_open` gives.
 
     Raises:
         UserError: the file is missing, unreadable or damaged, or its header is too large.
@@ -61,12 +55,7 @@ def shapes_of(file: Any) -> dict[str, tuple[int, ...]]:
 
 
 def read_tensor(file: Any, name: str, path: str | os.PathLike) -> np.ndarray:
-    """Read a tensor as float32.
-
-    Args:
-        file: result of `open_tensors`.
-        name: name of the tensor, which the file has.
-        path: path of the file, for messages.
+    """Read a tensor of a file that `open_tensors` has opened as float32.
 
     Raises:
         UserError: the tensor has another type than floating numbers of 16 or 32 bits, or values that are not finite.

@@ -95,9 +95,6 @@ class Inert:
 def read_torch(path: str | os.PathLike) -> Any:
     """Read the value in an archive of PyTorch.
 
-    Args:
-        path: path of the file.
-
     Returns:
         None, bool, int, float, str, bytes, list, tuple, dict with keys of text or whole numbers, arrays in place of
         tensors, and `Inert` in place of other objects. Containers may contain themselves. Arrays are views of the

@@ -40,11 +40,7 @@ def check_kept(
 ) -> None:
     """Check that no result would overwrite a file that is read, before the work.
 
-    Args:
-        results: paths of the files that are written.
-        inputs: paths of the files that are read; None stands for an input that was not given.
-        what: name of a result in the message.
-        option: option that names the results.
+    None stands for an input that was not given; the message names the result and the option that names its path.
 
     Raises:
         UserError: a result would overwrite one of the inputs.
@@ -69,12 +65,7 @@ def check_new(folder: str | pathlib.Path) -> None:
 
 @contextlib.contextmanager
 def writing(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[None]:
-    """Turn a failure to write, such as a full disk, into a `UserError` that names the path.
-
-    Args:
-        path: file or folder that is written in this context.
-        advice: what the user can do.
-    """
+    """Turn a failure to write, such as a full disk, into a `UserError` that names the path."""
     try:
         yield
     except OSError as error:
@@ -86,14 +77,7 @@ def whole_file(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[path
     """Provide a temporary path, which is renamed to `path` when the context ends without an exception.
 
     If the context is left in any other way, Ctrl-C included, nothing is left behind and an older file at `path` stays.
-    Missing folders are made.
-
-    Args:
-        path: path of the file to write.
-        advice: what the user can do if it cannot be written.
-
-    Yields:
-        The temporary path, beside `path` and with the same suffix.
+    Missing folders are made. The temporary path is beside `path` and has its suffix.
 
     Raises:
         UserError: the file cannot be written, or the disk is full.
@@ -123,15 +107,8 @@ def whole_folder(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pa
     If the context is left in any other way, nothing is left behind; what the process leaves that is killed meanwhile,
     the next one removes. Missing folders above it are made.
 
-    Args:
-        path: folder to make, which does not exist or is empty.
-        advice: what the user can do if it cannot be written.
-
-    Yields:
-        The folder, beside `path`.
-
     Raises:
-        UserError: there is something at `path`, or the folder cannot be written.
+        UserError: there is something at `path` that is not an empty folder, or the folder cannot be written.
     """
     path = pathlib.Path(path).absolute()
     with writing(path, advice), _parents(path):
@@ -145,16 +122,10 @@ def whole_folder(path: str | pathlib.Path, advice: str = _ADVICE) -> Iterator[pa
 
 @contextlib.contextmanager
 def temporary_folder(path: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Provide a new folder beside `path`; what is left of it at the end is removed.
+    """Provide a new folder beside `path` that only this user can read; what is left of it at the end is removed.
 
     A lock, which ends with this process however it ends, tells other processes that the folder is in use. Folders for
     the same `path` whose process is dead are removed first.
-
-    Args:
-        path: file or folder that is made of it.
-
-    Yields:
-        The folder, which only this user can read.
 
     Raises:
         OSError: the folder cannot be made.

@@ -56,10 +56,6 @@ class _OtherTypeError(Exception):
 def deserialize(data: bytes, name: str) -> Any:
     """Deserialize a value that `pyarrow.serialize(value).to_buffer()` of pyarrow 0.14 has serialized.
 
-    Args:
-        data: bytes of the value.
-        name: name of the data in an error message.
-
     Returns:
         None, bool, int, float, str, bytes; lists, tuples and dicts of these; arrays, which are read-only views of
         `data`. All together take at most about ten times the memory of `data`, whatever it declares.
@@ -88,24 +84,20 @@ class _Table(NamedTuple):
     position: int
 
     def number(self, slot: int, format: str, default: int = 0) -> int:
-        """Return the number in a field of a `struct` format."""
         position = self._find(slot)
         return default if position is None else _unpack("<" + format, self.data, position)[0]
 
     def text(self, slot: int) -> str:
-        """Return the text in a field."""
         start, length = self._vector(slot, 1)
         return self.data[start : start + length].decode()
 
     def table(self, slot: int) -> "_Table":
-        """Return the table in a field."""
         position = self._find(slot)
         if position is None:
             raise _DamagedError("a table is missing in the metadata")
         return _Table(self.data, position + _unpack("<I", self.data, position)[0])
 
     def tables(self, slot: int) -> list["_Table"]:
-        """Return the vector of tables in a field."""
         start, length = self._vector(slot, 4)
         offsets = _unpack(f"<{length}I", self.data, start)
         return [_Table(self.data, start + 4 * index + offset) for index, offset in enumerate(offsets)]
@@ -150,19 +142,12 @@ class _Field(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """_Layout of an array of numbers in the body of a message.
-
-    Attributes:
-        dtype: type of a number.
-        shape: shape of the array, may be ().
-        strides: strides in bytes, None for row-major order.
-        offset: offset of the first number in the body, in bytes.
-    """
+    """Layout of an array of numbers in the body of a message."""
 
     dtype: np.dtype
     shape: tuple[int, ...]
-    strides: tuple[int, ...] | None
-    offset: int
+    strides: tuple[int, ...] | None  # in bytes, None for row-major order
+    offset: int  # of the first number in the body, in bytes
 
 
 def _read(data: bytes) -> Any:

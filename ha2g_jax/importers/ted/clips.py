@@ -15,22 +15,15 @@ from ha2g_jax.features.text import Word
 from ha2g_jax.skeleton import Skeleton
 
 FPS = 15
-TOO_SHORT, DAMAGED, NO_WINDOW = "too short", "damaged", "no window left"
+DAMAGED = "damaged"
 
-_FILTERS = recording.TED
 _FIELDS = ("words", "skeletons_3d", "audio_raw", "start_time", "end_time")
 _FRAME_RATES = (1.0, 1000.0)  # plausible frame rates of a video, which limit the length that a clip may declare
 _AUDIO_SLACK = 1.0  # seconds by which the audio of a clip may be longer or shorter than its motion
 
 
 class VideoClips(NamedTuple):
-    """The clips of one video.
-
-    Attributes:
-        records: encoded clips that have a window.
-        report: counts of what was kept and left out.
-        damaged: one line for each clip that could not be used.
-    """
+    """The clips of one video that have a window, encoded, the counts, and a line for each clip that is damaged."""
 
     records: list[bytes]
     report: SplitReport
@@ -52,11 +45,7 @@ class _RawClip(NamedTuple):
 
 
 def num_joints(video: Any, name: str) -> int | None:
-    """Return the number of joints of the first clip that has poses, None if no clip has.
-
-    Args:
-        video: value that `arrow_values.deserialize` returns.
-        name: name of the video in an error message.
+    """Return the number of joints of the first clip of a video (see `read_clips`) that has poses, None if no clip has.
 
     Raises:
         UserError: the value is not a video of the TED data.
@@ -70,15 +59,7 @@ def num_joints(video: Any, name: str) -> int | None:
 
 
 def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
-    """Read the clips of a video, with the windows that pass the filters.
-
-    Args:
-        video: value that `arrow_values.deserialize` returns.
-        skeleton: skeleton of the data set.
-        name: name of the video in an error message.
-
-    Returns:
-        The encoded clips, the counts, and the damaged clips.
+    """Read the clips of a video, a value that `arrow.deserialize` returns, with the windows that pass the filters.
 
     Raises:
         UserError: the value is not a video of the TED data, or has other joints than the skeleton.
@@ -94,25 +75,19 @@ def read_clips(video: Any, skeleton: Skeleton, name: str) -> VideoClips:
             damaged.append(f"{name}, clip {index}: {error}; left out")
             continue
         positions = resample(raw.poses, raw.end - raw.start)
-        choice = recording.choose_windows(
-            positions, raw.words, skeleton, start_time=raw.start, fps=FPS, filters=_FILTERS
-        )
+        choice = recording.choose_windows(positions, raw.words, skeleton, start_time=raw.start)
         report.windows += len(choice.verdicts)
         report.kept += len(choice.starts)
         report.filtered.update(choice.filtered)
         if choice.starts:
             made.append(encode_clip(_make_clip(video["vid"], raw, positions, choice.starts)))
         else:
-            report.rejected[NO_WINDOW if choice.verdicts else TOO_SHORT] += 1
+            report.rejected[recording.NO_WINDOW if choice.verdicts else recording.TOO_SHORT] += 1
     return VideoClips(made, report, damaged)
 
 
 def resample(poses: np.ndarray, seconds: float) -> np.ndarray:
-    """Resample the poses of a clip to 15 frames per second by linear interpolation.
-
-    Args:
-        poses: (n, joints, 3), evenly spaced over the clip.
-        seconds: length of the clip in seconds.
+    """Resample poses (n, joints, 3), evenly spaced over a clip, to 15 frames per second by linear interpolation.
 
     Returns:
         (about 15 * seconds, joints, 3) float64 at the fractional frames 0, s, 2 s, ... below n, s = n / (15 * seconds);

@@ -60,9 +60,6 @@ def import_ted(
         split: name of the split if `src` is one database.
         workers: number of processes; one per core by default.
 
-    Returns:
-        The counts of what was kept and left out, by split.
-
     Raises:
         UserError: there is no database or a damaged one, its joints are those of neither data set, no window is left,
             or `dst` exists.
@@ -196,8 +193,7 @@ class _Meta(NamedTuple):
 def check_whole(folder: pathlib.Path) -> int:
     """Check that the file of a database is complete, without LMDB, which would read past its end.
 
-    Returns:
-        The number of records.
+    Returns the number of records.
 
     Raises:
         UserError: there is no such file, it is not an LMDB database, or it is shorter than it declares.

@@ -69,18 +69,10 @@ def build_video(
 
     Args:
         videos: paths of files, and of folders to search; subfolders name speakers (see `extraction.VideoRecording`).
-        dst: folder to make.
-        settings: all thresholds and choices; None for the defaults.
-        runner: "local" for processes on this machine, "ray" for a Ray cluster, whose nodes must find the videos under
-            the same paths.
+        runner: "local" for processes on this machine, "ray" for a Ray cluster at `address`, whose nodes must find the
+            videos under the same paths.
         workers: number of videos that are read at the same time; one per core by default.
-        address: address of the Ray cluster.
-        split: name of the split of all clips.
         overlay: folder for copies of the videos with the skeleton drawn on the speaker; None for no copies.
-        licence: licence of the videos, stored in the corpus.
-
-    Returns:
-        The counts of the split.
 
     Raises:
         UserError: `dst` exists, no video is found, an overlay would overwrite one, PySceneDetect or the pose estimator

@@ -47,26 +47,17 @@ class VideoRecording(NamedTuple):
 
     @property
     def transcript(self) -> pathlib.Path | None:
-        """Return the transcript beside the video, None if there is none."""
+        """The transcript beside the video, None if there is none."""
         return transcripts.find(self.video, is_alone=self.is_alone)
 
 
 class Extraction(NamedTuple):
-    """The clips of one video.
-
-    Attributes:
-        records: encoded clips in order of time.
-        report: counts of one video.
-        frames: number of images of the video.
-        frames_with_both_hands: number of images in which wrists and fingers of both hands are seen.
-        seconds: length of the video in seconds.
-        shots: number of shots.
-    """
+    """The clips of one video, encoded, in order of time, and its numbers of images, seconds and shots."""
 
     records: list[bytes]
     report: SplitReport
     frames: int
-    frames_with_both_hands: int
+    frames_with_both_hands: int  # in which wrists and fingers of both hands are seen
     seconds: float
     shots: int
 
@@ -89,13 +80,8 @@ def extract(
 ) -> Extraction:
     """Extract the clips of one video; equal videos and settings give equal bytes on any machine.
 
-    Args:
-        recording: the video, which must have a transcript beside it unless `settings.recognise` is set.
-        settings: all thresholds and choices.
-        overlay_path: path for a copy of the video with the skeleton drawn on the speaker; None for no copy.
-
-    Returns:
-        The clips and counts.
+    The video must have a transcript beside it unless `settings.recognise` is set. `overlay_path` is that of a copy of
+    the video with the skeleton drawn on the speaker; None for no copy.
 
     Raises:
         UserError: the audio, the images, the words or the poses cannot be obtained.
@@ -210,11 +196,7 @@ def _with_images(clips: list[Clip], video: _Video, settings: VideoSettings) -> l
 
 
 def scene_detector() -> Any:
-    """Return the package that detects shots.
-
-    Raises:
-        UserError: it is not installed.
-    """
+    """Return the package that detects shots; a `UserError` says that it is not installed."""
     return require("scenedetect", "import", by="the import of videos", package="scenedetect-headless")
 
 
@@ -222,11 +204,8 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
     """Find the shots of a video by PySceneDetect's content detector.
 
     Images are counted as they are decoded and passed to the detector by number, so that shots are in numbers of images
-    even if the frame rate varies; PySceneDetect alone would count time.
-
-    Args:
-        video: path of a video.
-        threshold: mean change of hue, saturation and brightness (each of 255) between two images that makes a cut.
+    even if the frame rate varies; PySceneDetect alone would count time. The threshold is the mean change of hue,
+    saturation and brightness (each of 255) between two images that makes a cut.
 
     Returns:
         [first image, end image) of each shot, in order of time; the whole video if it has no cut.
@@ -253,25 +232,17 @@ def find_shots(video: pathlib.Path, threshold: float = VideoSettings.shot_thresh
 
 
 def is_visible(confidence: np.ndarray, min_confidence: float, min_visible: float) -> bool:
-    """Whether all keypoints are seen at once in more than a fraction of the images (condition 1).
-
-    Args:
-        confidence: (T, joints) in [0, 1], 0 where a keypoint was not found.
-        min_confidence: minimum confidence of a keypoint that counts as seen.
-        min_visible: the fraction of the images.
+    """Return whether all keypoints are seen at once, see `seen`, in more than `min_visible` of the images (condition
+    1).
     """
     return bool(seen(confidence, min_confidence).mean() > min_visible)
 
 
 def is_still(positions: np.ndarray, skeleton: Skeleton, min_motion: float) -> bool:
-    """Whether both wrists hardly move (condition 2).
+    """Return whether both wrists of positions (T, joints, 3) in metres hardly move (condition 2).
 
-    The measure is that of the windows of the TED data: the variance of a wrist's position, summed over x, y and z.
-
-    Args:
-        positions: (T, joints, 3) in metres, finite.
-        skeleton: skeleton of the positions.
-        min_motion: minimum variance of a moving wrist in square metres.
+    The measure is that of the windows of the TED data: the variance of a wrist's position, summed over x, y and z. A
+    moving wrist has at least `min_motion` square metres.
     """
     wrists = positions[:, [skeleton.joint("left_wrist"), skeleton.joint("right_wrist")]].astype(np.float64)
     return bool((wrists.var(axis=0).sum(axis=-1) < min_motion).all())

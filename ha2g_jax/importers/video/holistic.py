@@ -37,13 +37,7 @@ def main() -> None:
 
 
 def read_images(stream: BinaryIO) -> Iterator[np.ndarray]:
-    """Yield the images of a stream.
-
-    Args:
-        stream: binary stream in the format of this program.
-
-    Yields:
-        (height, width, 3) uint8 images.
+    """Yield the images (height, width, 3) uint8 of a stream in the format of this program.
 
     Raises:
         EOFError: the stream ends within an image.
@@ -57,16 +51,10 @@ def read_images(stream: BinaryIO) -> Iterator[np.ndarray]:
 
 
 def estimate(images: Iterator[np.ndarray]) -> dict[str, Any]:
-    """Estimate the landmarks of each image.
+    """Estimate the landmarks of images (height, width, 3) uint8: the arrays of the module's docstring by name.
 
     Tracking from image to image keeps the body steady (a third of the jitter of independent images), but it may
     exchange hands that cross and not recover. In such images the hands are estimated independently.
-
-    Args:
-        images: (height, width, 3) uint8 images.
-
-    Returns:
-        The arrays of the module's docstring by name.
     """
     from mediapipe.python.solutions.holistic import Holistic
 
@@ -102,15 +90,7 @@ def _hands(result, body: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np
 
 
 def which_fit(hands: np.ndarray, wrists: np.ndarray) -> np.ndarray:
-    """Determine which hands lie at the wrists of the body and do not coincide.
-
-    Args:
-        hands: (2, 21, 3) left and right hand in pixels, NaN where not found.
-        wrists: (2, 2) left and right wrist of the body in pixels.
-
-    Returns:
-        (2,) bool.
-    """
+    """Return which hands (2, 21, 3) in pixels lie at the wrists (2, 2) of the body and do not coincide, (2,) bool."""
     palms = np.linalg.norm(hands[:, _KNUCKLES] - hands[:, :1], axis=-1).mean(axis=1)
     distances = np.linalg.norm(hands[:, 0, :2] - wrists, axis=-1)
     fits = distances < _NEAR * palms  # False for NaN

@@ -114,15 +114,9 @@ def image_size(video: pathlib.Path) -> tuple[int, int]:
 
 
 def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int) -> Box:
-    """Find the square around head, shoulders and hands in several images.
+    """Find the square around head, shoulders and hands, (M, joints, 2) pixels or NaN where unseen, in several images.
 
-    Args:
-        points: (M, joints, 2) pixels, NaN where a joint was not seen.
-        skeleton: skeleton of the joints.
-        width, height: size of the images in pixels.
-
-    Returns:
-        The square, moved into the image as far as possible; the middle of the image if no joint was seen.
+    It is moved into the image as far as possible. It is the middle of the image if no joint was seen.
     """
     names = [name for name in skeleton.joints if name not in ("spine", "left_elbow", "right_elbow")]
     nose, neck = points[:, skeleton.joint("nose")], points[:, skeleton.joint("neck")]
@@ -139,12 +133,7 @@ def speaker_box(points: np.ndarray, skeleton: Skeleton, width: int, height: int)
 
 
 def crops(video: pathlib.Path, wanted: Sequence[tuple[int, Box]], size: int) -> list[np.ndarray]:
-    """Crop squares from the images of a video.
-
-    Args:
-        video: path of a video.
-        wanted: number of the image and square of each crop, in any order.
-        size: width and height of the crops in pixels.
+    """Crop squares, each of the image of a number, in any order, from a video, and resize them.
 
     Returns:
         A (size, size, 3) uint8 image for each square, black beyond the edges of the video's image.
@@ -208,7 +197,6 @@ def _stated_seconds(container: InputContainer) -> float:
 
 
 def no_images(video: pathlib.Path) -> UserError:
-    """Return the error of a file without images."""
     return UserError(f"{shown(video)} has no images; expected a video of a speaker")
 
 

@@ -54,17 +54,11 @@ _MIN_JUMP, _SPREADS = 0.03, 4.5
 
 
 class Keypoints(NamedTuple):
-    """Keypoints of the speaker, one pose for each image.
+    """Keypoints of the speaker, one pose for each image."""
 
-    Attributes:
-        positions: (T, 43, 3) float32 metres in the axes of TED-Expressive, NaN where unseen.
-        confidence: (T, 43) float32 in [0, 1], 0 where unseen.
-        image_points: (T, 43, 2) float32 pixels, NaN where unseen.
-    """
-
-    positions: np.ndarray
-    confidence: np.ndarray
-    image_points: np.ndarray
+    positions: np.ndarray  # (T, 43, 3) float32 metres in the axes of TED-Expressive, NaN where unseen
+    confidence: np.ndarray  # (T, 43) float32 in [0, 1], 0 where unseen
+    image_points: np.ndarray  # (T, 43, 2) float32 pixels, NaN where unseen
 
 
 def from_holistic(
@@ -79,8 +73,7 @@ def from_holistic(
     Args:
         world: (T, 33, 4) position in metres, and visibility, of the landmarks of the body.
         image: (T, 33, 2) landmarks of the body in pixels.
-        left_hand: (T, 21, 3) landmarks of the left hand in pixels, with depth in the same unit.
-        right_hand: (T, 21, 3) landmarks of the right hand in pixels, with depth in the same unit.
+        left_hand, right_hand: (T, 21, 3) landmarks of a hand in pixels, with depth in the same unit.
         sizes: (T, 2) width and height of the images in pixels.
     """
     skeleton = load_skeleton("ted_expressive")
@@ -163,7 +156,6 @@ def clean(
     Args:
         positions: (T, 43, 3) metres, NaN where unseen.
         confidence: (T, 43), 0 where unseen.
-        fps: frames per second.
         max_gap: longest gap that is interpolated, in seconds.
         cutoff: frequency at which the amplitude is halved, in hertz; no filter from half the frame rate on.
 

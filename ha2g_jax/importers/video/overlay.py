@@ -36,14 +36,8 @@ def write_overlay(
 ) -> None:
     """Write a copy of a video as mp4 (H.264 and AAC) with the bones drawn on its images, and its audio.
 
-    The person's left is orange, the right blue, the middle green. A bone is drawn if both its ends are seen; less
-    certain bones are greyer. The file is written atomically.
-
-    Args:
-        path: path of the `.mp4` to write.
-        video: path of the video.
-        image_points: (T, 43, 2) pixels, NaN where unseen.
-        confidence: (T, 43) in [0, 1], 0 where unseen.
+    The person's left is orange, the right blue, the middle green. A bone is drawn if both its ends, (T, 43, 2) pixels,
+    are seen; bones of less confidence (T, 43) are greyer. The file is written atomically.
 
     Raises:
         UserError: the video cannot be read, or the file cannot be written.

@@ -45,13 +45,10 @@ with Holistic(model_complexity=1) as holistic:
 
 
 def estimate(video: pathlib.Path, *, command: str | None = None) -> Keypoints:
-    """Estimate the poses in a video.
+    """Estimate the poses in a video, by MediaPipe Holistic or by the command line of another estimator.
 
-    Args:
-        video: path of a video.
-        command: command line of an estimator to use instead of MediaPipe Holistic. "{video}" and "{out}" in it are
-            replaced by paths; it is not run by a shell. It must write a .npz with the arrays of `Keypoints` by name to
-            "{out}", with one pose for each image in order.
+    "{video}" and "{out}" in the command are replaced by paths; it is not run by a shell. It must write a .npz with the
+    arrays of `Keypoints` by name to "{out}", with one pose for each image in order.
 
     Raises:
         UserError: the estimator is not installed, fails, or writes invalid arrays.
@@ -194,12 +191,7 @@ def install(python: str | os.PathLike | None = None) -> pathlib.Path:
     """Install the environment of MediaPipe (400 MB from PyPI) in the cache folder, unless it exists already.
 
     It is made in a temporary folder and renamed after MediaPipe has processed an image, so it is complete or absent.
-
-    Args:
-        python: interpreter of the environment, Python 3.11 or 3.12; by default the running one, or else one on PATH.
-
-    Returns:
-        The folder of the environment.
+    Its interpreter, Python 3.11 or 3.12, is by default the running one, or else one on PATH. Returns its folder.
 
     Raises:
         UserError: there is no such Python, no connection or no disk space, or MediaPipe does not run here.

@@ -147,11 +147,9 @@ def read_settings(path: str | pathlib.Path) -> VideoSettings:
 
 
 def from_pairs(pairs: Iterable[str], base: VideoSettings | None = None) -> VideoSettings:
-    """Replace some values of settings by those of the command line.
+    """Replace some values of settings, by default the defaults, by pairs of the command line.
 
-    Args:
-        pairs: NAME=VALUE pairs such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
-        base: settings of the other values; None for the defaults.
+    They are NAME=VALUE such as "min_seconds=3", "recognise=tiny.en" or "filters.min_words=none".
 
     Raises:
         UserError: a pair has no "=", a name is unknown, or a value is not one of those that the setting may have.
