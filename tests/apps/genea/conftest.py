@@ -8,7 +8,7 @@ import pytest
 import soundfile
 from motion.readers.conftest import files, person  # noqa: F401
 
-from ha2g_jax.checkpoint import model_folder
+from ha2g_jax.apps.genea.pack import write_pack
 
 SECONDS = {"1_wayne_0_1_1": 2.31, "2_scott_0_3_3": 3.0}
 FRAMES = {"1_wayne_0_1_1": 69, "2_scott_0_3_3": 90}  # round(30 x seconds)
@@ -23,18 +23,9 @@ def speech(tmp_path_factory) -> pathlib.Path:
 
 
 @pytest.fixture(scope="session")
-def checkpoint(debug_model, tmp_path_factory) -> pathlib.Path:
-    folder = tmp_path_factory.mktemp("model") / "debug"
-    model_folder.save(folder, debug_model.config, debug_model.assets, debug_model.variables)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def written(speech, checkpoint, tmp_path_factory) -> pathlib.Path:
+def written(speech, debug_folder, tmp_path_factory) -> pathlib.Path:
     """A pack of five samples of each clip."""
-    from ha2g_jax.apps.genea.pack import write_pack
-
-    return write_pack(speech, tmp_path_factory.mktemp("packs") / "pack", checkpoint=checkpoint, seed=7)
+    return write_pack(speech, tmp_path_factory.mktemp("packs") / "pack", checkpoint=debug_folder, seed=7)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import shutil
 
 import numpy as np
 import pytest
@@ -9,8 +10,6 @@ import soundfile
 import soxr
 
 import ha2g_jax
-from ha2g_jax.checkpoint import model_folder
-from ha2g_jax.checkpoint.onnx.export import export
 from ha2g_jax.features.audio import read_audio
 from ha2g_jax.features.spectrum import log_mel
 from ha2g_jax.motion.control import Controls
@@ -83,9 +82,9 @@ def test_a_stream(found, index):
     assert found[len(FILES) + index]["latency"] == pytest.approx(latency)
 
 
-def test_a_stream_of_a_model_without_hidden_ends(debug_model, do_jobs, tmp_path):
-    folder = model_folder.save(tmp_path / "debug", debug_model.config, debug_model.assets, debug_model.variables)
-    describe(export(folder, tmp_path / "model.onnx"))
+def test_a_stream_of_a_model_without_hidden_ends(debug_model, debug_onnx, do_jobs, tmp_path):
+    shutil.copy(debug_onnx, tmp_path / "model.onnx")
+    (tmp_path / "model.json").write_text(json.dumps(page_description(debug_onnx)))
     job = {"sound": SPEECH, "out": tmp_path / "motion.f32", "piece": 4000, "options": {"hop": 5, "speaker": "ada"}}
     (answer,) = do_jobs(tmp_path, [job])
     assert "error" not in answer, answer["error"]
@@ -105,10 +104,6 @@ def streamed(model, job):
         stream.style = Style(speaker=change["speaker"]) if "speaker" in change else stream.style
         frames.append(stream.feed(samples[start : start + job["piece"]]))
     return np.concatenate([*frames, stream.flush()]), stream.latency
-
-
-def describe(path):
-    path.with_suffix(".json").write_text(json.dumps(page_description(path)))
 
 
 def test_requests_that_fail_do_no_harm(demo_folder, do_jobs, tmp_path):
