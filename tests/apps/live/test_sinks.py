@@ -138,15 +138,6 @@ def test_a_host_with_addresses_of_both_kinds_is_reached_by_ipv4(monkeypatch):
         assert sender.family == socket.AF_INET and target == ("127.0.0.1", 9)
 
 
-def test_a_recording_keeps_its_own_frames_alone(tmp_path):
-    recording, frames = sinks.Recording(tmp_path / "a.npz"), np.ones((30, 42, 3), np.float32)
-    recording.add(frames[:0])
-    assert not recording._frames
-    recording.add(frames[:2])
-    frames[:] = 0
-    assert recording._frames[0].base is None and recording._frames[0].all()
-
-
 def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
     url = f"ws://127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as stack:
@@ -155,23 +146,6 @@ def test_an_address_in_use_and_a_rig_that_does_not_exist(free_port):
             next(open_source(url).chunks(Clock(), StopFlag()))
     with pytest.raises(UserError, match="no rig lego"), contextlib.ExitStack() as stack:
         open_sinks(["udp://127.0.0.1:9"], stack, "lego")
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "message"),
-    [
-        ("missing.wav", {}, "no file at missing.wav"),
-        ("http://127.0.0.1:80", {}, "no source http"),
-        ("ws://127.0.0.1", {}, "cannot read the address"),
-        ("stdin", {"rate": 12}, "the rate is 12"),
-        ("stdin", {"is_fast": True}, "--fast is for files"),
-        ("missing.wav", {"rate": 16000}, "--rate is for"),
-    ],
-)
-def test_a_source_that_cannot_be_used_is_said_in_one_line(text, options, message):
-    with pytest.raises(UserError, match=message) as error:
-        open_source(text, **options)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
