@@ -37,11 +37,9 @@ _LARGE = 400  # pixels from which curves need more points
 
 
 class Ranks(NamedTuple):
-    """The order of an upper arm and its forearm.
+    """Ranks (T,) of an upper arm, and of its forearm with the hand, among those of both arms: 0 at the back to 3.
 
-    Attributes:
-        upper: (T,) ranks of the upper arm among the parts of both arms, from 0 at the back to 3.
-        lower: (T,) ranks of the forearm with the hand; -5 to -2 are behind the head and the trunk.
+    Ranks of -5 to -2 are behind the head and the trunk.
     """
 
     upper: np.ndarray
@@ -49,13 +47,10 @@ class Ranks(NamedTuple):
 
 
 def arm_ranks(points: dict[str, np.ndarray], head: np.ndarray) -> tuple[Ranks, Ranks]:
-    """Compute the order of upper arms and forearms, by their depths where they cross.
+    """Compute the ranks of the left arm and of the right arm by their depths where they cross.
 
     Args:
         head: (T, 3) centre of the head in metres.
-
-    Returns:
-        Ranks of the left arm and of the right arm.
     """
     chains = np.stack([chain for side in ("left", "right") for chain in _chains(points, side)], axis=1)
     places, depths = project(chains), chains[..., 2]
@@ -116,9 +111,6 @@ def outline(positions: np.ndarray, skeleton: Skeleton, look: Look, detail: int =
         positions: (T, joints, 3) metres, y down; the root may be anywhere.
         skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
         detail: factor of the number of points of a curve; 1 suffices for images of a few hundred pixels.
-
-    Returns:
-        The outlines.
     """
     points = from_the_front(positions, skeleton)
     head = head_frame(points)
@@ -183,9 +175,6 @@ def fit(motions: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
 
     Args:
         motions: (T, joints, 3) positions in metres, y down, and the skeleton of each figure.
-
-    Returns:
-        The view.
     """
     low, high = np.array(DEFAULT_VIEW[:2]), np.array(DEFAULT_VIEW[2:])
     for positions, skeleton in motions:
@@ -213,15 +202,11 @@ def _corners(points: dict[str, np.ndarray]) -> np.ndarray:
 def draw_figure(
     positions: np.ndarray, skeleton: Skeleton, look: Look, width: int, height: int, view: View = DEFAULT_VIEW
 ) -> np.ndarray:
-    """Draw one pose.
+    """Draw one pose as a (height, width, 3) uint8 RGB image.
 
     Args:
         positions: (joints, 3) metres, y down; the root may be anywhere.
-        skeleton: skeleton of the positions; fingers and ears are drawn where it has them.
         view: part of the picture plane that the image shows at least; `fit` finds it for a motion.
-
-    Returns:
-        (height, width, 3) uint8 RGB image.
     """
     figure = outline(positions[None], skeleton, look, detail=1 if height < _LARGE else 2)
     scale, spine = view.place(_SUPERSAMPLE * width, _SUPERSAMPLE * height)

@@ -13,11 +13,7 @@ _FRONT += ((0.0, 0.060, 0.085), (0.0, -0.040, 0.098), (-0.03, -0.075, 0.075), (0
 
 
 def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
-    """Compute the position and orientation of the head.
-
-    Returns:
-        (4, T, 3): the centre of the head and its axes to the left, up and ahead, scaled to the size of the head.
-    """
+    """Compute the centre of the head and its axes to the left, up and ahead, of the length of its size, (4, T, 3)."""
     neck = points["neck"]
     if "left_ear" in points:
         ears = (points["left_ear"] + points["right_ear"]) / 2
@@ -40,11 +36,7 @@ def head_frame(points: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """Build the hair that is behind the face and the shoulders.
-
-    Returns:
-        Shapes from back to front.
-    """
+    """Build the hair that is behind the face and the shoulders, from back to front."""
     length = 0.012 + 0.17 * max(look.hair_length - 0.3, 0.0)
     width = 0.096 + 0.018 * look.hair_length
     crown = _ellipse(head, (0, 0.022, -0.02), width, 0.112, detail, flat=False)
@@ -61,11 +53,7 @@ def hair_behind(head: np.ndarray, look: Look, detail: int) -> list[Shape]:
 
 
 def head_shapes(points: dict[str, np.ndarray], head: np.ndarray, look: Look, detail: int) -> list[Shape]:
-    """Build neck, face and the hair over the forehead.
-
-    Returns:
-        Shapes from back to front.
-    """
+    """Build neck, face and the hair over the forehead, from back to front."""
     dark, blush = shade(look.skin, 0.80), shade(look.skin, 0.90)
     low, high = points["neck"] + 0.02 * facing(points) + 0.1 * (head[0] - points["neck"]), head[0] - 0.05 * head[2]
     ends = np.stack([low, low], axis=1), np.stack([low, high], axis=1)

@@ -39,22 +39,13 @@ _TIPS = np.repeat(_RADII, 3) * np.tile([1.0, 0.94, 0.8], 5)
 _OUT = 0.4  # fraction of the first bone of a finger that has no edge within the palm
 # Metres from the wrist, and radii.
 _MITTEN = (
-    (0.0, 0.026),
-    (0.025, 0.0315),
-    (0.05, 0.0350),
-    (0.075, 0.0355),
-    (0.1, 0.033),
-    (0.125, 0.0285),
-    (0.145, 0.022),
+    *((0.0, 0.026), (0.025, 0.0315), (0.05, 0.0350), (0.075, 0.0355)),
+    *((0.1, 0.033), (0.125, 0.0285), (0.145, 0.022)),
 )
 
 
 def trunk_shapes(points: dict[str, np.ndarray], look: Look, detail: int) -> list[Shape]:
-    """Build shoulders, chest, belly and legs, which overlap in any pose.
-
-    Returns:
-        Shapes from back to front: all edges, and then what they surround.
-    """
+    """Build shoulders, chest, belly and legs, which overlap in any pose: all edges, and then what they surround."""
     span = np.linalg.norm(points["left_shoulder"] - points["neck"], axis=-1)
     span += np.linalg.norm(points["right_shoulder"] - points["neck"], axis=-1)
     build = look.build * np.clip(span / (2 * _BREADTH), 0.75, 1.15)
@@ -122,11 +113,7 @@ def _sections(
 class Arm(NamedTuple):
     """Shapes of an arm without the hand, each list from back to front.
 
-    Attributes:
-        shoulder: edge of the upper arm, which is drawn behind the trunk.
-        edges: edges of both parts, which are drawn before both.
-        upper: upper arm.
-        lower: forearm with cuff.
+    `shoulder` is the edge of the upper arm, which is drawn behind the trunk; `edges` are drawn before both parts.
     """
 
     shoulder: list[Shape]
@@ -140,9 +127,6 @@ def arm_shapes(points: dict[str, np.ndarray], side: str, look: Look, detail: int
 
     The edges of both sleeves are drawn before both, so that no line crosses the elbow. Each sleeve has its edge a
     second time, away from the elbow, for where it crosses the other one.
-
-    Returns:
-        The shapes.
     """
     shoulder, elbow, wrist = (points[f"{side}_{joint}"] for joint in ("shoulder", "elbow", "wrist"))
 

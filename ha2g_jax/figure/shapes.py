@@ -17,10 +17,6 @@ class Look(NamedTuple):
     """Appearance of a figure; colours are RGB from 0 to 255.
 
     Attributes:
-        skin: colour of the skin.
-        hair: colour of the hair.
-        shirt: colour of the shirt.
-        background: colour behind the figure.
         build: factor of the width of the body, 1 for an average build.
         hair_length: 0 for short hair to 1 for long hair.
     """
@@ -34,24 +30,14 @@ class Look(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A filled shape in T frames.
-
-    Attributes:
-        outline: (T, n, 2) corners in metres in the picture plane.
-        colour: colour of the shape.
-    """
+    """A filled shape in T frames; the outline is (T, n, 2) corners in metres in the picture plane."""
 
     outline: np.ndarray
     colour: Colour
 
 
 class Part(NamedTuple):
-    """Shapes that are drawn together.
-
-    Attributes:
-        key: (T,) numbers by which parts are sorted.
-        shapes: shapes from back to front.
-    """
+    """Shapes that are drawn together, from back to front; parts are sorted by the (T,) numbers `key`."""
 
     key: np.ndarray
     shapes: list[Shape]
@@ -75,10 +61,8 @@ def capsules(
     A capsule that points to the camera is a whole disc, so that there is no gap at a joint from any side.
 
     Args:
-        starts: (T, n, 3) first ends in metres.
-        ends: (T, n, 3) second ends in metres.
-        wide: (n,) radii at the first ends in metres.
-        narrow: (n,) radii at the second ends in metres.
+        starts, ends: (T, n, 3) metres.
+        wide, narrow: (n,) radii at the starts and at the ends in metres.
 
     Returns:
         n outlines (T, 14 * detail + 4, 2).

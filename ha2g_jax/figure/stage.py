@@ -36,8 +36,6 @@ class Stage(NamedTuple):
     """The part of an image that does not change over time.
 
     Attributes:
-        panels: rectangles of the figures.
-        background: colour of the background.
         clean: uint8 planes of the image without figures, (height, width) and twice (height / 2, width / 2).
         canvas: brightness of the image without figures at twice the size.
     """
@@ -58,8 +56,7 @@ class Drawing(NamedTuple):
         spans: start and end of each outline in the 2 N coordinates of a frame.
         shades: brightness of each outline.
         inks: colour of each outline as an index of `blues` and `reds`.
-        blues: 256 values of the blue plane; the first is that of the background.
-        reds: 256 values of the red plane; the first is that of the background.
+        blues, reds: 256 values of the blue and of the red plane; the first is that of the background.
     """
 
     points: np.ndarray
@@ -83,14 +80,7 @@ def panels(count: int, width: int, height: int) -> tuple[Panel, ...]:
 
 
 def set_stage(names: Sequence[str], background: Colour, width: int, height: int) -> Stage:
-    """Prepare the image without figures.
-
-    Args:
-        names: name of each figure, "" for none.
-
-    Returns:
-        The stage, with a panel for each name.
-    """
+    """Prepare the image without figures, with a panel for each name, "" for a figure without one."""
     places = panels(len(names), width, height)
     brightness, blue, red = to_yuv(background)
     backdrop = np.rint(16 + (brightness - 16) * light_behind(width, height)).astype(np.uint8)
@@ -104,15 +94,7 @@ def set_stage(names: Sequence[str], background: Colour, width: int, height: int)
 def draw(
     stage: Stage, index: int, positions: np.ndarray, skeleton: Skeleton, look: Look, view: View = DEFAULT_VIEW
 ) -> Drawing:
-    """Prepare the drawing of a figure.
-
-    Args:
-        positions: (T, joints, 3) metres, y down.
-        view: part of the picture plane that the panel shows at least.
-
-    Returns:
-        The drawing in T frames.
-    """
+    """Prepare the drawing of a figure with positions (T, joints, 3) in metres; its panel shows at least the view."""
     panel = stage.panels[index]
     figure = outline(positions, skeleton, look, detail=2)
     colours = tuple(dict.fromkeys([stage.background, *figure.colours]))
@@ -180,14 +162,6 @@ def _fill(
         pen.polygon(corners[start:end], fill=values[shape])
 
 
-def _cut(name: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: float) -> str:
-    """Return as many letters of a name as fit in a width."""
-    count = len(name)
-    while count and font.getlength(name[:count]) > width:
-        count -= 1
-    return name[:count]
-
-
 def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
     """Write a name into the upper left corner of its panel, where the figure seldom is, a long one smaller."""
     if not name:
@@ -198,6 +172,7 @@ def _write_name(canvas: Image.Image, name: str, panel: Panel) -> None:
     font = next((font for font in fonts if font.getlength(name) <= width), None)
     if font is None:
         font = ImageFont.load_default(_NAME_SCALES[-1] * side / 18)
-        name = _cut(name, font, width)
+        while font.getlength(name) > width:
+            name = name[:-1]
     place = 2 * panel.left + side / 24, 2 * panel.top + side / 24
     ImageDraw.Draw(canvas).text(place, name, fill=round(to_yuv(_INK)[0]), font=font, anchor="lt")

@@ -27,7 +27,7 @@ class Armature:
 
     Attributes:
         name: name of the rig, such as "ha2g".
-        joints: names of the joints, each after its parent; joint 0 is the root.
+        joints: names, each after its parent; joint 0 is the root.
         parents: index of each joint's parent, -1 for the root.
         offsets: (J, 3) metres from the parent's origin, in the parent's axes at rest.
         rest: (J, 4) rotation of each joint relative to its parent in the rest pose.
@@ -79,11 +79,7 @@ def world(animation: Animation) -> tuple[np.ndarray, np.ndarray]:
 
 @functools.lru_cache(maxsize=16)
 def generations(parents: tuple[int, ...]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Group the joints of a tree by the number of joints above them, so that a group is computed at once.
-
-    Returns:
-        The indices of the joints of each group and of their parents, the root first.
-    """
+    """Group the joints of a tree by the number of joints above them: their indices and those of their parents."""
     depths: list[int] = []
     for parent in parents:
         depths.append(depths[parent] + 1 if parent >= 0 else 0)

@@ -97,8 +97,6 @@ class Motion:
         Args:
             positions: (T, joints, 3) metres in the axes of the skeleton.
             meta: further entries of `Motion.meta`, as JSON values.
-            lower: pelvis and legs with T frames.
-            face: see `Motion.face`.
         """
         directions = positions_to_directions(skeleton, np.asarray(positions, np.float64))
         motion = cls.from_directions(skeleton, directions, fps, meta)

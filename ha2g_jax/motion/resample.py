@@ -57,14 +57,9 @@ def exp_map(base: np.ndarray, tangents: np.ndarray) -> np.ndarray:
 
 
 def resample(directions: np.ndarray, fps: float, new_fps: float, new_frames: int) -> np.ndarray:
-    """Resample a motion at another frame rate; frame k shows the time k / fps.
+    """Resample unit vectors (T, bones, 3) at another rate on the curve of `sample`; frame k shows the time k / fps.
 
-    Args:
-        directions: (T, bones, 3) unit vectors.
-        new_frames: number of frames of the result; after the last frame of the input the last pose is held.
-
-    Returns:
-        (new_frames, bones, 3) float32 unit vectors on the curve of `sample`.
+    After the last frame of the input the last pose is held, up to `new_frames`.
     """
     return sample(directions, np.arange(new_frames) * (fps / new_fps))
 

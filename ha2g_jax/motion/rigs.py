@@ -40,7 +40,7 @@ PELVIS = LOWER_JOINTS[0]
 
 @dataclasses.dataclass(frozen=True)
 class RigJoint:
-    """One joint of a rig; the docstring of the module says what each field means."""
+    """One joint of a rig, see above."""
 
     name: str
     parent: int
@@ -133,11 +133,7 @@ def retarget(animation: Animation, rig: Rig) -> Animation:
     pelvis is at its place, which is not scaled to legs of another length. Otherwise hips and legs stay in the rest
     pose and stand on the ground, y = 0.
 
-    Args:
-        rig: rig to transfer it to; for "ha2g" the result is the animation itself.
-
-    Returns:
-        Animation of an armature that has the name of the rig.
+    The armature of the result has the name of the rig; for "ha2g" the result is the animation itself.
     """
     if rig.name == animation.armature.name:
         return animation

@@ -20,12 +20,7 @@ _MAX_SPEAKERS = 200
 
 
 class LivePage(NamedTuple):
-    """A page and the headers that go with it.
-
-    Attributes:
-        content: HTML document in UTF-8.
-        headers: type, Content-Security-Policy and other headers of HTTP. The page may connect to its own origin only.
-    """
+    """An HTML document in UTF-8 and its headers of HTTP, by which the page may connect to its own origin only."""
 
     content: bytes
     headers: dict[str, str]

@@ -29,12 +29,7 @@ _SCRIPTS = ("motion.js", "loft.js", "head.js", "arm.js", "body.js", "stage.js", 
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """A page as text, which a notebook shows as the result of a cell.
-
-    Attributes:
-        text: HTML document.
-        height: height of the frame in a notebook in pixels.
-    """
+    """An HTML document, which a notebook shows as the result of a cell, in a frame of `height` pixels."""
 
     text: str = dataclasses.field(repr=False)
     height: int = 620
@@ -72,9 +67,6 @@ def view(
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
         title: title of the page; by default the names of the motions.
-
-    Returns:
-        The page; `Page.save` writes it, and a notebook shows it.
 
     Raises:
         UserError: there is no motion, there are too many, or one is too long or not valid (see `Motion.check`), or the
@@ -156,7 +148,7 @@ def build_document(
     text = string.Template(read_asset(template)).substitute(
         title=html.escape(title),
         style=style,
-        three=_three(),
+        three=_deflated_three(),
         # A "<" could end the script element.
         content=json.dumps(content, sort_keys=True, separators=(",", ":")).replace("<", "\\u003c"),
         scripts="\n".join(f"<script>{script}</script>" for script in code),
@@ -180,5 +172,5 @@ def three_library() -> bytes:
 
 
 @functools.cache
-def _three() -> str:
+def _deflated_three() -> str:
     return deflated(three_library())

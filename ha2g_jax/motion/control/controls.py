@@ -158,11 +158,7 @@ def read_pin(text: str) -> Pin:
 
 
 def read_mute(text: str) -> Span:
-    """Parse a span from START:END in seconds.
-
-    Raises:
-        UserError: the text has another form.
-    """
+    """Parse a span from START:END in seconds; another form is a UserError."""
     start, end = _split(text, 2, "START:END in seconds, such as 2:3.5")
     return Span(_seconds(start, text), _seconds(end, text))
 

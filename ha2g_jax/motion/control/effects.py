@@ -137,11 +137,7 @@ class Ramp:
 
 
 def check_running(controls: Controls, skeleton: Skeleton) -> None:
-    """Check controls of a motion that goes on.
-
-    Raises:
-        UserError: a control is not valid, or needs the frames after it.
-    """
+    """Raise a UserError if a control of a motion that goes on is not valid, or needs the frames after it."""
     check(controls, skeleton)
     if controls.pins or controls.mutes:
         name = "pins" if controls.pins else "mutes"
@@ -155,8 +151,8 @@ class RunningControls:
     """The controls energy, extent, handedness and mirror, and a mute, of a motion that goes on.
 
     Energy scales the movement about the mean of the poses so far, an exponential mean with a time constant of two
-    seconds; in `energy` that mean is centred. The other controls do to a frame what they do in
-    `apply`. Changes are eased over half a second.
+    seconds; in `energy` that mean is centred. The other controls do to a frame what they do in `apply`. Changes are
+    eased over half a second.
     """
 
     def __init__(self, skeleton: Skeleton, fps: float, controls: Controls = NEUTRAL):
@@ -167,15 +163,9 @@ class RunningControls:
         self._num_frames = 0
 
     def apply(self, directions: np.ndarray, controls: Controls, *, is_muted: bool = False) -> np.ndarray:
-        """Apply controls to the next frames: mirror, then scale, then rest.
+        """Apply controls that pass `check_running` to the next frames (n, bones, 3): mirror, then scale, then rest.
 
-        Args:
-            directions: (n, bones, 3) unit vectors, the frames after those of the last call.
-            controls: controls that pass `check_running`.
-            is_muted: whether both arms rest.
-
-        Returns:
-            (n, bones, 3) float32 unit vectors; the same values where all controls are neutral.
+        Where all controls are neutral the values stay; with `is_muted` both arms rest.
         """
         target = _amounts(controls, is_muted)
         frames = [self._frame(np.asarray(frame, np.float32)[None], self._ramp.step(target)) for frame in directions]

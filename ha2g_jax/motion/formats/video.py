@@ -118,11 +118,7 @@ def _fit_poses(poses: Iterable[tuple[np.ndarray, Skeleton]]) -> View:
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return the width and height of a video in pixels.
-
-    Raises:
-        UserError: a side is odd, too small or too large.
-    """
+    """Return the width and height of a video in pixels; sides that are odd, too small or too large are a UserError."""
     if any(side % 2 or not MIN_SIDE <= side <= MAX_SIDE for side in size):
         raise UserError(
             f"the size of the video is {size[0]}x{size[1]} pixels; give even sides of {MIN_SIDE} to {MAX_SIDE}"

@@ -86,14 +86,11 @@ def mean_heading(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") ->
     return _frame(mean[None], skeleton, up)[0]
 
 
-def headings(positions: np.ndarray, skeleton: Skeleton, *, up: str = "y") -> tuple[np.ndarray, np.ndarray]:
-    """Find the axes of the skeleton in the coordinates of the file, frame by frame, see `mean_heading`.
-
-    The axes follow the heading of the shoulders, and y is always vertical.
+def _headings(positions: np.ndarray, skeleton: Skeleton, up: str) -> tuple[np.ndarray, np.ndarray]:
+    """Find the axes of `mean_heading` frame by frame; they follow the shoulders, and y is always vertical.
 
     Returns:
-        (T, 3, 3) rotation matrices whose columns are x, y and z of the skeleton, and (T,) reliability of each, from 0
-        (the shoulders are vertical) to 1 (they are level).
+        (T, 3, 3) rotation matrices, and (T,) reliability of each, from 0 (the shoulders are vertical) to 1.
     """
     left, level = _left(positions, skeleton, up)
     is_level = level >= _MIN_LEVEL
@@ -184,12 +181,8 @@ def add_face(
         positions: (T, joints, 3) metres, right-handed, with both shoulders; the joints of the face are ignored.
         head_positions: (T, 3) metres, position of the joint that the head rotates about.
         head_rotations: (T, 3, 3) rotation of the head in the same coordinates, from any rest pose.
-        up: axis of the coordinates that points up, one of `UPS`.
-
-    Returns:
-        (T, joints, 3) metres, a copy.
     """
-    heading, reliance = headings(positions, skeleton, up=up)
+    heading, reliance = _headings(positions, skeleton, up)
     body, head = Rotation.from_matrix(heading), Rotation.from_matrix(head_rotations)
     weights = reliance if reliance.any() else None
     ahead = (body.inv() * head).mean(weights)

@@ -27,9 +27,7 @@ _MIN_FRACTION = 0.5  # minimum length of the shorter of motion and audio, as a f
 class MotionRecording(NamedTuple):
     """A motion file and the files that belong to it, None where they lie beside it.
 
-    Attributes:
-        name: unique name of the recording.
-        is_alone: whether there is no other motion file in the same folder.
+    `is_alone` says that there is no other motion file in the same folder.
     """
 
     path: pathlib.Path
@@ -54,11 +52,8 @@ def find_recordings(
     speaker has the name of the folder if `src` has subfolders, otherwise the name of the file.
 
     Args:
-        src: path of a file or of a folder.
         suffix: suffix of motion files, such as ".bvh", in any letter case.
-        speaker: name of the speaker of all files.
-        audio: audio file of the only motion file.
-        words: transcript of the only motion file.
+        audio, words: audio file and transcript of the only motion file.
 
     Raises:
         UserError: there is no such file, or audio or words are given for several files.

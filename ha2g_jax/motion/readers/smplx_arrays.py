@@ -111,11 +111,7 @@ def is_embody(path: pathlib.Path) -> bool:
 
 
 def read_embody(path: pathlib.Path, max_bytes: int) -> dict[str, np.ndarray]:
-    """Read the arrays of a person of Embody 3D from the path of the body poses.
-
-    Raises:
-        UserError: a file is damaged or too large.
-    """
+    """Read the arrays of a person of Embody 3D from the path of the body poses."""
     arrays = {"fps": np.array(_FPS)}
     folders = {f"{_EMBODY_PREFIX}{part}": part for part in _EMBODY_PARTS} | {_EMBODY_GOOD: IS_GOOD}
     for folder, name in folders.items():

@@ -92,7 +92,7 @@ def without_jumps(local: np.ndarray, clamped: np.ndarray) -> np.ndarray:
 
     Args:
         local: (T, J, 4) rotations relative to the parents.
-        clamped: (T, J, 4) rotations of `clamp`.
+        clamped: what `clamp` returned for them.
     """
     most = np.maximum(rotations.angle_between(local[1:], local[:-1]), _FASTEST)
     slowed = clamped.copy()
