@@ -11,8 +11,17 @@ import numpy as np
 
 from ha2g_jax.errors import UserError
 from ha2g_jax.motion.control.controls import NEUTRAL, Controls, Pin, Span, check
-from ha2g_jax.motion.control.parts import SIDES, arm_parts, bones_of, parts, rest_pose
-from ha2g_jax.motion.control.scaling import reach_farther, scale_about, scale_about_mean, scale_about_posture
+from ha2g_jax.motion.control.parts import (
+    SIDES,
+    arm_parts,
+    bones_of,
+    parts,
+    reach_farther,
+    rest_pose,
+    scale_about,
+    scale_about_mean,
+    scale_about_posture,
+)
 from ha2g_jax.motion.smoothing import minimum_jerk
 from ha2g_jax.skeleton import Skeleton, mirror_directions
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ha2g_jax.motion.control.parts import apply_rotations, arm_parts, parts, rest_pose, rotations_from
-from ha2g_jax.motion.control.scaling import scale_about
+from ha2g_jax.motion.control.parts import apply_rotations, arm_parts, parts, rest_pose, rotations_from, scale_about
 from ha2g_jax.motion.rotations import about, rotate
 from ha2g_jax.skeleton import load_skeleton
 

@@ -1,5 +1,5 @@
 /**
- * Scaling of a motion about a pose, as in `ha2g_jax/motion/control/scaling.py`: with a scale of 0 the pose, with 1 the
+ * Scaling of a motion about a pose, as in `ha2g_jax/motion/control/parts.py`: with a scale of 0 the pose, with 1 the
  * motion, with more beyond the motion.
  */
 
