@@ -1,50 +1,123 @@
-"""Drawing of a pose."""
+"""A figure has no gaps, is drawn in the right order, fits the view, and stays in its panel of a video."""
+
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from figure.poses import WIDE, posed, random_poses
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
-from ha2g_jax import figure
-from ha2g_jax import skeleton as skeletons
-from ha2g_jax.figure import outline, stage
+from ha2g_jax.figure import (
+    DEFAULT_LOOK,
+    DEFAULT_VIEW,
+    View,
+    arm_ranks,
+    draw_figure,
+    fit,
+    from_the_front,
+    outline,
+    stage,
+)
+from ha2g_jax.figure.face import head_frame, head_shapes
+from ha2g_jax.figure.limbs import hand_parts
+from ha2g_jax.figure.shapes import capsules, enlarged, hull, project
+from ha2g_jax.skeleton import SKELETONS, Skeleton, directions_to_positions, load_skeleton
+
+GREEN = DEFAULT_LOOK._replace(background=(0, 255, 0))
+Bones = Mapping[str, tuple[float, float, float]]
 
 
-@pytest.mark.parametrize("name", skeletons.SKELETONS)
+def posed(skeleton: Skeleton, bones: Bones) -> np.ndarray:
+    """(joints, 3) mean pose with directions of some bones, by the joint at their ends; x is the person's left."""
+    turn = -1 if skeleton.name == "ted_gesture" else 1
+    directions = skeleton.mean_directions.copy()
+    for joint, direction in bones.items():
+        directions[skeleton.bone(joint)] = np.array(direction) * (turn, 1, turn)
+    return directions_to_positions(skeleton, directions)
+
+
+CIRCLE = np.stack([np.cos(np.arange(12) * np.pi / 6), np.sin(np.arange(12) * np.pi / 6), np.zeros(12)], axis=-1)
+WIDE = {"left_elbow": (1, 0, 0), "left_wrist": (1, 0, 0), "right_elbow": (-1, 0, 0), "right_wrist": (-1, 0, 0)}
+POSES: dict[str, Bones] = {
+    "crossed": {"left_elbow": (0.2, 0.9, -0.4), "left_wrist": (-0.9, -0.4, -0.3)}
+    | {"right_elbow": (-0.2, 0.9, -0.3), "right_wrist": (0.9, -0.4, -0.3)},
+    "to the camera": {"left_elbow": (0, 0.1, -1), "left_wrist": (0, 0, -1), "right_elbow": (0, -0.1, -1)}
+    | {"right_wrist": (0, 0.02, -1)},
+    "away": {"left_elbow": (0, 0.1, 1), "left_wrist": (0.02, 0, 1), "right_elbow": (0, 1, 0)}
+    | {"right_wrist": (0, -1, 0)},
+    "up": {"left_elbow": (0.1, -1, 0), "left_wrist": (0, -1, 0), "right_elbow": (-1, -1, 0), "right_wrist": (1, -1, 0)},
+    "shrug": {"left_shoulder": (1, -0.5, 0), "right_shoulder": (-1, -0.5, 0.2), "neck": (0.3, -1, -0.2)},
+    "turned": {"left_shoulder": (0.3, 0.1, 1), "right_shoulder": (-0.3, 0.1, -1)},
+}
+
+
+def random_poses(name: str, count: int) -> np.ndarray:
+    """(count, joints, 3) poses about the mean."""
+    skeleton = load_skeleton(name)
+    noise = np.random.default_rng(0).normal(0, 0.3, (count, skeleton.num_bones, 3))
+    return directions_to_positions(skeleton, skeleton.mean_directions + noise)
+
+
+def poses_of(name: str) -> np.ndarray:
+    """(T, joints, 3) poses by name, poses about the mean, and poses with arms and hands in any direction."""
+    skeleton = load_skeleton(name)
+    random = np.random.default_rng(1)
+    directions = skeleton.mean_directions + random.normal(0, 0.1, (40, skeleton.num_bones, 3))
+    limbs = [skeleton.bone(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")]
+    limbs += [bone for bone, (_, end) in enumerate(skeleton.bones) if skeleton.joints[end][-2:] in ("_1", "_2", "_3")]
+    directions[:, limbs] = random.normal(size=(40, len(limbs), 3))
+    named = [posed(skeleton, bones) for bones in POSES.values()]
+    return np.concatenate([named, random_poses(name, 10), directions_to_positions(skeleton, directions)])
+
+
+def is_background(picture: np.ndarray) -> np.ndarray:
+    """Where the `GREEN` of the background is more than half of a pixel."""
+    red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
+    return green - np.maximum(red, blue) > 110
+
+
+def pixels_of(places: np.ndarray, size: int, view: View) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of places (..., 3) about the spine, in which the person faces -z."""
+    scale, spine = view.place(size, size)
+    x, y = np.moveaxis(np.floor(project(places) * scale + spine).astype(int), -1, 0)
+    return y, x
+
+
+@pytest.mark.parametrize("name", SKELETONS)
 def test_draws_a_person_on_a_background(name):
-    skeleton = skeletons.load_skeleton(name)
-    picture = figure.draw_figure(skeleton.mean_pose, skeleton, figure.DEFAULT_LOOK, 160, 120)
+    skeleton = load_skeleton(name)
+    picture = draw_figure(skeleton.mean_pose, skeleton, DEFAULT_LOOK, 160, 120)
     assert picture.shape == (120, 160, 3)
     assert picture.dtype == np.uint8
-    shirt = np.abs(picture.astype(int) - figure.DEFAULT_LOOK.shirt).sum(axis=-1) < 30
+    shirt = np.abs(picture.astype(int) - DEFAULT_LOOK.shirt).sum(axis=-1) < 30
     assert 0.05 < shirt.mean() < 0.5
     # Antialiased: many more colours than shapes.
     assert len(np.unique(picture[20:100, 40:120].reshape(-1, 3), axis=0)) > 100
 
 
 def test_left_of_the_person_is_right_in_the_picture():
-    skeleton = skeletons.load_skeleton("ted_expressive")
+    skeleton = load_skeleton("ted_expressive")
     pose = skeleton.mean_pose.copy()
     left_arm = [index for index, joint in enumerate(skeleton.joints) if joint.startswith("left_") and index > 3]
-    hands_down = figure.draw_figure(pose, skeleton, figure.DEFAULT_LOOK, 120, 120).astype(int)
+    hands_down = draw_figure(pose, skeleton, DEFAULT_LOOK, 120, 120).astype(int)
     pose[[index for index in left_arm if skeleton.joints[index] not in ("left_eye", "left_ear")], 1] -= 0.15
-    changed = np.abs(figure.draw_figure(pose, skeleton, figure.DEFAULT_LOOK, 120, 120) - hands_down).sum(axis=-1) > 40
+    changed = np.abs(draw_figure(pose, skeleton, DEFAULT_LOOK, 120, 120) - hands_down).sum(axis=-1) > 40
     assert changed[:, 60:].sum() > 5 * changed[:, :55].sum()
 
 
 def test_place_in_the_room_does_not_matter():
-    skeleton = skeletons.load_skeleton("ted_expressive")
+    skeleton = load_skeleton("ted_expressive")
     pictures = [
-        figure.draw_figure(skeleton.mean_pose + shift, skeleton, figure.DEFAULT_LOOK, 64, 64).astype(int)
-        for shift in (0.0, 3.0)
+        draw_figure(skeleton.mean_pose + shift, skeleton, DEFAULT_LOOK, 64, 64).astype(int) for shift in (0.0, 3.0)
     ]
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.1
 
 
-@pytest.mark.parametrize("name", skeletons.SKELETONS)
+@pytest.mark.parametrize("name", SKELETONS)
 def test_many_poses_are_outlined_as_each_alone(name):
-    skeleton, poses = skeletons.load_skeleton(name), random_poses(name, 20)
-    together = outline(poses, skeleton, figure.DEFAULT_LOOK)
-    alone = [outline(pose[None], skeleton, figure.DEFAULT_LOOK) for pose in poses]
+    skeleton, poses = load_skeleton(name), random_poses(name, 20)
+    together = outline(poses, skeleton, DEFAULT_LOOK)
+    alone = [outline(pose[None], skeleton, DEFAULT_LOOK) for pose in poses]
     np.testing.assert_allclose(together.points, np.concatenate([each.points for each in alone]), atol=1e-12)
     np.testing.assert_array_equal(together.order, np.concatenate([each.order for each in alone]))
     np.testing.assert_array_equal(np.sort(together.order), np.tile(np.arange(len(together.colours)), (20, 1)))
@@ -52,8 +125,8 @@ def test_many_poses_are_outlined_as_each_alone(name):
 
 
 def test_more_detail_is_the_same_figure_with_rounder_curves():
-    skeleton, poses = skeletons.load_skeleton("ted_expressive"), random_poses("ted_expressive", 3)
-    plain, round_ = (outline(poses, skeleton, figure.DEFAULT_LOOK, detail) for detail in (1, 2))
+    skeleton, poses = load_skeleton("ted_expressive"), random_poses("ted_expressive", 3)
+    plain, round_ = (outline(poses, skeleton, DEFAULT_LOOK, detail) for detail in (1, 2))
     assert plain.colours == round_.colours
     assert round_.points.shape[1] > 1.2 * plain.points.shape[1]
     for ends in (np.min, np.max):
@@ -63,13 +136,8 @@ def test_more_detail_is_the_same_figure_with_rounder_curves():
 @pytest.mark.parametrize(
     ("count", "size", "columns", "rows"),
     [
-        (1, (1920, 1080), 1, 1),
-        (2, (1920, 1080), 2, 1),
-        (4, (1920, 1080), 2, 2),
-        (6, (1920, 1080), 3, 2),
-        (2, (500, 1000), 1, 2),
-        (3, (192, 64), 3, 1),
-        (5, (300, 180), 3, 2),
+        *((count, (1920, 1080), *grid) for count, grid in ((1, (1, 1)), (2, (2, 1)), (4, (2, 2)), (6, (3, 2)))),
+        *((2, (500, 1000), 1, 2), (3, (192, 64), 3, 1), (5, (300, 180), 3, 2)),
     ],
 )
 def test_panels_fill_the_picture_and_do_not_overlap(count, size, columns, rows):
@@ -87,10 +155,10 @@ def test_panels_fill_the_picture_and_do_not_overlap(count, size, columns, rows):
 
 
 def test_a_figure_stays_in_its_panel():
-    skeleton = skeletons.load_skeleton("ted_expressive")
+    skeleton = load_skeleton("ted_expressive")
     wide = posed(skeleton, WIDE)[None]
-    empty = stage.set_stage(["", ""], figure.DEFAULT_LOOK.background, 160, 80)
-    drawings = [stage.draw(empty, 0, 3 * wide, skeleton, figure.DEFAULT_LOOK)]
+    empty = stage.set_stage(["", ""], DEFAULT_LOOK.background, 160, 80)
+    drawings = [stage.draw(empty, 0, 3 * wide, skeleton, DEFAULT_LOOK)]
     planes = [np.zeros_like(plane) for plane in empty.clean]
     stage.paint(empty, drawings, 0, planes)
     for plane, clean in zip(planes, empty.clean, strict=True):
@@ -100,7 +168,7 @@ def test_a_figure_stays_in_its_panel():
 
 
 def test_a_name_is_written_as_small_as_it_must_be():
-    background = figure.DEFAULT_LOOK.background
+    background = DEFAULT_LOOK.background
     plain = stage.set_stage([""], background, 320, 160).clean[0].astype(int)
     widths = []
     for name in ("one", "a name much longer than there is room for it in such a small picture, even so", "x" * 200):
@@ -113,3 +181,125 @@ def test_a_name_is_written_as_small_as_it_must_be():
         stage.set_stage([f"a run with a name of this length, seed {n}"], background, 320, 160) for n in (0, 1)
     )
     assert (first.clean[0] != second.clean[0]).any()  # its end is not cut
+
+
+@pytest.mark.parametrize("name", SKELETONS)
+def test_there_is_no_gap_at_a_joint_along_a_bone_or_in_the_chest(name):
+    """The trunk had notches where an arm left it, and a limb that points to the camera lost half of its disc."""
+    skeleton, size = load_skeleton(name), 480
+    bones = [bone for bone in skeleton.bones if not skeleton.joints[bone[1]].endswith(("nose", "head", "eye", "ear"))]
+    starts, ends = (list(joints) for joints in zip(*bones, strict=True))
+    along = np.linspace(0, 1, 25)[:, None, None]
+    for pose in poses_of(name):
+        view = fit([(pose[None], skeleton)])
+        picture = draw_figure(pose, skeleton, GREEN, size, size, view)
+        points = from_the_front(pose[None], skeleton)
+        joints = np.concatenate([points[joint] for joint in skeleton.joints])
+        shoulders = points["left_shoulder"] + along * (points["right_shoulder"] - points["left_shoulder"])
+        chest = points["spine"] + np.linspace(0, 1, 9)[:, None] * (shoulders - points["spine"])
+        discs = [
+            points[f"{side}_{joint}"][:, None] + radius * CIRCLE
+            for side in ("left", "right")
+            for joint, radius in (("shoulder", 0.045), ("elbow", 0.036), ("wrist", 0.020))
+        ]
+        for places in (joints[starts] + along * (joints[ends] - joints[starts]), chest, np.concatenate(discs)):
+            assert not is_background(picture[pixels_of(places, size, view)]).any()
+
+
+@pytest.mark.parametrize("yaw", [-60, -35, 0, 35, 60])
+@pytest.mark.parametrize("pitch", [-25, 0, 25])
+def test_there_is_no_gap_in_a_head_that_is_turned(yaw, pitch):
+    """Between the hair over the forehead and the hair behind it, the background was visible."""
+    skeleton, size = load_skeleton("ted_expressive"), 600
+    pose = directions_to_positions(skeleton, skeleton.mean_directions)
+    face = [skeleton.joint(joint) for joint in ("nose", "left_eye", "right_eye", "left_ear", "right_ear")]
+    neck = pose[skeleton.joint("neck")]
+    pose[face] = neck + Rotation.from_euler("yx", [yaw, pitch], degrees=True).apply(pose[face] - neck)
+    points = from_the_front(pose[None], skeleton)
+    picture = draw_figure(pose, skeleton, GREEN, size, size)
+    columns, rows = np.meshgrid(np.arange(size), np.arange(size))
+    y, x = pixels_of(head_frame(points)[0], size, DEFAULT_VIEW)
+    inside = np.hypot(columns - x, rows - y) < 0.092 * size / 1.12
+    assert inside.sum() > 5000
+    assert not is_background(picture)[inside].any()
+    holes: np.ndarray = ndimage.label(is_background(picture))[0]  # pyright: ignore
+    assert set(np.unique(holes[: y[0]])) <= {0, holes[0, 0]}  # above the centre, all of the background is outside
+
+
+@pytest.mark.parametrize(("detail", "share"), [(1, 0.03), (2, 0.01)])
+def test_a_limb_is_the_hull_of_its_discs(detail, share):
+    """Also where it points to the camera, so that one disc is within the other."""
+    random = np.random.default_rng(3)
+    starts, ends = random.normal(0, 0.1, (2, 200, 3, 3))
+    ends[:100, :, :2] = starts[:100, :, :2] + random.normal(0, 0.005, (100, 3, 2))
+    wide, narrow = np.array([0.05, 0.03, 0.02]), np.array([0.03, 0.03, 0.06])
+    angles = np.linspace(0, 2 * np.pi, 50)
+    directions = np.stack([np.cos(angles), np.sin(angles)])
+    for limb, capsule in enumerate(capsules(starts, ends, wide, narrow, detail)):
+        centres, radii = np.stack([starts[:, limb], ends[:, limb]], axis=1), np.array([wide[limb], narrow[limb]])
+        reach = (project(centres) @ directions + (radii * enlarged(centres[..., 2]))[..., None]).max(axis=1)
+        for shape in (capsule, hull(centres, radii, detail)):
+            edges = np.roll(shape, -1, axis=1) - shape
+            after = np.roll(edges, -1, axis=1)
+            turns = edges[..., 0] * after[..., 1] - edges[..., 1] * after[..., 0]
+            assert turns.min() > -1e-7
+            short = reach - (shape @ directions).max(axis=1)
+            assert short.min() > -1e-9 and short.max() < share * radii.max() * 1.2
+
+
+def test_hands_are_behind_the_head_or_in_front_of_it():
+    skeleton, size = load_skeleton("ted_gesture"), 240
+    heads, rows, columns = [], slice(0, 100), slice(90, 150)
+    for depth in (0.45, -0.45):
+        sides = {f"{side}_elbow": (sign, -0.8, depth) for side, sign in (("left", 1), ("right", -1))}
+        sides |= {f"{side}_wrist": (-sign, -0.35, depth / 3) for side, sign in (("left", 1), ("right", -1))}
+        heads.append(draw_figure(posed(skeleton, sides), skeleton, GREEN, size, size)[rows, columns])
+    down = draw_figure(posed(skeleton, {}), skeleton, GREEN, size, size)[rows, columns]
+    in_front = [(np.abs(head.astype(int) - down).sum(axis=-1) > 60)[~is_background(down)].mean() for head in heads]
+    assert in_front[0] < 0.03 < 0.1 < in_front[1]
+
+
+@pytest.mark.parametrize("near", ["left", "right"])
+def test_the_arm_that_is_nearer_where_arms_cross_is_in_front(near):
+    skeleton = load_skeleton("ted_expressive")
+    crossed = {}
+    for side, sign in (("left", 1), ("right", -1)):
+        crossed[f"{side}_elbow"] = (0.2 * sign, 0.9, -0.5 if side == near else -0.1)
+        crossed[f"{side}_wrist"] = (-0.9 * sign, -0.4, -0.3)
+    points = from_the_front(posed(skeleton, crossed)[None], skeleton)
+    ranks = dict(zip(("left", "right"), arm_ranks(points, head_frame(points)[0]), strict=True))
+    far = "right" if near == "left" else "left"
+    assert ranks[near].lower > ranks[far].lower >= 0
+    assert (ranks[near].upper >= 0).all()
+
+
+@pytest.mark.parametrize("length", [1.0, 1.6])
+@pytest.mark.parametrize("name", SKELETONS)
+def test_the_view_contains_the_figure_at_any_amplitude(name, length):
+    skeleton = load_skeleton(name)
+    random = np.random.default_rng(2).normal(size=(60, skeleton.num_bones, 3))
+    for strength in (0.2, 1.0, 100.0):
+        directions = skeleton.mean_directions + strength * random
+        clip = length * directions_to_positions(skeleton, directions)
+        view = fit([(clip, skeleton)])
+        points = from_the_front(clip, skeleton)
+        hands = [hand_parts(points, side, DEFAULT_LOOK, 1) for side in ("left", "right")]
+        drawn = [shape.outline for parts in hands for part in parts for shape in part.shapes]
+        drawn += [shape.outline for shape in head_shapes(points, head_frame(points), DEFAULT_LOOK, 1)]
+        drawn.append(project(np.stack(list(points.values()), axis=1)))
+        for width, height in ((720, 720), (640, 360), (300, 500)):
+            scale, spine = view.place(width, height)
+            places = np.concatenate(drawn, axis=1) * scale + spine
+            assert (places > 0.02 * scale).all()
+            assert (places < np.array([width, height]) - 0.02 * scale).all()
+
+
+def test_a_view_is_never_smaller_than_the_default_and_that_of_two_motions_contains_both():
+    skeleton = load_skeleton("ted_expressive")
+    calm, wide, high = (posed(skeleton, bones)[None] for bones in ({}, WIDE, POSES["up"]))
+    assert fit([(calm, skeleton)]) == fit([]) == DEFAULT_VIEW
+    alone = [np.array(fit([(clip, skeleton)])) for clip in (wide, high)]
+    both = np.array(fit([(wide, skeleton), (high, skeleton)]))
+    np.testing.assert_array_equal(both[:2], np.minimum(*alone)[:2])
+    np.testing.assert_array_equal(both[2:], np.maximum(*alone)[2:])
+    assert both[0] < -0.9 and both[1] < -0.9 and both[2] > 0.9
