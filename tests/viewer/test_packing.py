@@ -83,8 +83,3 @@ def test_nothing_is_added_before_the_sound(rate, new_rate):
     loud = np.flatnonzero(np.abs(decoded) > 0.15) / new_rate
     assert loud[0] == pytest.approx(0.9, abs=0.004)
     assert loud[-1] == pytest.approx(1.1, abs=0.004)
-
-
-def test_the_same_sound_gives_the_same_bytes():
-    audio = np.random.default_rng(0).normal(0, 0.1, 20_000).astype(np.float32)
-    assert packing.encode_sound(audio, 16000) == packing.encode_sound(audio, 16000)

@@ -62,18 +62,6 @@ def test_our_own_importer_reads_it(animate, tmp_path, rig):
     np.testing.assert_allclose(-(found[:, elbow] - found[:, wrist])[:, 1], ours[:, 1], atol=MILLIMETRE)
 
 
-def test_the_same_animation_gives_the_same_bytes_and_every_frame(animate, tmp_path):
-    animation = animate(frames=7)
-    for name in ("a.bvh", "b.bvh"):
-        bvh.write(tmp_path / name, animation)
-    assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
-    lines = (tmp_path / "a.bvh").read_text().splitlines()
-    start = lines.index("Frames: 7")
-    assert lines[start + 1] == "Frame Time: 0.0666666667"
-    rows = [[float(word) for word in line.split()] for line in lines[start + 2 :]]
-    assert np.array(rows).shape == (7, 3 + 3 * len(animation.armature.joints))
-
-
 def test_angles_do_not_jump_by_whole_turns(animate, tmp_path):
     """A program that interpolates between frames would spin the joint."""
     bvh.write(tmp_path / "m.bvh", animate(frames=60))

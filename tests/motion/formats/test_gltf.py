@@ -54,18 +54,6 @@ def test_blender_finds_the_joints_where_they_are(animate, tmp_path, blender, rig
         np.testing.assert_allclose(found[name], positions[frames, index], atol=MILLIMETRE)
 
 
-def test_trimesh_loads_it(animate, tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    animation = animate()
-    gltf.write_glb(tmp_path / "m.glb", animation)
-    scene = trimesh.load(tmp_path / "m.glb")
-    assert set(animation.armature.joints) <= set(scene.graph.nodes)
-    low, high = scene.bounds
-    assert high[0] - low[0] > 2  # the arms of the T
-    assert -0.6 < low[1] < -0.3
-    assert 0.5 < high[1] < 0.8
-
-
 @pytest.mark.parametrize("rig", RIGS)
 def test_the_skin_fits_at_rest_and_follows_the_joints(animate, tmp_path, rig):
     """At rest the skin is the mesh itself; in motion fingers stay on their bones, and nothing is torn off."""
@@ -94,14 +82,6 @@ def test_the_figure_faces_ahead_with_its_left_at_x(animate, tmp_path):
     assert skin["iris"][:, 2].min() > skin["hair"][:, 2].mean() + 0.05
     assert skin["lips"][:, 1].min() > skin["shirt"][:, 1].max()
     assert abs(skin["lips"][:, 0].mean()) < 1e-3
-
-
-def test_extras_say_how_long_the_speech_is(animate, tmp_path):
-    gltf.write_glb(tmp_path / "m.glb", animate(), duration=0.83, audio_name="a.wav")
-    extras = GlbReader(tmp_path / "m.glb").tree["scenes"][0]["extras"]
-    assert extras["audio_seconds"] == 0.83
-    assert extras["audio"] == "a.wav"
-    assert (extras["fps"], extras["frames"], extras["meta"]["seed"]) == (15.0, 12, 3)
 
 
 def test_a_vrma_has_bones_that_rest_unturned_and_no_mesh(animate, tmp_path):

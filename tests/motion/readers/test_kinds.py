@@ -144,7 +144,8 @@ def test_a_face_of_fewer_values_is_carried_to_other_kinds_and_back(files, tmp_pa
 
 
 def test_smplx_keeps_root_legs_and_face(files, person, tmp_path):
-    formats.export(read_motion(files["BEAT2"]), tmp_path / "x.npz", rig="smplx")
+    read_motion(files["BEAT2"]).save(tmp_path / "own.npz")
+    formats.export(read_motion(tmp_path / "own.npz"), tmp_path / "x.npz", rig="smplx")
     with np.load(files["BEAT2"]) as given, np.load(tmp_path / "x.npz") as found:
         for name in ("expressions", "arkit"):
             np.testing.assert_allclose(found[name], given[name], atol=1e-6)
@@ -154,14 +155,6 @@ def test_smplx_keeps_root_legs_and_face(files, person, tmp_path):
         np.testing.assert_allclose(poses[:, 22], person.poses[:, 22], atol=1e-6)
         assert found["trans"].shape == (FRAMES, 3)
         np.testing.assert_allclose(found["trans"][:, 1], person.trans[:, 1], atol=1e-6)
-
-
-def test_a_saved_motion_keeps_legs_and_face(files, tmp_path):
-    motion = read_motion(files["BEAT2"])
-    motion.save(tmp_path / "x.npz")
-    again = read_motion(tmp_path / "x.npz")
-    np.testing.assert_array_equal(lower_of(again).rotations, lower_of(motion).rotations)
-    assert set(again.face) == {"expressions", "jaw", "arkit"}
 
 
 def test_direction_arrays_are_read_whole_and_less_the_mean(files):
