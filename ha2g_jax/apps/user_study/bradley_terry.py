@@ -38,20 +38,19 @@ class Strengths(NamedTuple):
     is_connected: bool
 
 
-def wins_of(choices: Choices, num_systems: int, groups: np.ndarray | None = None) -> np.ndarray:
+def wins_of(choices: Choices, num_systems: int, groups: np.ndarray) -> np.ndarray:
     """Count how often each system was preferred to each other one; choices for neither do not count.
 
     Args:
-        groups: (n,) index of the participant or the clip of each choice; by default there is one group.
+        groups: (n,) index of the participant or the clip of each choice.
 
     Returns:
-        (groups, S, S) wins of the system of the row over that of the column; (S, S) without groups.
+        (groups, S, S) wins of the system of the row over that of the column.
     """
-    index = np.zeros(len(choices.outcome), int) if groups is None else groups
-    wins = np.zeros((index.max(initial=0) + 1, num_systems, num_systems))
-    np.add.at(wins, (index, choices.first, choices.second), choices.outcome == 1)
-    np.add.at(wins, (index, choices.second, choices.first), choices.outcome == -1)
-    return wins if groups is not None else wins[0]
+    wins = np.zeros((groups.max(initial=0) + 1, num_systems, num_systems))
+    np.add.at(wins, (groups, choices.first, choices.second), choices.outcome == 1)
+    np.add.at(wins, (groups, choices.second, choices.first), choices.outcome == -1)
+    return wins
 
 
 def fit(wins: np.ndarray) -> np.ndarray:
@@ -83,8 +82,9 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
     The variance is at least that for independent choices.
     """
     used = np.unique([choices.first, choices.second])
-    columns = np.ix_(used, used)
-    wins = wins_of(choices, num_systems)[columns]
+    place = np.ix_(used, used)
+    by_group = [wins_of(choices, num_systems, groups) for groups in (choices.participant, choices.clip)]
+    wins = by_group[0].sum(0)[place]
     added = (wins + wins.T > 0) / len(used)
     beats = _closure(wins > 0)
     is_connected = bool(_closure(wins + wins.T > 0).all())
@@ -100,11 +100,8 @@ def estimate(choices: Choices, num_systems: int) -> Strengths:
         ]
         return Strengths(used, *nothing, finite=finite, is_connected=False)
     strengths = fit(wins + added)
-    spreads = []
-    for groups in (choices.participant, choices.clip):
-        parts = wins_of(choices, num_systems, groups)[:, columns[0], columns[1]]
-        parts = parts[parts.sum((1, 2)) > 0]
-        spreads.append(_without(wins + added, parts, strengths))
+    parts = [each[each.sum((1, 2)) > 0][:, *place] for each in by_group]
+    spreads = [_without(wins + added, each, strengths) for each in parts]
     found = []
     for rows in (to_mean, contrasts):
         least = np.square(standard_errors(wins + added, strengths, rows))

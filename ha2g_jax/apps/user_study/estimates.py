@@ -82,9 +82,7 @@ def crossed(
         least: variance that the sum is at least.
         level: confidence level.
     """
-    of_clips = np.where(clips.size > 1, clips.variance, 0.0)
-    variance = participants.variance + of_clips
-    freedom = degrees_of_freedom(participants, clips)
+    variance, freedom = _total(participants, clips)
     variance = np.maximum(variance, least)
     error = np.sqrt(np.where(variance > 0, variance, np.nan))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -95,13 +93,14 @@ def crossed(
     return CrossedEstimate(np.asarray(value), value - half, value + half, error, freedom, p)
 
 
-def degrees_of_freedom(participants: Spread, clips: Spread) -> np.ndarray:
-    """Return the degrees of freedom of the sum of two variances; see `crossed`."""
+def _total(participants: Spread, clips: Spread) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sum of two variances and its degrees of freedom; see `crossed`."""
     of_clips = np.where(clips.size > 1, clips.variance, 0.0)
+    total = participants.variance + of_clips
     squares = np.square(participants.variance) / np.maximum(participants.size - 1, 1)
     squares = squares + np.square(of_clips) / np.maximum(clips.size - 1, 1)
-    total = np.square(participants.variance + of_clips)
-    return np.where(squares > 0, total / np.where(squares > 0, squares, 1.0), np.maximum(participants.size - 1, 1))
+    freedom = np.square(total) / np.where(squares > 0, squares, 1.0)
+    return total, np.where(squares > 0, freedom, np.maximum(participants.size - 1, 1))
 
 
 def ratio(sums: np.ndarray, counts: np.ndarray) -> Spread:
@@ -193,8 +192,7 @@ def interval(
         Lower bound, upper bound, and the two-sided p-value of a share of a half: twice the smaller tail of the binomial
         distribution, below 1 - level where the interval excludes a half.
     """
-    variance = participants.variance + np.where(clips.size > 1, clips.variance, 0.0)
-    freedom = degrees_of_freedom(participants, clips)
+    variance, freedom = _total(participants, clips)
     tail = (1 - level) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
         quantiles = stats.t.isf(tail, np.maximum(count - 1, 1)) / stats.t.isf(tail, freedom)

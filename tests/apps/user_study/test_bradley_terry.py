@@ -51,17 +51,20 @@ def test_two_systems_are_the_logit_of_the_share():
     assert found.strengths.value.sum() == pytest.approx(0)
 
 
+def total_wins(found):
+    return wins_of(found, 3, found.participant).sum(0)
+
+
 def test_deletions_are_those_of_new_fits():
     """One step of Newton gives the standard error of complete new fits, to a few percent."""
     found = drawn([0.5, 0, -0.5], 12, 5)
     values = []
     for groups in (found.participant, found.clip):
-        fits = [fit(wins_of(found.where(groups != group), 3) + (1 - np.eye(3)) / 3) for group in np.unique(groups)]
+        fits = [fit(total_wins(found.where(groups != group)) + (1 - np.eye(3)) / 3) for group in np.unique(groups)]
         differences = np.array(fits) @ [1, 0, -1]
         values.append((len(fits) - 1) * differences.var())
-    information = standard_errors(
-        wins_of(found, 3) + (1 - np.eye(3)) / 3, fit(wins_of(found, 3)), np.array([[1, 0, -1]])
-    )
+    wins = total_wins(found)
+    information = standard_errors(wins + (1 - np.eye(3)) / 3, fit(wins), np.array([[1, 0, -1]]))
     expected = max(np.sqrt(sum(values)), information[0])
     assert estimate(found, 3).differences.error[1] == pytest.approx(expected, rel=0.05)
 

@@ -189,21 +189,13 @@ def test_an_interrupt_leaves_nothing(tmp_path, write_motions, monkeypatch):
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("address", ["https://x.org/a?b=c", "http://localhost:8000/answers", "http://[::1]:9/"])
-def test_addresses_that_answers_may_be_sent_to(address):
-    assert read_wording(post=address).post == address
-
-
-@pytest.mark.parametrize(
-    "address",
-    [
-        *("", "x", "ftp://x.org", "https://", "https://a:b@x.org", "https://x.org/#a", "https://x.org; script-src *"),
-        *("https://x.org:99999999", "https://x.org'", "javascript:alert(1)", "https://ü.org"),
-    ],
-)
-def test_addresses_that_answers_must_not_be_sent_to(address):
-    with pytest.raises(UserError, match="answers cannot be sent to"):
-        read_wording(post=address)
+def test_addresses_that_answers_may_be_sent_to():
+    for address in ("https://x.org/a?b=c", "http://localhost:8000/answers", "http://[::1]:9/"):
+        assert read_wording(post=address).post == address
+    wrong = ("", "x", "ftp://x.org", "https://", "https://a:b@x.org", "https://x.org/#a", "https://x.org; script-src *")
+    for address in (*wrong, "https://x.org:99999999", "https://x.org'", "javascript:alert(1)", "https://ü.org"):
+        with pytest.raises(UserError, match="answers cannot be sent to"):
+            read_wording(post=address)
 
 
 def test_texts_of_the_owner_are_paragraphs(tmp_path):
@@ -215,11 +207,9 @@ def test_texts_of_the_owner_are_paragraphs(tmp_path):
         read_wording(consent=path)
 
 
-def test_jspsych_is_dist_index_browser_min_js_of_its_npm_package():
+def test_jspsych_is_that_of_its_npm_package_and_the_licences_of_all_its_parts_are_there():
+    """dist/index.browser.min.js of jspsych 8.3.0."""
     assert hashlib.sha256((ASSETS / "jspsych.min.js").read_bytes()).hexdigest() == JSPSYCH_8_3_0
-
-
-def test_the_licences_of_all_its_parts_are_there():
     text = (ASSETS / "LICENSES.txt").read_text("utf-8")
     for part in ("jsPsych 8.3.0", "auto-bind 4.0.0", "random-words 1.3.0", "seedrandom 3.0.5"):
         assert part in text

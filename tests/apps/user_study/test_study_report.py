@@ -98,24 +98,24 @@ def test_nobody_is_left(folder):
     assert "nothing to analyse" in study_report.as_markdown(results) and results["opinion"] is None
 
 
+def run_with(folder, num_participants, **choices):
+    """Return the results of a study whose participants choose as `make_answers` is told."""
+    key = write_study(folder, 0)
+    for number in range(num_participants):
+        content = make_answers(key, f"p{number}", np.random.default_rng(number), **choices)
+        (folder / "answers" / f"p{number}.json").write_text(json.dumps(content))
+    return run(folder)
+
+
 def test_a_system_that_is_never_chosen(tmp_path):
-    key = write_study(tmp_path, 0)
-    for number in range(8):
-        random = np.random.default_rng(number)
-        content = make_answers(key, f"p{number}", random, prefer=lambda first, second: 1.0 if second == 2 else 0.6)
-        (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
-    results = run(tmp_path)
+    results = run_with(tmp_path, 8, prefer=lambda first, second: 1.0 if second == 2 else 0.6)
     worst, page = results["preference"]["strengths"]["system c"], study_report.as_markdown(results)
     assert worst["low"] == "-inf" and not worst["is_finite"]
     assert "no bound" in page and "Always or never preferred" in page
 
 
 def test_choices_for_neither_alone(tmp_path):
-    key = write_study(tmp_path, 0)
-    for number in range(3):
-        content = make_answers(key, f"p{number}", np.random.default_rng(number), equal=1.0)
-        (tmp_path / "answers" / f"p{number}.json").write_text(json.dumps(content))
-    results = run(tmp_path)
+    results = run_with(tmp_path, 3, equal=1.0)
     assert results["preference"]["pairs"][0]["value"] is None and "no strengths" in study_report.as_markdown(results)
 
 
