@@ -63,7 +63,7 @@ viewer.view(motions, samples, height=520)
 # The page is one file that works offline. `ha2g export MOTION ... --audio WAV -o view.html` writes the same page.
 
 # %%
-page = viewer.write_page(pathlib.Path(tempfile.mkdtemp()) / "styles.html", motions, samples)
+page = viewer.view(motions, samples).save(pathlib.Path(tempfile.mkdtemp()) / "styles.html")
 print(f"{page.stat().st_size / 1e6:.1f} MB")
 
 # %% [markdown]

@@ -332,10 +332,10 @@ def _write(
         return
     with stage(f"writing {suffix}"):
         if suffix == PAGE:
-            from ha2g_jax.viewer.page import write_page
+            from ha2g_jax.viewer import view
 
             name = shown(pathlib.Path(audio.name or "").stem)
-            write_page(path, {name: motion}, audio.samples, words=words)
+            view({name: motion}, audio.samples, words=words).save(path)
         else:
             formats.export(motion, path, rig=rig or rigs.OWN)
 

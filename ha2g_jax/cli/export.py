@@ -106,15 +106,16 @@ def _write_video(arguments: argparse.Namespace) -> None:
 
 def _write_page(arguments: argparse.Namespace) -> None:
     from ha2g_jax.features import words as transcripts
-    from ha2g_jax.viewer.page import write_page
+    from ha2g_jax.viewer import view
 
     motions, words = _load(arguments), arguments.words
     if arguments.audio is None:
-        write_page(arguments.out, motions, words=transcripts.read_words(words) if words else ())
+        page = view(motions, words=transcripts.read_words(words) if words else ())
     else:
         audio = _read_audio(arguments.audio)
         spoken = transcripts.words_of(audio, words, recognise=None) if words else ()
-        write_page(arguments.out, motions, audio, words=spoken)
+        page = view(motions, audio, words=spoken)
+    page.save(arguments.out)
 
 
 def _draw_key_frames(arguments: argparse.Namespace) -> None:

@@ -1,5 +1,5 @@
 """Viewer of motion: one self-contained HTML page, as a file or in a notebook."""
 
-from ha2g_jax.viewer.page import Page, view, write_page
+from ha2g_jax.viewer.page import Page, view
 
-__all__ = ["Page", "view", "write_page"]
+__all__ = ["Page", "view"]

@@ -63,6 +63,8 @@ def view(
 ) -> Page:
     """Build a page that plays motions side by side with their sound and loads nothing from the network.
 
+    `Page.save` writes it. The same input gives the same bytes.
+
     Args:
         motions: one motion, or several by name, in order from left to right.
         audio: (samples,) float32 mono sound; None for silence.
@@ -94,23 +96,6 @@ def view(
     content["duration"] = duration
     title = title or ", ".join(filter(None, motions)) or "Motion"
     return Page(build_document("page.html", title, content, ("style.css",), _SCRIPTS).text, height)
-
-
-def write_page(
-    path: str | pathlib.Path,
-    motions: Motion | Mapping[str, Motion],
-    audio: np.ndarray | None = None,
-    sample_rate: int = SAMPLE_RATE,
-    words: Sequence[Word] = (),
-    *,
-    title: str = "",
-) -> pathlib.Path:
-    """Write the page of `view` to an `.html` file. The same input gives the same bytes.
-
-    Raises:
-        UserError: see `view`; or the path does not end in `.html`, or the file cannot be written.
-    """
-    return view(motions, audio, sample_rate, words, title=title).save(path)
 
 
 def _check(motions: Mapping[str, Motion]) -> None:

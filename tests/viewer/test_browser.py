@@ -15,7 +15,7 @@ from PIL import Image
 from ha2g_jax.features.text import Word
 from ha2g_jax.motion.resample import resample
 from ha2g_jax.skeleton import directions_to_positions
-from ha2g_jax.viewer import view, write_page
+from ha2g_jax.viewer import view
 
 CLICK = 1.2  # seconds
 TO_PAGE = np.array([1, -1, -1])
@@ -32,8 +32,9 @@ def seen(motions, tmp_path_factory):
     folder = tmp_path_factory.mktemp("viewer")
     audio = np.zeros(32000, np.float32)
     audio[int(CLICK * 16000) :][:800] = 0.8 * np.sin(np.arange(800) * 0.4)
-    write_page(folder / "two.html", motions, audio, words=[Word("hello", 0.2, 0.7), Word("there", 0.8, 1.3)])
-    write_page(folder / "silent.html", motions["first"])
+    words = [Word("hello", 0.2, 0.7), Word("there", 0.8, 1.3)]
+    view(motions, audio, words=words).save(folder / "two.html")
+    view(motions["first"]).save(folder / "silent.html")
     frame = view(motions["second"], audio)._repr_html_()
     (folder / "notebook.html").write_text(f'<!doctype html><link rel="icon" href="data:,">{frame}')
     return {**drive(pathlib.Path(__file__).with_name("drive.cjs"), folder), "folder": folder}

@@ -13,7 +13,7 @@ from ha2g_jax import cli
 from ha2g_jax.errors import UserError
 from ha2g_jax.features.text import Word
 from ha2g_jax.motion.motion import Motion
-from ha2g_jax.viewer import view, write_page
+from ha2g_jax.viewer import view
 from ha2g_jax.viewer.page import three_library
 
 
@@ -38,7 +38,7 @@ def test_the_page_names_nothing_outside_itself(speech):
 
 
 def test_the_same_input_gives_the_same_page(speech, tmp_path):
-    pages = [write_page(tmp_path / name, {"a": swaying()}, speech) for name in ("one.html", "two.html")]
+    pages = [view({"a": swaying()}, speech).save(tmp_path / name) for name in ("one.html", "two.html")]
     assert pages[0].read_bytes() == pages[1].read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.html", "two.html"]
 
@@ -81,7 +81,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path):
         with pytest.raises(UserError, match=message):
             view(motion, audio)
     with pytest.raises(UserError, match=r"not 'talk\.mp4'; give a name that ends in \.html"):
-        write_page(tmp_path / "talk.mp4", motion)
+        view(motion).save(tmp_path / "talk.mp4")
     assert not list(tmp_path.iterdir())
 
 
