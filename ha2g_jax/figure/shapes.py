@@ -56,16 +56,13 @@ def project(points: np.ndarray) -> np.ndarray:
 def capsules(
     starts: np.ndarray, ends: np.ndarray, wide: np.ndarray, narrow: np.ndarray, detail: int = 1
 ) -> list[np.ndarray]:
-    """Build the outlines of n tapered capsules, the hulls of two discs each.
+    """Build the outlines (T, 14 * detail + 4, 2) of n tapered capsules, the hulls of two discs each.
 
     A capsule that points to the camera is a whole disc, so that there is no gap at a joint from any side.
 
     Args:
         starts, ends: (T, n, 3) metres.
         wide, narrow: (n,) radii at the starts and at the ends in metres.
-
-    Returns:
-        n outlines (T, 14 * detail + 4, 2).
     """
     first, last = project(starts), project(ends)
     wide, narrow = wide * enlarged(starts[..., 2]), narrow * enlarged(ends[..., 2])
@@ -86,14 +83,11 @@ def capsules(
 
 
 def hull(centres: np.ndarray, radii: np.ndarray, detail: int = 1) -> np.ndarray:
-    """Build the outline of the convex hull of n discs.
+    """Build the outline (T, 32 * detail, 2) of the convex hull of n discs.
 
     Args:
         centres: (T, n, 3) metres.
         radii: (n,) or (T, n) metres.
-
-    Returns:
-        (T, 32 * detail, 2) outline.
     """
     rim = _directions(detail)
     places, radii = project(centres), radii * enlarged(centres[..., 2])

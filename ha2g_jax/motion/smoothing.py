@@ -63,14 +63,8 @@ def check_width(seconds: float) -> None:
 def slow_mean(poses: np.ndarray, fps: float, seconds: float) -> np.ndarray:
     """Return the mean of the poses around each pose under a Hann window: the posture that a motion moves about.
 
-    Unlike in `smooth`, the window keeps its width at the ends, where one half of it is empty.
-
-    Args:
-        poses: (T, ..., n) unit vectors, or quaternions with signs that are continuous over time.
-        seconds: width of the window.
-
-    Returns:
-        (T, ..., n) float64 unit vectors.
+    Unlike in `smooth`, the window keeps its width at the ends, where one half of it is empty. The poses (T, ..., n) are
+    unit vectors, or quaternions with signs that are continuous over time.
     """
     poses = np.asarray(poses, np.float64)
     reach = math.ceil(seconds * fps / 2) - 1

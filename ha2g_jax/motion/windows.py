@@ -20,11 +20,7 @@ def join_windows(windows: np.ndarray, overlap: int) -> np.ndarray:
 
     In these frames the weight of the later window is 1/(M+1), ..., M/(M+1), interpolated on the sphere.
 
-    Args:
-        windows: (K, N, bones, 3) unit vectors.
-
-    Returns:
-        (N + (K - 1)(N - M), bones, 3) unit vectors.
+    Windows are (K, N, bones, 3) unit vectors, and the result is (N + (K - 1)(N - M), bones, 3).
     """
     weight = (np.arange(1, overlap + 1, dtype=np.float32) / (overlap + 1))[None, :, None, None]
     faded = slerp(windows[:-1, -overlap:], windows[1:, :overlap], weight)
@@ -43,12 +39,9 @@ def ease_borders(motion: np.ndarray, window: int, overlap: int, *, from_start: b
 
     Args:
         motion: (T, bones, 3) unit vectors.
-        window: frames N of a window.
+        window: N.
         overlap: M.
         from_start: whether the first M frames of the motion were given, too.
-
-    Returns:
-        (T, bones, 3) float32 unit vectors.
     """
     stride = window - overlap
     own = np.arange(overlap if from_start else stride + overlap, len(motion) - 1, stride)

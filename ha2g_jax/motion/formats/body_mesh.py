@@ -201,9 +201,9 @@ def _finger(joints: Joints, side: str, finger: str) -> Surface:
     return tube(path, radii, influence, _AHEAD, sides=12, caps=(0.5, 1.0))
 
 
-def _linear(colour: tuple[int, int, int], factor: float = 1.0) -> tuple[float, float, float]:
-    """Convert an sRGB colour of 0 to 255, times a factor, to the linear colour of glTF."""
-    value = np.clip(np.array(colour) * factor / 255, 0, 1)
+def _linear(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Convert an sRGB colour of 0 to 255 to the linear colour of glTF."""
+    value = np.array(colour) / 255
     red, green, blue = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).round(4).tolist()
     return red, green, blue
 

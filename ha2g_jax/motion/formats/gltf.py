@@ -78,15 +78,12 @@ class Document:
         self._length = 0
 
     def add_array(self, values: np.ndarray, *, target: int | None = None, bounds: bool = False) -> int:
-        """Store an array in the binary chunk.
+        """Store an array in the binary chunk and return the index of its accessor.
 
         Args:
             values: (n,), (n, 3), (n, 4) or (n, 16) float32 or unsigned integers.
             target: glTF's constant for the use of the buffer view.
             bounds: whether to store the minimum and maximum of the columns.
-
-        Returns:
-            Index of the accessor.
         """
         data = np.ascontiguousarray(values).tobytes()
         view = pygltflib.BufferView(buffer=0, byteOffset=self._length, byteLength=len(data), target=target)

@@ -157,13 +157,11 @@ def at_rate(arrays: SmplxArrays, fps: float, num_frames: int) -> SmplxArrays:
 
 
 def joints_at_origin(arrays: SmplxArrays, rest: np.ndarray, fps: float) -> np.ndarray:
-    """Return the positions of all joints without the translation, the pelvis where it is in the T-pose.
+    """Return (T, 55, 3) metres of all joints without the translation, the pelvis where it is in the T-pose.
 
     Args:
         rest: (61, 3) points of the person in the T-pose.
-
-    Returns:
-        (T, 55, 3) metres in the axes of the file, at `fps` frames per second.
+        fps: frames per second of the result, which has the axes of the file.
 
     Raises:
         UserError: the motion is too long.

@@ -34,16 +34,13 @@ _FACE = ("nose", "head", "left_eye", "right_eye", "left_ear", "right_ear")
 _AHEAD = 2e-5  # weight of facing ahead; a twist that is clearly visible has weight 1
 
 
-def arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
-    """Compute rotations in the world of the joints of one arm whose twist can be estimated.
+def _arm_frames(side: str, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
+    """Compute rotations (T, 4) of the shoulder, the elbow and, where there are fingers, the wrist and the knuckles.
 
     Args:
         seen: (T, 3) unit vectors of the bones, by the name of the joint at their end.
         rest: (3,) unit vectors of the same bones at rest.
         trunk: (T, 4) rotations of the trunk.
-
-    Returns:
-        (T, 4) rotations by the name of the joint: shoulder, elbow and, where there are fingers, wrist and knuckles.
     """
     out = LEFT if side == "left" else -LEFT
     upper, fore = seen[f"{side}_elbow"], seen[f"{side}_wrist"]
@@ -131,26 +128,19 @@ def _bend(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists: Twists) -> np.ndarray:
-    """Compute rotations of the joints of an armature relative to their parents.
+    """Compute rotations (T, J, 4) of the joints of the `ha2g_armature` of a skeleton relative to their parents.
 
     The twist of trunk, head, arms, hands and knuckles is estimated from the bones around them; all other bones only
-    swing.
-
-    Args:
-        armature: `ha2g_armature` of the skeleton, with J joints.
-        directions: (T, bones, 3) unit vectors in the axes of the armature.
-
-    Returns:
-        (T, J, 4) rotations.
+    swing. The directions (T, bones, 3) are unit vectors in the axes of the armature.
     """
     names = [skeleton.joints[child] for _, child in skeleton.bones]
     seen = {name: directions[:, bone] for bone, name in enumerate(names)}
     rest_vectors = rest_directions(skeleton)
     rest = dict(zip(names, rest_vectors, strict=True))
-    frames = {"spine": trunk_frame(seen, twists)}
-    frames |= head_frames(skeleton, seen, rest, frames["spine"], twists)
+    frames = {"spine": _trunk_frame(seen, twists)}
+    frames |= _head_frames(skeleton, seen, rest, frames["spine"], twists)
     for side in ("left", "right"):
-        frames |= arm_frames(side, seen, rest, frames["spine"], twists)
+        frames |= _arm_frames(side, seen, rest, frames["spine"], twists)
     carried = {name: bone for bone, name in enumerate(carriers(skeleton)) if name not in frames}
     local = np.tile(rotations.IDENTITY, (len(directions), len(armature.joints), 1))
     rotated = local.copy()
@@ -169,7 +159,7 @@ def solve(skeleton: Skeleton, armature: Armature, directions: np.ndarray, twists
     return local
 
 
-def trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
+def _trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
     """Compute rotations (T, 4) of the trunk: upright along the spine, facing as the shoulders do."""
     upright = np.tile(rotations.IDENTITY, (len(seen["neck"]), 1))
     frames = twists.transport("spine", upright, UP, seen["neck"])
@@ -179,7 +169,7 @@ def trunk_frame(seen: Vectors, twists: Twists) -> np.ndarray:
     return apply_twist(frames, UP, twists.smooth("spine", observations))
 
 
-def head_frames(skeleton: Skeleton, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
+def _head_frames(skeleton: Skeleton, seen: Vectors, rest: Vectors, trunk: np.ndarray, twists: Twists) -> Vectors:
     """Compute rotations (T, 4) of the joint that rotates the head, by its name, with the twist of the face."""
     joint, axis = carriers(skeleton)[skeleton.bone("nose")], rest["nose"]
     frames = twists.transport(joint, trunk, axis, seen["nose"])

@@ -25,12 +25,10 @@ class Twists:
 
     def transport(self, joint: str, above: np.ndarray, axis: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Return the (T, 4) rotations of the function `transport`."""
-        del joint
         return transport(above, axis, along)
 
     def smooth(self, joint: str, observations: np.ndarray) -> np.ndarray:
         """Return (T,) angles in radians for (T,) observations, see `smooth_angle`."""
-        del joint
         return smooth_angle(observations, self.fps)
 
 
@@ -64,8 +62,7 @@ def transport(
 
     Args:
         above: (T, 4) rotations of the parent.
-        axis: (3,) unit vector of the bone at rest.
-        along: (T, 3) unit vectors of the bone over time.
+        axis, along: unit vectors of the bone at rest, (3,), and over time, (T, 3).
         before: (4,) rotations of the parent and of the bone in the frame before; by default the bone is at rest there.
 
     Returns:
@@ -92,8 +89,7 @@ def observe(frames: np.ndarray, axis: np.ndarray, mark: np.ndarray, seen: np.nda
 
     Args:
         frames: (T, 4) rotations of the bone without the twist.
-        axis: (3,) unit vector of the bone at rest.
-        mark: (3,) unit vector at right angles to the bone at rest.
+        axis, mark: (3,) unit vectors of the bone at rest, and at right angles to it.
         seen: (T, 3) observed directions of the mark; only the component at right angles to the bone counts, whatever
             its length.
         weight: (T,) weights or one number; 1 for a twist that is clearly visible.
@@ -141,10 +137,8 @@ def smooth_angle(observations: np.ndarray, fps: float) -> np.ndarray:
 class Known(NamedTuple):
     """What the observations up to a frame say of an angle in radians.
 
-    Attributes:
-        weight: weight of all of them, as of one observation in this frame.
-        point: their weighted mean, as a complex number.
-        near: angle of `point`, continuous over time.
+    They have the weight of one observation in this frame. `point` is their weighted mean, a complex number, and `near`
+    its angle, continuous over time.
     """
 
     weight: float
