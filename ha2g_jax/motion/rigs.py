@@ -167,7 +167,8 @@ class Transfer:
     def between(cls, armature: Armature, rig: Rig) -> "Transfer":
         """Prepare the transfer from the `ha2g` armature of a skeleton to any other rig."""
         places, to_rest, rest = _rest_pose(armature, rig)
-        found = [_source(armature, joint.carries) for joint in rig.joints]
+        ours = carriers(armature)
+        found = [ours.get(joint.carries or "") for joint in rig.joints]
         above: list[int] = []  # the source of the nearest joint above that takes a whole rotation
         for joint in rig.joints:
             source = found[joint.parent] if joint.parent >= 0 and rig.joints[joint.parent].weight == 1 else None
@@ -267,9 +268,3 @@ def _armature(rig: Rig, at_rest: np.ndarray, rest: np.ndarray) -> Armature:
             local[index] = rotations.multiply(back, rest[index])
     names = tuple(joint.name for joint in rig.joints)
     return Armature(rig.name, names, tuple(joint.parent for joint in rig.joints), offsets, local)
-
-
-def _source(armature: Armature, name: str | None) -> int | None:
-    """Return the index of the joint that rotates as the `ha2g` joint `name`, or None without such a joint."""
-    name = OTHER_NAMES.get(name or "", name) if OTHER_NAMES.get(name or "") in armature.joints else name
-    return armature.joint(name) if name in armature.joints else None

@@ -1,14 +1,12 @@
 """Videos of a figure with a motion, or of several figures side by side, with the sound."""
 
-import collections
 import concurrent.futures
-import contextlib
 import fractions
 import functools
 import itertools
 import os
 import pathlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import cast
 
 import av
@@ -83,23 +81,24 @@ def write_video(
     view = _fit_poses(poses) if view is None else view
     encode = functools.partial(_encode_piece, stage, poses, view)
     options = {"movflags": "faststart", "fflags": "+bitexact"}
-    workers = workers or os.cpu_count() or 1
     with (
         whole_file(path) as temporary,
-        concurrent.futures.ThreadPoolExecutor(workers) as executor,
-        contextlib.closing(_in_order(executor, encode, range(0, frames, _PIECE), workers)) as pieces,
+        concurrent.futures.ThreadPoolExecutor(workers or os.cpu_count()) as executor,
         av.open(str(temporary), "w", format="mp4", options=options) as container,
         progress_bar("drawing the video", frames, "frame") if has_progress else tqdm(disable=True) as bar,
     ):
         video = container.add_stream("libx264", rate=VIDEO_FPS, options=_ENCODER)
         _set_up(video.codec_context, width, height)
         sound = iter(()) if audio is None else _sound(container, audio, sample_rate)
-        for packets in pieces:
-            for packet in packets:
-                packet.stream = video
-            container.mux(packets)
-            container.mux([packet for second in itertools.islice(sound, _PIECE // VIDEO_FPS) for packet in second])
-            bar.update(len(packets))
+        try:
+            for packets in executor.map(encode, range(0, frames, _PIECE)):
+                for packet in packets:
+                    packet.stream = video
+                container.mux(packets)
+                container.mux([packet for second in itertools.islice(sound, _PIECE // VIDEO_FPS) for packet in second])
+                bar.update(len(packets))
+        finally:
+            executor.shutdown(cancel_futures=True)
         container.mux([packet for second in sound for packet in second])
 
 
@@ -124,23 +123,6 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
             f"the size of the video is {size[0]}x{size[1]} pixels; give even sides of {MIN_SIDE} to {MAX_SIDE}"
         )
     return size
-
-
-def _in_order(
-    executor: concurrent.futures.Executor, encode: Callable[[int], list[av.Packet]], starts: Iterable[int], workers: int
-) -> Generator[list[av.Packet], None, None]:
-    """Yield the packets of pieces in order, with few more pieces at a time than workers."""
-    pending: collections.deque[concurrent.futures.Future[list[av.Packet]]] = collections.deque()
-    try:
-        for start in starts:
-            pending.append(executor.submit(encode, start))
-            if len(pending) > workers:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
-    finally:
-        for future in pending:
-            future.cancel()
 
 
 def _encode_piece(
