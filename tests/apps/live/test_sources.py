@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 import soundfile
 import soxr
+from websockets import ConnectionClosed
+from websockets.sync.client import connect
 
 from ha2g_jax.apps.live import sources
 from ha2g_jax.apps.live.clock import Clock, StopFlag, Timeline
 from ha2g_jax.apps.live.network import read_address
 from ha2g_jax.apps.live.sources import FileSource, Resampler, open_source
 from ha2g_jax.errors import UserError
-
-websockets = pytest.importorskip("websockets")
-from websockets.sync.client import connect  # noqa: E402
 
 
 def tone(rate, seconds=1.0):
@@ -210,7 +209,7 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
     address, chunks = listening
     with connect_when_ready(address) as sender, connect(str(address)) as other:
         sender.send(pcm(tone(16000))[:1001])
-        with pytest.raises(websockets.ConnectionClosed, match="another sender"):
+        with pytest.raises(ConnectionClosed, match="another sender"):
             other.recv(timeout=5)
         sender.send(pcm(tone(16000))[1001:])
     end = time.monotonic() + 10
@@ -221,7 +220,7 @@ def test_a_websocket_takes_binary_messages_of_one_sender(listening):
 
 
 def test_a_websocket_refuses_text(listening):
-    with connect_when_ready(listening[0]) as sender, pytest.raises(websockets.ConnectionClosed, match="binary"):
+    with connect_when_ready(listening[0]) as sender, pytest.raises(ConnectionClosed, match="binary"):
         sender.send("text")
         sender.recv(timeout=5)
 

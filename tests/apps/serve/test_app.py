@@ -1,16 +1,25 @@
-"""Files of motion over real sockets: what they are, and what is refused."""
+"""HTTP over real sockets: files of motion, the page, and who may use the service, how often."""
 
+import base64
+import hashlib
 import json
+import re
 import socket
 import time
 
+import numpy as np
 import pytest
-from fixtures.service import running, wav
+from fixtures.pages import Page
+from fixtures.service import TOKEN, begin, running, wav
+from websockets.exceptions import InvalidStatus
 
+from ha2g_jax.apps.serve.guard import Rates
 from ha2g_jax.apps.serve.messages import FORMATS, MotionQuery
 from ha2g_jax.motion import formats
 from ha2g_jax.motion.control import Controls
+from ha2g_jax.motion.control.parts import rest_pose
 from ha2g_jax.synthesis import Style
+from ha2g_jax.viewer.live_page import live_page
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -114,3 +123,96 @@ def test_the_description_of_the_routes(client):
     assert {parameter["name"] for parameter in routes["/v1/motion"]["post"]["parameters"]} == set(
         MotionQuery.model_fields
     )
+
+
+def test_every_route_but_health_needs_the_token(debug_model):
+    with running(debug_model, token=TOKEN) as client:
+        assert client.ask("GET", "/health").status == 200
+        right, wrong = {"Authorization": f"Bearer {TOKEN}"}, {"Authorization": f"Bearer {TOKEN}x"}
+        for path in ("/metrics", "/openapi.json", "/none"):
+            assert client.ask("GET", path).status == 401 and client.ask("GET", path, None, wrong).status == 401
+        assert client.ask("GET", "/metrics", None, right).status == 200
+        assert client.ask("GET", f"/metrics?token={TOKEN}").status == 401
+        assert client.post("", wav(0.3)).status == 401 and client.post("", wav(0.3), **right).status == 200
+        for query in ("", "?token=x"):
+            with pytest.raises(InvalidStatus) as refused, client.stream(query):
+                pass
+            assert refused.value.response.status_code == 401
+        for query, headers in ((f"?token={TOKEN}", {}), ("", right)):
+            with client.stream(query, additional_headers=headers) as websocket:
+                assert begin(websocket)["fps"] == 15
+
+
+def test_pages_of_other_hosts_are_refused(debug_model):
+    with running(debug_model, origins=("https://good.example",)) as client:
+        with pytest.raises(InvalidStatus) as refused, client.stream(origin="https://evil.example"):
+            pass
+        assert refused.value.response.status_code == 403
+        for origin in ("https://good.example", f"http://127.0.0.1:{client.port}"):
+            with client.stream(origin=origin) as websocket:
+                assert begin(websocket)["fps"] == 15
+        assert client.post("", wav(0.3), Origin="null").status == 403
+        for path in ("/", "/metrics"):
+            assert client.ask("GET", path, None, {"Host": "evil.example"}).status == 403
+            assert client.ask("GET", path, None, {"Origin": "https://evil.example"}).status == 403
+
+
+def test_each_address_has_its_rate():
+    now = 0.0
+    rates = Rates(60, lambda: now)
+    assert [rates.wait("a") for _ in range(61)] == [0.0] * 60 + [1.0] and rates.wait("b") == 0
+    now = 1.0
+    assert rates.wait("a") == 0 and rates.wait("a") == 1
+
+
+def test_too_many_requests_are_told_when_to_come_back(debug_model):
+    with running(debug_model, rate=1) as client:
+        assert client.ask("GET", "/metrics").status == 200
+        answer = client.ask("GET", "/metrics")
+        assert answer.status == 429 and 50 < int(answer.headers["Retry-After"]) <= 60
+        assert client.ask("GET", "/health").status == 200
+
+
+def test_the_page_has_all_it_needs_and_runs_nothing_else(client):
+    answer = client.ask("GET", "/")
+    assert answer.status == 200 and answer.headers["Content-Type"] == "text/html; charset=utf-8"
+    page = Page(answer.body.decode())
+    links = [attributes.get(name) for _, attributes, _ in page.elements for name in ("src", "href", "data", "action")]
+    assert set(filter(None, links)) == {"data:,"}
+    assert not [name for name in page.attributes if name.startswith("on") or name == "style"]
+    rules = dict(rule.split(" ", 1) for rule in answer.headers["Content-Security-Policy"].split("; "))
+    assert rules["default-src"] == "'none'" and rules["connect-src"] == "'self'" and "unsafe" not in str(rules)
+    assert rules["base-uri"] == rules["form-action"] == rules["frame-ancestors"] == "'none'"
+    for name, tag in (("script-src", "script"), ("style-src", "style")):
+        run = [text for found, attributes, text in page.elements if found == tag and not attributes]
+        hashes = {base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in run}
+        assert len(run) >= 1 and set(re.findall(r"'sha256-([^']+)'", rules[name])) == hashes
+    assert answer.headers["X-Content-Type-Options"] == "nosniff" and "no-store" in answer.headers["Cache-Control"]
+
+
+def test_the_page_has_the_skeleton_of_the_model(client, debug_model):
+    skeleton = debug_model.assets.skeleton
+    content = content_of(client.ask("GET", "/").body)
+    assert content["figure"]["joints"] == list(skeleton.joints) and content["figure"]["fps"] == 15
+    assert content["speakers"] == ["ada", "ben"] and content["source"] == "sound"
+    np.testing.assert_allclose(np.reshape(content["figure"]["rest"], (-1, 3)), rest_pose(skeleton), atol=1e-4)
+
+
+def content_of(page):
+    return json.loads(Page(page.decode()).of("content"))
+
+
+def test_names_of_speakers_cannot_end_the_script(debug_model):
+    wicked = "</script><img src=x onerror=alert(1)>"
+    page = live_page("sound", debug_model.assets.skeleton, 15, speakers=[wicked])
+    assert "img" not in Page(page.content.decode()).tags
+    assert content_of(page.content)["speakers"] == [wicked]
+
+
+def test_the_page_alone_needs_no_token_and_names_nobody(debug_model):
+    with running(debug_model, token=TOKEN) as client:
+        answer = client.ask("GET", "/")
+        assert answer.status == 200 and content_of(answer.body)["needsToken"] is True
+        assert content_of(answer.body)["speakers"] == [] and TOKEN.encode() not in answer.body
+        assert client.ask("GET", "//").status == client.ask("GET", "/v1/stream").status == 401
+        assert client.ask("GET", "/v1/stream", None, {"Authorization": f"Bearer {TOKEN}"}).status == 426

@@ -7,8 +7,6 @@ import pytest
 from fixtures.simulated_study import make_answers, write_study
 from scipy import stats
 
-pytest.importorskip("choix")
-
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import power
 from ha2g_jax.apps.user_study.estimates import system_differences

@@ -9,8 +9,6 @@ import pytest
 from fixtures.pages import Page
 from fixtures.simulated_study import make_answers, write_study
 
-pytest.importorskip("choix")
-
 from ha2g_jax import cli
 from ha2g_jax.apps.user_study import analysis, study_report
 from ha2g_jax.apps.user_study.design import read_key
